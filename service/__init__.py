@@ -1,0 +1,1 @@
+"""Photos to semantic 3D scenes to answers: the product's rooms, free of transports and job engines."""

@@ -1,0 +1,90 @@
+"""What the capture room hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.camera import PosedCamera
+from service.common.dictionary import Dictionary
+
+Scale = Literal["METRIC", "ARBITRARY"]
+
+
+@dataclass(frozen=True)
+class View:
+    """One registered image: upright, undistorted, RGB, of exactly the camera's size.
+
+    Attributes:
+        posed: pinhole intrinsics of the stored image, pose, and the image's name in the upload.
+        image_path: the undistorted image (PNG or JPEG) in the capture's folder.
+        valid_path: PNG mask, 255 where the undistorted image has content, or None when every pixel has.
+    """
+
+    posed: PosedCamera
+    image_path: Path
+    valid_path: Path | None = None
+
+
+@dataclass(frozen=True)
+class GivenLabels:
+    """Label maps that came with the capture; then no detector runs.
+
+    Attributes:
+        dictionary: the names of `labels.json`, in id order.
+        map_paths: one 8- or 16-bit grey PNG per view, in the order of `Capture.views`, or None for a view without;
+            same size and undistortion as the view's image, nearest-neighbour resampled.
+    """
+
+    dictionary: Dictionary
+    map_paths: tuple[Path | None, ...]
+
+
+@dataclass(frozen=True)
+class CaptureReport:
+    """What a user should know about how the capture went.
+
+    Attributes:
+        source: how the upload was read.
+        images: usable images in the upload.
+        unregistered: names of images for which no pose was found.
+        models: sizes (registered images) of all disconnected reconstructions, largest first; more than one is a split.
+        mean_reprojection_error_px: over the points of the kept reconstruction; 0 where poses were given without points.
+        warnings: sentences for people.
+    """
+
+    source: Literal["images", "video", "colmap", "nerfstudio"]
+    images: int
+    unregistered: tuple[str, ...] = ()
+    models: tuple[int, ...] = ()
+    mean_reprojection_error_px: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Images with cameras, and the sparse points they agree on.
+
+    Attributes:
+        views: registered images, sorted by name.
+        points: float32 [P, 3] world positions, scene units.
+        point_colors: uint8 [P, 3] RGB.
+        scale: whether scene units are metres.
+        report: see `CaptureReport`.
+        given_labels: label maps from the user, if any.
+    """
+
+    views: tuple[View, ...]
+    points: NDArray[np.float32]
+    point_colors: NDArray[np.uint8]
+    scale: Scale
+    report: CaptureReport
+    given_labels: GivenLabels | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        assert self.points.ndim == 2 and self.points.shape[1] == 3 and self.points.dtype == np.float32
+        assert self.point_colors.shape == self.points.shape and self.point_colors.dtype == np.uint8

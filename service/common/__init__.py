@@ -1,0 +1,1 @@
+"""What every room shares: errors, settings, cameras, the dictionary of labels, progress."""

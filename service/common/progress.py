@@ -1,0 +1,34 @@
+"""How long work tells what it is doing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class ProgressEvent:
+    """One step forward.
+
+    Attributes:
+        stage: one of `STAGES`.
+        fraction: share of this stage that is done, 0..1.
+        message: a short line for people, e.g. "matching image pairs 120/276".
+        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left).
+    """
+
+    stage: str
+    fraction: float
+    message: str
+    metrics: Mapping[str, float] = field(default_factory=dict)
+
+
+STAGES = ("capture", "perception", "training", "export")
+"""The stages of a training job, in order."""
+
+Progress = Callable[[ProgressEvent], None]
+"""Receives events; may raise `CancelledError` to stop the work at a safe point."""
+
+
+def silent(event: ProgressEvent) -> None:
+    """A `Progress` that nobody listens to."""

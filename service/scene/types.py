@@ -1,0 +1,97 @@
+"""The trained artefact in memory: arrays only, no torch, no files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.camera import PosedCamera
+from service.common.dictionary import Dictionary
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """G Gaussians; row number = Gaussian id for ever. Stored as trained, before activation, as in 3DGS files.
+
+    Attributes:
+        means: float32 [G, 3], world frame, scene units.
+        quats: float32 [G, 4], rotation world-from-Gaussian as w x y z, any non-zero length.
+        log_scales: float32 [G, 3], natural log of the standard deviations, scene units.
+        logit_opacities: float32 [G].
+        sh: float32 [G, K, 3], real spherical harmonics of RGB, K = (degree + 1)², coefficient 0 first, 3DGS sign
+            convention; colour = max(0, 0.5 + Σ_k Y_k(direction) sh_k).
+        codes: float32 [G, D], the semantic codes (FAST-Splat's β); D may be 0 for a scene without labels.
+    """
+
+    means: F32
+    quats: F32
+    log_scales: F32
+    logit_opacities: F32
+    sh: F32
+    codes: F32
+
+    def __post_init__(self) -> None:
+        count = len(self.means)
+        assert self.means.shape == (count, 3) and self.quats.shape == (count, 4)
+        assert self.log_scales.shape == (count, 3) and self.logit_opacities.shape == (count,)
+        assert self.sh.ndim == 3 and self.sh.shape[0] == count and self.sh.shape[1] in (1, 4, 9, 16)
+        assert self.sh.shape[2] == 3 and self.codes.ndim == 2 and self.codes.shape[0] == count
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """0..3."""
+        return int(round(self.sh.shape[1] ** 0.5)) - 1
+
+
+@dataclass(frozen=True)
+class SemanticHead:
+    """The paper's affine map W from a code to one logit per class; class 0 is undetected, class n is dictionary id n.
+
+    Attributes:
+        weight: float32 [N + 1, D].
+        bias: float32 [N + 1].
+    """
+
+    weight: F32
+    bias: F32
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a query needs.
+
+    Attributes:
+        gaussians: see `Gaussians`.
+        head: maps codes to logits over `dictionary` and undetected.
+        dictionary: N labels.
+        label_embeddings: float32 [N, E], unit length, in dictionary order, by `text_encoder`.
+        text_encoder: manifest name of the encoder, and the sha256 of its weights.
+        cameras: the training and held-out views.
+        scale: whether scene units are metres.
+        training: the settings it was trained with, JSON-ready.
+        quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
+    """
+
+    gaussians: Gaussians
+    head: SemanticHead
+    dictionary: Dictionary
+    label_embeddings: F32
+    text_encoder: tuple[str, str]
+    cameras: tuple[PosedCamera, ...]
+    scale: Literal["METRIC", "ARBITRARY"]
+    training: Mapping[str, Any] = field(default_factory=dict)
+    quality: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        classes = len(self.dictionary) + 1
+        assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
+        assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)

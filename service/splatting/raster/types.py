@@ -1,0 +1,79 @@
+"""The rasterizer's one interface; `reference`, `cpu` and `cuda` are its backends.
+
+Shapes: G Gaussians, C feature channels, H×W pixels. Tensors of one call share dtype and device. The image formation
+is that of 3D Gaussian splatting (Kerbl et al. 2023) with EWA projection: perspective mean, 2D covariance
+J R Σ Rᵀ Jᵀ + eps2d·I, alpha = min(alpha_max, opacity·exp(−½ dᵀ Σ₂⁻¹ d)) dropped below alpha_min, front-to-back
+compositing in order of camera-space z, stopped once transmittance falls below transmittance_min.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from torch import Tensor
+
+Backend = Literal["reference", "cpu", "cuda"]
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """Cut-offs, the same for every backend, forward and backward.
+
+    Attributes:
+        alpha_min: contributions below this are dropped.
+        alpha_max: alpha is clamped to this; no gradient flows through a clamped alpha.
+        transmittance_min: a pixel is finished before the Gaussian that would take its transmittance to or below this.
+        near: Gaussians with camera z at or below this are culled, scene units.
+        far: Gaussians with camera z at or above this are culled, scene units.
+        eps2d: added to the diagonal of the 2D covariance, pixels².
+        max_pairs: bound on Gaussian-tile pairs of a call; crossing it raises `ResourceError` naming it.
+    """
+
+    alpha_min: float = 1.0 / 255.0
+    alpha_max: float = 0.99
+    transmittance_min: float = 1e-4
+    near: float = 0.01
+    far: float = 1e10
+    eps2d: float = 0.3
+    max_pairs: int = 50_000_000
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Activated Gaussians, world frame.
+
+    Attributes:
+        means: [G, 3], scene units.
+        quats: [G, 4], w x y z, normalised by the rasterizer; a quaternion of length zero or non-finite is culled.
+        scales: [G, 3], standard deviations, scene units.
+        opacities: [G], 0..1.
+        features: [G, C], whatever is to be composited (RGB, codes, ...).
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    features: Tensor
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One view. Gradients flow through `image`, `alpha` and `depth`.
+
+    Attributes:
+        image: [H, W, C] = Σ w·feature + (1 − alpha)·background, w = alpha_i·T_i.
+        alpha: [H, W] = Σ w.
+        depth: [H, W] = Σ w·z, the accumulated (not normalised) camera z; divide by alpha for the expected depth.
+        median_depth: [H, W], camera z of the Gaussian at which transmittance first falls to 0.5 or below; 0 where never.
+        radii: int32 [G], radius in pixels of each Gaussian's visible footprint, 0 for culled ones.
+        culled_non_finite: how many Gaussians were dropped because one of their inputs was NaN or infinite.
+    """
+
+    image: Tensor
+    alpha: Tensor
+    depth: Tensor
+    median_depth: Tensor
+    radii: Tensor
+    culled_non_finite: int
