@@ -16,7 +16,7 @@ class Labelling:
 
     Attributes:
         dictionary: all labels of all views, with pixel and view counts.
-        label_maps: one uint16 [H, W] per view of the capture, in its order and of the view image's size; 0 is undetected.
+        label_maps: one uint16 [H, W] per view of the capture, in its order, of its image size; 0 is undetected.
     """
 
     dictionary: Dictionary

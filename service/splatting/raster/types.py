@@ -66,7 +66,7 @@ class Rendering:
         image: [H, W, C] = Σ w·feature + (1 − alpha)·background, w = alpha_i·T_i.
         alpha: [H, W] = Σ w.
         depth: [H, W] = Σ w·z, the accumulated (not normalised) camera z; divide by alpha for the expected depth.
-        median_depth: [H, W], camera z of the Gaussian at which transmittance first falls to 0.5 or below; 0 where never.
+        median_depth: [H, W], camera z of the Gaussian where transmittance first falls to 0.5 or below, else 0.
         radii: int32 [G], radius in pixels of each Gaussian's visible footprint, 0 for culled ones.
         culled_non_finite: how many Gaussians were dropped because one of their inputs was NaN or infinite.
     """
