@@ -1,0 +1,46 @@
+# Everything a newcomer needs: `make demo` and `make test`. `make help` lists the rest.
+SHELL := /bin/bash
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+PHOTOS ?=
+export OMP_WAIT_POLICY ?= passive
+
+CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
+
+.PHONY: help setup models demo test lint protos bench-raster bench-training sample clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
+
+setup: $(VENV)/.installed  ## a virtual environment with the product and its development tools
+
+$(VENV)/.installed: pyproject.toml constraints.txt CMakeLists.txt $(CPP)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { echo "Python 3.11 is needed; $(PYTHON) is $$($(PYTHON) --version). Set PYTHON=/path/to/python3.11"; exit 1; }
+	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+models: setup  ## fetch and verify the default models
+	$(BIN)/fastsplat models pull
+
+demo: setup  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
+	$(BIN)/python -m demo $(if $(PHOTOS),--photos "$(PHOTOS)")
+
+test: setup  ## every check: lint, types, architecture, laws
+	$(BIN)/pytest
+
+lint: setup  ## format and lint in place
+	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
+
+protos: setup  ## regenerate the wire contract's Python
+	$(BIN)/python protos/generate.py
+
+bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/results/raster.json
+	$(BIN)/python -m benchmarks.raster
+
+bench-training: setup  ## PSNR against training seconds on the table-top benchmark
+	$(BIN)/python -m benchmarks.training
+
+clean:  ## remove what make made (models stay)
+	rm -rf $(VENV) build demo-output
