@@ -91,6 +91,11 @@ _IRREGULAR = {
     "people": "person", "men": "man", "women": "woman", "children": "child", "feet": "foot", "teeth": "tooth",
     "mice": "mouse", "geese": "goose", "knives": "knife", "leaves": "leaf", "shelves": "shelf", "loaves": "loaf",
     "scarves": "scarf", "wolves": "wolf", "halves": "half", "lives": "life", "wives": "wife",
+    "buses": "bus", "gases": "gas", "lenses": "lens", "canvases": "canvas", "cacti": "cactus", "cactuses": "cactus",
+    "cookies": "cookie", "brownies": "brownie", "hoodies": "hoodie", "smoothies": "smoothie", "movies": "movie",
+    "pies": "pie", "ties": "tie", "neckties": "necktie", "selfies": "selfie", "calories": "calorie",
+    "potatoes": "potato", "tomatoes": "tomato", "mangoes": "mango", "heroes": "hero", "dominoes": "domino",
+    "volcanoes": "volcano", "mosquitoes": "mosquito", "buffaloes": "buffalo", "torpedoes": "torpedo",
 }  # fmt: skip
 _SINGULAR_S = frozenset(
     "scissors glasses sunglasses jeans pants trousers shorts headphones binoculars pliers tongs tweezers stairs "
@@ -105,6 +110,6 @@ def _singular(word: str) -> str:
         return word
     if word.endswith("ies"):
         return word[:-3] + "y"
-    if word.endswith(("sses", "shes", "ches", "xes", "zes", "oes")):
+    if word.endswith(("sses", "shes", "ches", "xes", "zes")):
         return word[:-2]
     return word[:-1] if word.endswith("s") else word
