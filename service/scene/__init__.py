@@ -1,1 +1,18 @@
+"""The trained artefact: its arrays, its files, its exchange formats."""
 
+from service.scene.errors import SceneFileError, SceneSchemaError
+from service.scene.files import read_scene, write_scene
+from service.scene.ply import read_ply, write_ply
+from service.scene.types import Gaussians, Scene, SemanticHead
+
+__all__ = [
+    "Gaussians",
+    "Scene",
+    "SceneFileError",
+    "SceneSchemaError",
+    "SemanticHead",
+    "read_ply",
+    "read_scene",
+    "write_ply",
+    "write_scene",
+]

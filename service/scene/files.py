@@ -1,0 +1,150 @@
+"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json`; written once, never changed."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from service.common.errors import ConflictError, InvalidInputError, NotFoundError
+from service.scene.arrays import digest_arrays, first_non_finite, map_arrays, save_arrays, scene_shapes
+from service.scene.errors import SceneFileError
+from service.scene.manifest import (
+    Manifest,
+    cameras_from_bytes,
+    cameras_to_bytes,
+    manifest_from_bytes,
+    manifest_to_bytes,
+)
+from service.scene.types import F32, Gaussians, Scene, SemanticHead
+
+_MANIFEST = "scene.json"
+_ARRAYS = "gaussians.safetensors"
+_CAMERAS = "cameras.json"
+_MAX_JSON_BYTES = 256 << 20
+
+
+def write_scene(scene: Scene, folder: Path) -> None:
+    """Write `scene` as the new folder `folder`, whole or not at all: beside it first, fsync, then rename.
+
+    Raises:
+        ConflictError: `folder` exists; a scene version is never overwritten.
+        InvalidInputError: an array is not float32 or not finite, or training/quality is not JSON.
+    """
+    if folder.exists():
+        raise _exists(folder)
+    arrays = _arrays_of(scene)
+    for name, array in arrays.items():
+        if array.dtype != np.float32:
+            raise InvalidInputError(f"{name} is {array.dtype}, expected float32", field=name)
+    if bad := first_non_finite(arrays):
+        raise InvalidInputError(f"{bad} holds NaN or infinite numbers", field=bad, hint="Drop those Gaussians first.")
+    cameras = cameras_to_bytes(scene.cameras)
+    manifest = manifest_to_bytes(
+        Manifest(
+            dictionary=scene.dictionary,
+            text_encoder=scene.text_encoder,
+            scale=scene.scale,
+            training=scene.training,
+            quality=scene.quality,
+            gaussians=len(scene.gaussians),
+            sh=scene.gaussians.sh.shape[1],
+            code=scene.gaussians.codes.shape[1],
+            embedding=scene.label_embeddings.shape[1],
+            arrays_sha256=digest_arrays(arrays),
+        ),
+        cameras,
+    )
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = folder.parent / f".{folder.name}.{secrets.token_hex(6)}.tmp"
+    try:
+        beside.mkdir()
+        save_arrays(arrays, beside / _ARRAYS)
+        (beside / _CAMERAS).write_bytes(cameras)
+        (beside / _MANIFEST).write_bytes(manifest)
+        for name in (_ARRAYS, _CAMERAS, _MANIFEST):
+            _sync(beside / name)
+        _sync(beside)
+        try:
+            beside.rename(folder)
+        except OSError as error:
+            if folder.exists():  # somebody else was faster
+                raise _exists(folder) from error
+            raise
+        _sync(folder.parent)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def read_scene(folder: Path) -> Scene:
+    """The scene of a folder; its arrays are read-only and mapped, not loaded.
+
+    Every byte is checked once against the digests that were written with it.
+
+    Raises:
+        NotFoundError: no such folder.
+        SceneSchemaError: written under a schema this version does not know.
+        SceneFileError: any other damage; the message names the file.
+    """
+    if not folder.is_dir():
+        raise NotFoundError(f"there is no scene folder {folder.name}", field="scene")
+    cameras_bytes = _read(folder / _CAMERAS)
+    manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
+    shapes = scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
+    arrays = map_arrays(folder / _ARRAYS, shapes)
+    if digest_arrays(arrays) != manifest.arrays_sha256:
+        raise SceneFileError(f"{_ARRAYS} does not match its digest in {_MANIFEST}", field=_ARRAYS, hint=_RESTORE)
+    if bad := first_non_finite(arrays):
+        raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
+    return Scene(
+        gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
+        head=SemanticHead(arrays["head.weight"], arrays["head.bias"]),
+        dictionary=manifest.dictionary,
+        label_embeddings=arrays["label_embeddings"],
+        text_encoder=manifest.text_encoder,
+        cameras=cameras_from_bytes(cameras_bytes),
+        scale=manifest.scale,
+        training=manifest.training,
+        quality=manifest.quality,
+    )
+
+
+_RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+def _arrays_of(scene: Scene) -> dict[str, F32]:
+    arrays: dict[str, F32] = {field.name: getattr(scene.gaussians, field.name) for field in fields(Gaussians)}
+    return arrays | {
+        "head.weight": scene.head.weight,
+        "head.bias": scene.head.bias,
+        "label_embeddings": scene.label_embeddings,
+    }
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > _MAX_JSON_BYTES:
+            raise SceneFileError(
+                f"{path.name} has {path.stat().st_size} bytes", field=path.name, limit=f"{_MAX_JSON_BYTES} bytes"
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise SceneFileError(f"{path.name} cannot be read: {error}", field=path.name, hint=_RESTORE) from error
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _exists(folder: Path) -> ConflictError:
+    return ConflictError(
+        f"the scene folder {folder.name} exists", field="scene", hint="Write a new version into a new folder."
+    )

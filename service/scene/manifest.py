@@ -1,0 +1,219 @@
+"""`scene.json` and `cameras.json`: what they hold, and how they are checked when read back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import Dictionary, DictionaryEntry
+from service.common.errors import FastSplatError, InvalidInputError
+from service.scene.errors import SceneFileError, SceneSchemaError
+
+SCHEMA = 1
+"""Version of the folder's layout; read_scene knows this one."""
+
+_FORMAT = "fastsplat-scene"
+_RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The part of a scene that is not arrays or cameras.
+
+    Attributes:
+        dictionary, text_encoder, scale, training, quality: as in `Scene`.
+        gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
+        arrays_sha256: digest of the arrays and so of the row order.
+    """
+
+    dictionary: Dictionary
+    text_encoder: tuple[str, str]
+    scale: Literal["METRIC", "ARBITRARY"]
+    training: Mapping[str, Any]
+    quality: Mapping[str, Any]
+    gaussians: int
+    sh: int
+    code: int
+    embedding: int
+    arrays_sha256: str
+
+
+def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
+    """`scene.json`, sealed by a digest of itself and of `cameras.json`.
+
+    Raises:
+        InvalidInputError: training or quality holds what JSON cannot (NaN, an object, ...).
+    """
+    body: dict[str, Any] = {
+        "format": _FORMAT,
+        "schema": SCHEMA,
+        "dictionary": [asdict(entry) for entry in manifest.dictionary.entries],
+        "text_encoder": {"name": manifest.text_encoder[0], "sha256": manifest.text_encoder[1]},
+        "scale": manifest.scale,
+        "training": dict(manifest.training),
+        "quality": dict(manifest.quality),
+        "sizes": {
+            "gaussians": manifest.gaussians,
+            "sh": manifest.sh,
+            "code": manifest.code,
+            "embedding": manifest.embedding,
+        },
+        "arrays_sha256": manifest.arrays_sha256,
+        "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
+    }
+    try:
+        body["sha256"] = _seal(body)
+        return json.dumps(body, indent=1, allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInputError(
+            f"training or quality cannot be written as JSON: {error}",
+            field="training/quality",
+            hint="Leave out what was not measured instead of writing NaN.",
+        ) from error
+
+
+def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
+    """The manifest of `scene.json`, checked against its own digest and that of `cameras.json`.
+
+    Raises:
+        SceneSchemaError: another format or schema version.
+        SceneFileError: any other damage.
+    """
+    body = _parse(data, "scene.json")
+    if not isinstance(body, dict) or body.get("format") != _FORMAT:
+        raise SceneFileError("scene.json is not a scene manifest", field="scene.json", hint=_RESTORE)
+    if body.get("schema") != SCHEMA:
+        raise SceneSchemaError(
+            f"scene.json has schema {body.get('schema')!r}, this version reads {SCHEMA}",
+            field="schema",
+            hint="Open the scene with the version of fastsplat that wrote it, or upgrade.",
+        )
+    seal = body.pop("sha256", None)
+    if seal != _seal(body):
+        raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
+    try:
+        checked = _Body.model_validate(body)
+        dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
+    except (ValidationError, FastSplatError) as error:
+        raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
+    if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
+        raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
+    return Manifest(
+        dictionary=dictionary,
+        text_encoder=(checked.text_encoder.name, checked.text_encoder.sha256),
+        scale=checked.scale,
+        training=checked.training,
+        quality=checked.quality,
+        gaussians=checked.sizes.gaussians,
+        sh=checked.sizes.sh,
+        code=checked.sizes.code,
+        embedding=checked.sizes.embedding,
+        arrays_sha256=checked.arrays_sha256,
+    )
+
+
+def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
+    """`cameras.json`: a list of name, intrinsics in pixels and world_from_camera (row-major, scene units)."""
+    rows = [
+        {
+            "name": posed.name,
+            **asdict(posed.camera),
+            "world_from_camera": np.asarray(posed.world_from_camera, dtype=np.float64).tolist(),
+        }
+        for posed in cameras
+    ]
+    return json.dumps(rows, indent=1, allow_nan=False).encode()
+
+
+def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
+    """The cameras of `cameras.json`.
+
+    Raises:
+        SceneFileError: malformed, or a pose that is not rigid.
+    """
+    rows = _parse(data, "cameras.json")
+    try:
+        checked = [_CameraRow.model_validate(row) for row in rows]
+        return tuple(
+            PosedCamera(
+                Camera(row.width, row.height, row.fx, row.fy, row.cx, row.cy),
+                np.array(row.world_from_camera, dtype=np.float64),
+                row.name,
+            )
+            for row in checked
+        )
+    except (ValidationError, FastSplatError, TypeError) as error:
+        raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class _Entry(_Strict):
+    label: str
+    aliases: Annotated[tuple[str, ...], Field(strict=False)]
+    pixels: int
+    views: int
+
+
+class _Encoder(_Strict):
+    name: str
+    sha256: str
+
+
+class _Sizes(_Strict):
+    gaussians: Annotated[int, Field(ge=0)]
+    sh: Literal[1, 4, 9, 16]
+    code: Annotated[int, Field(ge=0)]
+    embedding: Annotated[int, Field(ge=0)]
+
+
+class _Body(_Strict):
+    format: str
+    schema_: int = Field(alias="schema")
+    dictionary: list[_Entry]
+    text_encoder: _Encoder
+    scale: Literal["METRIC", "ARBITRARY"]
+    training: dict[str, Any]
+    quality: dict[str, Any]
+    sizes: _Sizes
+    arrays_sha256: str
+    cameras_sha256: str
+
+
+_Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _CameraRow(_Strict):
+    name: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+
+def _seal(body: Mapping[str, Any]) -> str:
+    """sha256 of the body's canonical JSON, so that reformatting is harmless and any change of content is not."""
+    return hashlib.sha256(json.dumps(body, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def _parse(data: bytes, name: str) -> Any:
+    try:
+        return json.loads(data.decode(), parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise SceneFileError(f"{name} is not whole JSON: {error}", field=name, hint=_RESTORE) from error
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"{text} is not JSON")
