@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup models demo test lint protos bench-raster bench-training sample clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-training sample clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -32,6 +32,9 @@ test: setup  ## every check: lint, types, architecture, laws
 
 lint: setup  ## format and lint in place
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
+
+lock: setup  ## write constraints.txt from what is installed
+	$(BIN)/pip freeze --exclude-editable | sed "s/+cpu$$//" > constraints.txt
 
 protos: setup  ## regenerate the wire contract's Python
 	$(BIN)/python protos/generate.py

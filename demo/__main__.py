@@ -1,0 +1,122 @@
+"""`python -m demo`: start the service, post a capture, watch it train, ask it things, keep the evidence."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from demo import rpc
+from demo.process import running_service
+from demo.questions import SAMPLE_QUESTIONS, questions_for
+from demo.report import print_report, report_of, save_evidence, write_report
+from demo.rest import Rest
+
+_ROOT = Path(__file__).parent.parent
+_SAMPLE = _ROOT / "demo" / "sample" / "images"
+_SCORE_TOLERANCE = 1e-6
+
+
+def main() -> None:
+    """Run the demonstration once."""
+    options = _options()
+    console = Console()
+    output: Path = options.output
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True)
+    models = Path(os.environ.get("FASTSPLAT_MODELS") or _ROOT / ".models").resolve()
+    subprocess.run(
+        [Path(sys.executable).parent / "fastsplat", "models", "pull"],
+        env={**os.environ, "FASTSPLAT_MODELS": str(models)},
+        check=True,
+    )
+    started = time.monotonic()
+    ports = {"http_port": options.http_port, "grpc_port": options.grpc_port}
+    with running_service(data_dir=output / "service", models=models, log=output / "service.log", **ports):
+        rest = Rest(options.http_port)
+        try:
+            _run(rest, options, console, output)
+        finally:
+            rest.close()
+    console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
+
+
+def _run(rest: Rest, options: argparse.Namespace, console: Console, output: Path) -> None:
+    capture: Path = options.photos or _SAMPLE
+    fields = {"time_budget_s": str(options.train_seconds)} if options.train_seconds else {}
+    operation = rest.post_capture(capture, name=capture.stem, fields=fields)
+    console.print(f"posted {capture}: operation {operation['id']}, scene {operation['scene_id']}")
+    operation = rest.follow(operation["id"], _Progress(console))
+    if operation["state"] != "SUCCEEDED":
+        raise SystemExit(f"the job ended as {operation['state']}: {operation['error']}\nsee {output}/service.log")
+    scene = rest.scene(operation["scene_id"])
+    texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
+    answers = [rest.query(scene["id"], text) for text in texts]
+    for answer in answers:
+        _require_same(answer, rpc.query(options.grpc_port, scene["id"], answer["text"]))
+    report = report_of(scene, operation, answers)
+    write_report(report, output)
+    save_evidence(rest, scene, answers, output)
+    print_report(report, console)
+
+
+def _labels(scene: Mapping[str, Any]) -> Sequence[str]:
+    rows = sorted(scene["dictionary"], key=lambda row: -row["gaussian_count"])
+    return [row["label"] for row in rows]
+
+
+def _require_same(rest_answer: Mapping[str, Any], grpc_answer: Mapping[str, Any]) -> None:
+    """Both protocols answer from one service layer; the demonstration holds them to it."""
+    pairs = list(zip(rest_answer["matches"], grpc_answer["results"], strict=True))
+    same = rest_answer["verdict"] == grpc_answer["verdict"] and all(
+        one["label"] == other["label"] and abs(one["relevancy"] - other["relevancy"]) <= _SCORE_TOLERANCE
+        for one, other in pairs
+    )
+    if not same:
+        raise SystemExit(f"REST and gRPC disagree:\n{rest_answer}\n{grpc_answer}")
+
+
+class _Progress:
+    """One line per stage, rewritten on a terminal, appended where output is a file."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._last = ""
+
+    def __call__(self, operation: Mapping[str, Any]) -> None:
+        if not operation["stages"]:
+            return
+        stage = operation["stages"][-1]
+        figures = ", ".join(f"{name} {value:.4g}" for name, value in stage["metrics"].items())
+        # Tenths of a stage are enough for a log; the message changes more often than anybody reads.
+        step = f"{stage['stage']} {int(stage['fraction'] * 10)}"
+        if step != self._last:
+            self._last = step
+            line = f"{stage['stage']:<11}{stage['fraction']:>5.0%} {stage['seconds']:>6.1f} s  {stage['message']}"
+            self._console.print(f"{line}  {figures}".rstrip(), soft_wrap=True, highlight=False)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
+    parser.add_argument("--photos", type=Path, help="a folder of photos, a zip or tar, or a video; default: the sample")
+    parser.add_argument("--ask", action="append", help="a question; may be given several times")
+    parser.add_argument("--output", type=Path, default=Path("demo-output"))
+    parser.add_argument("--train-seconds", type=float, help="training time; default: the server's")
+    parser.add_argument("--http-port", type=int, default=8000)
+    parser.add_argument("--grpc-port", type=int, default=8001)
+    options = parser.parse_args()
+    if options.photos and not options.photos.exists():
+        parser.error(f"--photos: {options.photos} does not exist")
+    return options
+
+
+if __name__ == "__main__":
+    main()

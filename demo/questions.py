@@ -1,0 +1,54 @@
+"""What the demonstration asks: things that are there, an ambiguous word, and something that is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+SAMPLE_QUESTIONS = ("banana", "tea", "fork", "bicycle")
+"""For the sample capture: a thing by its name, two words for things near it, and one that is nowhere near."""
+
+_WIDER = {
+    "teddy bear": "plush toy",
+    "bed": "mattress",
+    "cup": "tea",
+    "wine glass": "wine",
+    "bottle": "water",
+    "bowl": "soup",
+    "banana": "fruit",
+    "apple": "fruit",
+    "orange": "fruit",
+    "spoon": "fork",
+    "knife": "fork",
+    "book": "novel",
+    "laptop": "computer",
+    "keyboard": "typing",
+    "mouse": "computer",
+    "tv": "screen",
+    "couch": "sofa",
+    "chair": "seat",
+    "dining table": "desk",
+    "potted plant": "flower",
+    "vase": "cup",
+    "car": "vehicle",
+    "truck": "vehicle",
+    "bicycle": "bike",
+    "person": "human",
+    "cat": "pet",
+    "dog": "pet",
+}
+_STRANGE = ("submarine", "volcano", "bicycle")
+
+
+def questions_for(labels: Sequence[str]) -> tuple[str, ...]:
+    """Questions for a capture of the user's own.
+
+    Args:
+        labels: the scene's dictionary, most Gaussians first.
+
+    Returns:
+        The two leading labels by name, a wider or neighbouring word for the first label that has one (ambiguous on
+        purpose), and a thing that is not in the dictionary.
+    """
+    wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
+    absent = next(word for word in _STRANGE if word not in labels)
+    return (*labels[:2], wider, absent)
