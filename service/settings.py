@@ -5,13 +5,42 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.capture.settings import CaptureSettings
 from service.perception.settings import PerceptionSettings
 from service.query.settings import QuerySettings
 from service.splatting.settings import TrainingSettings
+
+
+class JobSettings(BaseModel):
+    """How workers take, watch and give up jobs."""
+
+    model_config = ConfigDict(frozen=True)
+
+    max_starts: int = Field(3, ge=1, description="a job whose trainer or worker died this often is parked as FAILED")
+    poll_s: float = Field(0.3, gt=0, description="how often a worker looks for new jobs and for cancellations")
+    progress_s: float = Field(0.5, gt=0, description="a running stage's progress is written at most this often")
+    beat_s: float = Field(2.0, gt=0, description="how often a worker says that it lives")
+    stale_s: float = Field(10.0, gt=0, description="a worker silent for this long is dead; its jobs go to others")
+    threads_per_job: int = Field(0, ge=0, description="CPU threads of a trainer; 0: all of the machine's")
+
+
+class StoreSettings(BaseModel):
+    """Limits of the service layer that belong to no other room."""
+
+    model_config = ConfigDict(frozen=True)
+
+    max_name_chars: int = 200
+    max_labels: int = 1_000
+    max_label_chars: int = 200
+    max_time_budget_s: float = 24 * 3600.0
+    max_gaussians: int = 20_000_000
+    max_page_size: int = 500
+    max_render_pixels: int = Field(16_000_000, description="size of a free viewpoint's image")
+    cached_scenes: int = Field(4, ge=1, description="scenes kept open for queries, least recently used leave first")
+    abandoned_upload_s: float = Field(24 * 3600.0, description="an upload without a commit is removed after this")
 
 
 class Settings(BaseSettings):
@@ -30,6 +59,8 @@ class Settings(BaseSettings):
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
     query: QuerySettings = QuerySettings()
+    jobs: JobSettings = JobSettings()
+    store: StoreSettings = StoreSettings()
 
 
 @cache

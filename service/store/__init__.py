@@ -1,1 +1,47 @@
+"""Durable state: rows in a database, blobs on disk."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import Engine
+
+from service.common.errors import ResourceError
+from service.store.blobs import Blobs
+from service.store.engine import open_engine, resolve_url
+from service.store.jobs import JobRows
+from service.store.rows import Rows
+
+
+@dataclass(frozen=True)
+class Store:
+    """All that is durable: `rows` for the faces, `jobs` for the workers, `blobs` for both."""
+
+    rows: Rows
+    jobs: JobRows
+    blobs: Blobs
+    engine: Engine
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self.engine.dispose()
+
+
+def open_store(data_dir: Path, database_url: str = "") -> Store:
+    """Open, and on first use make, the data folder and the tables.
+
+    Raises:
+        InvalidInputError: the URL cannot be read.
+        ResourceError: the folder or the database cannot be used.
+    """
+    try:
+        data_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResourceError(
+            f"the data folder cannot be made: {error.strerror}",
+            field="data_dir",
+            hint="Point FASTSPLAT_DATA_DIR at a writable folder.",
+        ) from error
+    engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
+    return Store(Rows(engine), JobRows(engine), Blobs(data_dir.resolve()), engine)

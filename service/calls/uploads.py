@@ -1,0 +1,193 @@
+"""One upload: files come in, bounded and safely named, and become a job or leave no trace."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import re
+import unicodedata
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from service.calls.types import Operation, SceneOptions
+from service.capture.settings import CaptureSettings
+from service.common.errors import InvalidInputError, LimitExceededError, ResourceError
+from service.store.blobs import remove
+
+_CHUNK = 1 << 20
+_MAX_DEPTH = 16
+_MAX_NAME_BYTES = 255
+
+
+class UploadSession:
+    """Files of one future scene, kept in a folder of their own until `commit`.
+
+    A context manager: leaving it without a commit removes everything. One thread at a time.
+    """
+
+    def __init__(
+        self,
+        upload_id: str,
+        folder: Path,
+        settings: CaptureSettings,
+        admit: Callable[[UploadSession, str, str, SceneOptions], Operation],
+    ) -> None:
+        self.id = upload_id
+        self.folder = folder
+        self._settings = settings
+        self._admit = admit
+        self._digests: dict[str, str] = {}
+        self._bytes = 0
+        self._open = True
+        folder.mkdir(parents=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.abort()
+
+    def write(self, name: str, stream: BinaryIO | Iterable[bytes]) -> int:
+        """Take one file; folders in its name are kept. Returns its size in bytes.
+
+        Args:
+            name: a relative path with forward slashes, e.g. "images/0001.jpg".
+            stream: a binary file to read to its end, or chunks of bytes.
+
+        Raises:
+            InvalidInputError: the name is unsafe or was used before in this upload, or the session is over.
+            LimitExceededError: too many bytes or files; nothing more can be written, so call `abort`.
+            ResourceError: the disk is full.
+        """
+        self._check_open()
+        path = self._place(name)
+        digest = hashlib.sha256()
+        size = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("xb") as file:
+                for chunk in _chunks(stream):
+                    size += len(chunk)
+                    if self._bytes + size > self._settings.max_upload_bytes:
+                        raise LimitExceededError(
+                            f"the upload is larger than {self._settings.max_upload_bytes} bytes",
+                            field=name,
+                            limit=f"{self._settings.max_upload_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
+                            hint="Send fewer or smaller images.",
+                        )
+                    digest.update(chunk)
+                    file.write(chunk)
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise _disk_error(error, name) from error
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        self._bytes += size
+        self._digests[name] = digest.hexdigest()
+        return size
+
+    def commit(self, name: str, request_id: str, options: SceneOptions) -> Operation:
+        """Check what came, and queue its job. Durable once this returns; the session is over either way.
+
+        Args:
+            name: the scene's name for people; may be empty.
+            request_id: the same id with the same content returns the same operation; "" for none.
+            options: see `SceneOptions`.
+
+        Raises:
+            ConflictError: the request id was used before for other content.
+            FastSplatError: whatever `service.capture.admit_upload` has against the files, typed; nothing is left.
+        """
+        self._check_open()
+        try:
+            if not self._digests:
+                raise InvalidInputError(
+                    "the upload has no files", field="files", hint="Send images, an archive or a video."
+                )
+            return self._admit(self, name, request_id, options)
+        except OSError as error:
+            raise _disk_error(error, "files") from error
+        finally:
+            self._open = False
+            self._digests.clear()
+
+    def abort(self) -> None:
+        """Forget all that came. Does nothing after a commit."""
+        if self._open:
+            self._open = False
+            remove(self.folder)
+
+    def digest(self, name: str, options: SceneOptions) -> str:
+        """Hex sha256 of everything the user sent: two requests with the same digest are the same request."""
+        content = {"name": name, "options": asdict(options), "files": sorted(self._digests.items())}
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise InvalidInputError("this upload is over", field="upload", hint="Start a new upload.")
+
+    def _place(self, name: str) -> Path:
+        parts = safe_parts(name)
+        if len(self._digests) >= self._settings.max_entries:
+            raise LimitExceededError(
+                f"more than {self._settings.max_entries} files",
+                field="files",
+                limit=f"{self._settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+                hint="Send fewer images.",
+            )
+        path = self.folder.joinpath(*parts)
+        folders = [self.folder.joinpath(*parts[:depth]) for depth in range(1, len(parts))]
+        if path.exists() or any(folder.is_file() for folder in folders):
+            raise InvalidInputError(
+                f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
+            )
+        return path
+
+
+def safe_parts(name: str) -> tuple[str, ...]:
+    """The parts of a file name that a client chose, if it is safe to write below a folder.
+
+    Raises:
+        InvalidInputError: absolute, empty, too long or too deep, or with "..", backslashes, drive letters or
+            control characters.
+    """
+    parts = PurePosixPath(name).parts
+    bad = (
+        not parts
+        or len(parts) > _MAX_DEPTH
+        or name.startswith("/")
+        or re.match(r"[A-Za-z]:", name) is not None
+        or any(part in (".", "..") or len(part.encode(errors="replace")) > _MAX_NAME_BYTES for part in parts)
+        or "\\" in name
+        or any(unicodedata.category(letter) in ("Cc", "Cs") for letter in name)
+    )
+    if bad:
+        raise InvalidInputError(
+            f"the file name {name[:80]!r} is not safe",
+            field="files",
+            hint="Use relative names with forward slashes, without '..' and control characters.",
+        )
+    return parts
+
+
+def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:
+    read = getattr(stream, "read", None)
+    if read is None:
+        return stream
+    return iter(lambda: read(_CHUNK), b"")
+
+
+def _disk_error(error: OSError, field: str) -> ResourceError:
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return ResourceError(
+        "the server's disk is full" if full else f"the upload cannot be stored: {error.strerror}",
+        field=field,
+        hint="Free space in the server's data folder, then send the upload again.",
+    )

@@ -1,0 +1,77 @@
+"""One way to open a database: SQLite tuned for several processes, anything else by its URL."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError
+
+from service.common.errors import InvalidInputError, ResourceError
+from service.store.schema import metadata
+
+_BUSY_MS = 30_000
+
+
+def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
+    """The database to use: `data_dir/sqlite_name` for an empty URL, else the URL, with psycopg for PostgreSQL.
+
+    Raises:
+        InvalidInputError: the URL cannot be read.
+    """
+    if not database_url:
+        return URL.create("sqlite", database=str(data_dir.resolve() / sqlite_name))
+    try:
+        url = make_url(database_url)
+    except ArgumentError as error:
+        raise InvalidInputError(
+            "the database URL cannot be read",
+            field="database_url",
+            hint="Write it as postgresql://user:password@host:5432/name, or leave it empty for SQLite.",
+        ) from error
+    return url.set(drivername="postgresql+psycopg") if url.drivername in ("postgres", "postgresql") else url
+
+
+def open_engine(url: URL) -> Engine:
+    """An engine whose write transactions take SQLite's lock at their start; the tables exist on return.
+
+    A transaction that begins as a reader and then writes is what makes SQLite fail with "locked" at once, whatever
+    the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`.
+    """
+    sqlite = url.get_backend_name() == "sqlite"
+    engine = create_engine(url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24)
+    if sqlite:
+        event.listen(engine, "connect", _tune_sqlite)
+        event.listen(engine, "begin", _begin_sqlite)
+    _create_tables(engine)
+    return engine
+
+
+def _tune_sqlite(connection: Any, record: Any) -> None:
+    connection.isolation_level = None  # we say BEGIN ourselves, below
+    for pragma in (f"busy_timeout={_BUSY_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    read_only = connection.get_execution_options().get("read_only", False)
+    connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
+
+
+def _create_tables(engine: Engine, tries: int = 5) -> None:
+    # Several processes may start on an empty database; the loser of the race finds the tables on its next try.
+    for remaining in reversed(range(tries)):
+        try:
+            with engine.begin() as connection:
+                metadata.create_all(connection)
+            return
+        except DBAPIError as error:
+            if not remaining:
+                raise ResourceError(
+                    f"the database does not answer: {type(error.orig).__name__}",
+                    field="database_url",
+                    hint="Check that the database runs, and that the data folder is writable and has space.",
+                ) from error
+            time.sleep(0.2)

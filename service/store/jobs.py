@@ -1,0 +1,187 @@
+"""What workers do to operations. Every write carries the attempt that claimed the job: a late copy changes nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Engine, delete, insert, select, update
+
+from service.store.records import OperationRecord, SceneSummary
+from service.store.rows import as_operation
+from service.store.schema import operations, scenes, workers
+
+
+class FencedError(Exception):
+    """Another worker has this job now, or nobody has; stop, and touch nothing of it."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to run a job, until somebody else claims it: attempts count up."""
+
+    operation: OperationRecord
+    attempt: int
+
+
+class JobRows:
+    """The queue's rows and the workers' heartbeats; every method is one transaction."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._reading = engine.execution_options(read_only=True)
+
+    def waiting(self) -> Sequence[str]:
+        """Ids of queued operations that no job engine knows of yet, oldest first."""
+        query = select(operations.c.id).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
+        with self._reading.connect() as connection:
+            return list(connection.scalars(query.order_by(operations.c.created_at, operations.c.id)))
+
+    def mark_enqueued(self, operation_id: str) -> None:
+        """The job engine has it, durably."""
+        with self._engine.begin() as connection:
+            connection.execute(update(operations).where(operations.c.id == operation_id).values(enqueued=True))
+
+    def claim(self, operation_id: str) -> Claim | None:
+        """Start an attempt: counts one start and raises the fence. None if the operation is over or gone."""
+        with self._engine.begin() as connection:
+            running = update(operations).where(
+                operations.c.id == operation_id, operations.c.state.in_(("QUEUED", "RUNNING"))
+            )
+            values = {
+                "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1,
+                "updated_at": time.time(),
+            }  # fmt: skip
+            if not connection.execute(running.values(values)).rowcount:
+                return None
+            row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().one()
+            record = as_operation(row)
+            return Claim(record, record.attempt)
+
+    def release(self, claim: Claim) -> None:
+        """Give an unfinished job back without blame: its start does not count. Does nothing when fenced."""
+        with self._engine.begin() as connection:
+            values = {"starts": operations.c.starts - 1, "updated_at": time.time()}
+            connection.execute(self._fenced(claim).values(values))
+
+    def report(self, claim: Claim, stages: Sequence[Mapping[str, Any]]) -> bool:
+        """Write progress. Returns whether somebody wants the job cancelled.
+
+        Raises:
+            FencedError: the claim is no longer the newest, or the operation is over.
+        """
+        with self._engine.begin() as connection:
+            values = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
+            if not connection.execute(self._fenced(claim).values(values)).rowcount:
+                raise FencedError(claim.operation.id)
+            return self._cancel_requested(connection, claim)
+
+    def check(self, claim: Claim) -> bool:
+        """Whether somebody wants the job cancelled.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        with self._reading.connect() as connection:
+            here = select(operations.c.cancel_requested).where(
+                operations.c.id == claim.operation.id,
+                operations.c.attempt == claim.attempt,
+                operations.c.state == "RUNNING",
+            )
+            wanted = connection.scalar(here)
+        if wanted is None:
+            raise FencedError(claim.operation.id)
+        return bool(wanted)
+
+    def succeed(self, claim: Claim, summary: SceneSummary) -> None:
+        """Show the finished scene and end the operation, both at once.
+
+        Raises:
+            FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
+        """
+        with self._engine.begin() as connection:
+            done = self._fenced(claim).where(operations.c.cancel_requested.is_(False))
+            if not connection.execute(done.values(state="SUCCEEDED", updated_at=time.time())).rowcount:
+                raise FencedError(claim.operation.id)
+            shown = update(scenes).where(scenes.c.id == claim.operation.scene_id)
+            values = {
+                "state": "READY", "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
+                "dictionary": [dict(row) for row in summary.dictionary],
+                "cameras": [dict(row) for row in summary.cameras], "quality": dict(summary.quality),
+            }  # fmt: skip
+            if not connection.execute(shown.values(values)).rowcount:
+                raise FencedError(claim.operation.id)
+
+    def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
+        """End the operation as FAILED with its durable reason.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        self._end(claim, "FAILED", dict(error))
+
+    def cancelled(self, claim: Claim) -> None:
+        """End the operation as CANCELLED.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        self._end(claim, "CANCELLED", None)
+
+    def beat(self, executor_id: str, host: str, pid: int) -> None:
+        """Say that this executor lives."""
+        now = time.time()
+        with self._engine.begin() as connection:
+            alive = update(workers).where(workers.c.executor_id == executor_id)
+            if not connection.execute(alive.values(beat_at=now)).rowcount:
+                row = {"executor_id": executor_id, "host": host, "pid": pid, "started_at": now, "beat_at": now}
+                connection.execute(insert(workers).values(row))
+
+    def silent(self, stale_s: float) -> Sequence[str]:
+        """Executors whose last beat is older than `stale_s` seconds."""
+        query = select(workers.c.executor_id).where(workers.c.beat_at < time.time() - stale_s)
+        with self._reading.connect() as connection:
+            return list(connection.scalars(query))
+
+    def resign(self, executor_id: str) -> None:
+        """Make an executor's silence official at once: its work may be taken over."""
+        with self._engine.begin() as connection:
+            connection.execute(update(workers).where(workers.c.executor_id == executor_id).values(beat_at=0.0))
+
+    def bury(self, executor_id: str) -> None:
+        """Forget a dead executor after its work was handed on; one that comes back beats again."""
+        with self._engine.begin() as connection:
+            connection.execute(delete(workers).where(workers.c.executor_id == executor_id))
+
+    def over(self, operation_ids: Sequence[str]) -> frozenset[str]:
+        """Which of these operations have ended or do not exist."""
+        alive = select(operations.c.id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
+        with self._reading.connect() as connection:
+            return frozenset(operation_ids) - frozenset(connection.scalars(alive))
+
+    def live_uploads(self) -> frozenset[str]:
+        """Uploads that a queued or running operation needs."""
+        query = select(operations.c.upload_id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
+        with self._reading.connect() as connection:
+            return frozenset(connection.scalars(query))
+
+    def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
+        with self._engine.begin() as connection:
+            values = {"state": state, "error": error, "updated_at": time.time()}
+            if not connection.execute(self._fenced(claim).values(values)).rowcount:
+                raise FencedError(claim.operation.id)
+            ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
+            connection.execute(ended.values(state="FAILED"))
+
+    def _fenced(self, claim: Claim) -> Any:
+        return update(operations).where(
+            operations.c.id == claim.operation.id,
+            operations.c.attempt == claim.attempt,
+            operations.c.state == "RUNNING",
+        )
+
+    def _cancel_requested(self, connection: Any, claim: Claim) -> bool:
+        here = select(operations.c.cancel_requested).where(operations.c.id == claim.operation.id)
+        return bool(connection.scalar(here))

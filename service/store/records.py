@@ -1,0 +1,71 @@
+"""Rows as frozen values: what the store takes and gives. JSON parts are plain dicts and lists."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
+SceneState = Literal["TRAINING", "READY", "FAILED"]
+
+
+@dataclass(frozen=True)
+class SceneRecord:
+    """One scene. `version` is empty until it is READY; times are seconds since 1970, UTC."""
+
+    id: str
+    name: str
+    operation_id: str
+    state: SceneState
+    version: str
+    created_at: float
+    gaussians: int
+    scale: Literal["METRIC", "ARBITRARY"]
+    dictionary: Sequence[Mapping[str, Any]]
+    cameras: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class OperationRecord:
+    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fence."""
+
+    id: str
+    scene_id: str
+    state: OperationState
+    request_digest: str
+    upload_id: str
+    options: Mapping[str, Any]
+    stages: Sequence[Mapping[str, Any]]
+    error: Mapping[str, Any] | None
+    created_at: float
+    updated_at: float
+    attempt: int
+    starts: int
+    cancel_requested: bool
+
+
+@dataclass(frozen=True)
+class NewJob:
+    """What makes a scene and its operation, both at once."""
+
+    scene_id: str
+    operation_id: str
+    name: str
+    request_id: str
+    request_digest: str
+    upload_id: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SceneSummary:
+    """What a finished job says about its scene; the artefact itself is a folder of this version."""
+
+    version: str
+    gaussians: int
+    scale: Literal["METRIC", "ARBITRARY"]
+    dictionary: Sequence[Mapping[str, Any]]
+    cameras: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]

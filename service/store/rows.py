@@ -1,0 +1,169 @@
+"""What the faces do to scenes and operations: admit, look, list, cancel, delete."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
+from sqlalchemy.exc import IntegrityError
+
+from service.common.errors import ConflictError, NotFoundError
+from service.store.records import NewJob, OperationRecord, SceneRecord
+from service.store.schema import operations, scenes
+
+_LISTED = [column for column in scenes.c if column.name != "cameras"]
+
+
+class Rows:
+    """Scenes and operations in one database; every method is one transaction and safe from any thread."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._reading = engine.execution_options(read_only=True)
+
+    def admit(self, job: NewJob) -> tuple[OperationRecord, bool]:
+        """Make a scene and its queued operation, or find the one that this request id made before.
+
+        Returns:
+            The operation, and whether it is new.
+
+        Raises:
+            ConflictError: the request id was used for a request with other content.
+        """
+        now = time.time()
+        scene: dict[str, Any] = {
+            "id": job.scene_id, "name": job.name, "operation_id": job.operation_id, "state": "TRAINING",
+            "created_at": now, "dictionary": [], "cameras": [], "quality": {},
+        }  # fmt: skip
+        operation: dict[str, Any] = {
+            "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
+            "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
+            "options": dict(job.options), "stages": [], "created_at": now, "updated_at": now,
+        }  # fmt: skip
+        try:
+            with self._engine.begin() as connection:
+                connection.execute(insert(operations).values(operation))
+                connection.execute(insert(scenes).values(scene))
+                return _operation(connection, job.operation_id), True
+        except IntegrityError:
+            earlier = self.find_request(job.request_id, job.request_digest)
+            if earlier is None:
+                raise
+            return earlier, False
+
+    def find_request(self, request_id: str, digest: str) -> OperationRecord | None:
+        """The operation that this request id made before, or None.
+
+        Raises:
+            ConflictError: it was made by other content.
+        """
+        if not request_id:
+            return None
+        with self._reading.connect() as connection:
+            row = connection.execute(select(operations).where(operations.c.request_id == request_id)).mappings().first()
+        if row is None:
+            return None
+        if row["request_digest"] != digest:
+            raise ConflictError(
+                f"request id {request_id!r} was used before, for other content",
+                field="request_id",
+                hint="Send the very same name, options and files again, or choose a new request id.",
+            )
+        return as_operation(row)
+
+    def operation(self, operation_id: str) -> OperationRecord:
+        """One operation.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        with self._reading.connect() as connection:
+            return _operation(connection, operation_id)
+
+    def scene(self, scene_id: str) -> SceneRecord:
+        """One scene, with its cameras.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        with self._reading.connect() as connection:
+            row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
+        if row is None:
+            raise NotFoundError(
+                f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are."
+            )
+        return SceneRecord(**row)
+
+    def scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
+        """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty."""
+        query = select(*_LISTED).order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
+        if after is not None:
+            created, scene_id = after
+            same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
+            query = query.where(or_(scenes.c.created_at < created, same_time))
+        with self._reading.connect() as connection:
+            return [SceneRecord(**row, cameras=()) for row in connection.execute(query).mappings()]
+
+    def ready_scene_ids(self) -> Sequence[str]:
+        """Ids of all READY scenes, newest first."""
+        query = select(scenes.c.id).where(scenes.c.state == "READY")
+        with self._reading.connect() as connection:
+            return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
+
+    def cancel(self, operation_id: str) -> OperationRecord:
+        """Stop an operation: at once if it is queued, soon if it runs, not at all if it is over.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        with self._engine.begin() as connection:
+            before = _operation(connection, operation_id)
+            _stop(connection, before)
+            return _operation(connection, operation_id)
+
+    def delete_scene(self, scene_id: str) -> OperationRecord:
+        """Forget a scene and stop its operation; the request id becomes free again.
+
+        Returns:
+            The operation as it now is: while RUNNING, its worker cleans up.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        record = self.scene(scene_id)
+        with self._engine.begin() as connection:
+            if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
+                raise NotFoundError(f"no scene {scene_id!r}", field="scene")
+            _stop(connection, _operation(connection, record.operation_id))
+            here = operations.c.id == record.operation_id
+            connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
+            return _operation(connection, record.operation_id)
+
+
+def _stop(connection: Connection, operation: OperationRecord) -> None:
+    now = time.time()
+    here = operations.c.id == operation.id
+    queued = update(operations).where(here, operations.c.state == "QUEUED")
+    if connection.execute(queued.values(state="CANCELLED", cancel_requested=True, updated_at=now)).rowcount:
+        connection.execute(update(scenes).where(scenes.c.operation_id == operation.id).values(state="FAILED"))
+        return
+    running = update(operations).where(here, operations.c.state == "RUNNING")
+    connection.execute(running.values(cancel_requested=True, updated_at=now))
+
+
+def _operation(connection: Connection, operation_id: str) -> OperationRecord:
+    row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().first()
+    if row is None:
+        raise NotFoundError(
+            f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
+        )
+    return as_operation(row)
+
+
+def as_operation(row: RowMapping) -> OperationRecord:
+    """A row of `operations` as a record."""
+    hidden = ("request_id", "enqueued")
+    values: dict[str, Any] = {name: value for name, value in row.items() if name not in hidden}
+    return OperationRecord(**values)

@@ -1,0 +1,57 @@
+"""The tables: what is durable about scenes, operations and workers. Times are seconds since 1970, UTC."""
+
+from __future__ import annotations
+
+from sqlalchemy import JSON, Boolean, Column, Double, Index, Integer, MetaData, String, Table
+
+metadata = MetaData()
+
+scenes = Table(
+    "scenes",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("name", String(1000), nullable=False),
+    Column("operation_id", String(40), nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("version", String(80), nullable=False, default=""),
+    Column("created_at", Double, nullable=False),
+    Column("gaussians", Integer, nullable=False, default=0),
+    Column("scale", String(16), nullable=False, default="ARBITRARY"),
+    Column("dictionary", JSON, nullable=False),
+    Column("cameras", JSON, nullable=False),
+    Column("quality", JSON, nullable=False),
+    Index("scenes_newest_first", "created_at", "id"),
+)
+
+operations = Table(
+    "operations",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("scene_id", String(40), nullable=False),
+    Column("state", String(16), nullable=False, index=True),
+    # An idempotency key belongs to one request only; it is given back when its scene is deleted.
+    Column("request_id", String(200), nullable=True, unique=True),
+    Column("request_digest", String(64), nullable=False),
+    Column("upload_id", String(40), nullable=False),
+    Column("options", JSON, nullable=False),
+    Column("stages", JSON, nullable=False),
+    Column("error", JSON(none_as_null=True), nullable=True),
+    Column("created_at", Double, nullable=False),
+    Column("updated_at", Double, nullable=False),
+    # The fence: every claim raises it, and a write that carries an older number changes nothing.
+    Column("attempt", Integer, nullable=False, default=0),
+    # Starts that ended badly or have not ended; a graceful release takes its start back.
+    Column("starts", Integer, nullable=False, default=0),
+    Column("enqueued", Boolean, nullable=False, default=False),
+    Column("cancel_requested", Boolean, nullable=False, default=False),
+)
+
+workers = Table(
+    "workers",
+    metadata,
+    Column("executor_id", String(80), primary_key=True),
+    Column("host", String(255), nullable=False),
+    Column("pid", Integer, nullable=False),
+    Column("started_at", Double, nullable=False),
+    Column("beat_at", Double, nullable=False),
+)
