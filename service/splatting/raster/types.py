@@ -3,7 +3,8 @@
 Shapes: G Gaussians, C feature channels, H×W pixels. Tensors of one call share dtype and device. The image formation
 is that of 3D Gaussian splatting (Kerbl et al. 2023) with EWA projection: perspective mean, 2D covariance
 J R Σ Rᵀ Jᵀ + eps2d·I, alpha = min(alpha_max, opacity·exp(−½ dᵀ Σ₂⁻¹ d)) dropped below alpha_min, front-to-back
-compositing in order of camera-space z, stopped once transmittance falls below transmittance_min.
+compositing in order of camera-space z (ties by row), stopped once transmittance falls below transmittance_min. As in
+gsplat, J is evaluated at a direction clamped to 1.3 times the field of view; the mean itself is not clamped.
 """
 
 from __future__ import annotations

@@ -1,0 +1,82 @@
+"""The public losses: check once, then compute."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from service.common.errors import InvalidInputError
+from service.splatting.losses import reference
+
+
+@dataclass(frozen=True)
+class ImageTarget:
+    """A training image at one resolution, with what of its SSIM never changes.
+
+    Attributes:
+        image: [H, W, 3], 0..1.
+        valid: bool [H, W] or None; pixels that are False do not count.
+    """
+
+    image: Tensor
+    valid: Tensor | None = None
+
+
+def image_loss(image: Tensor, target: Tensor | ImageTarget, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
+    """(1 − λ)·|image − target| + λ·(1 − SSIM), mean over valid pixels and channels; 0 if none is valid.
+
+    SSIM uses the 11×11 Gaussian window (σ 1.5), zero padding, C1 = 0.01², C2 = 0.03². The gradient flows to `image`.
+
+    Args:
+        image: [H, W, 3], 0..1.
+        target: [H, W, 3] of the same dtype, or an `ImageTarget`, whose moments are computed once.
+        ssim_weight: λ, 0..1.
+        valid: bool [H, W]; not with an `ImageTarget`, which brings its own.
+
+    Raises:
+        InvalidInputError: shapes that do not fit.
+    """
+    if isinstance(target, Tensor):
+        target = ImageTarget(target, valid)
+    elif valid is not None:
+        raise InvalidInputError("both an ImageTarget and a valid mask", field="valid")
+    if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.image.shape:
+        raise InvalidInputError(
+            f"image {tuple(image.shape)}, target {tuple(target.image.shape)}; both must be [H, W, 3]", field="image"
+        )
+    if target.valid is not None and target.valid.shape != image.shape[:2]:
+        raise InvalidInputError(f"valid {tuple(target.valid.shape)} for {tuple(image.shape)}", field="valid")
+    return reference.image_loss(image, target.image, ssim_weight, target.valid)
+
+
+def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
+    """Σ_p w[label]·CE(codes·Wᵀ + b, label) / Σ_p w[label]; 0 if that sum is 0. Gradients: codes, weight, bias.
+
+    Args:
+        codes_image: [H, W, D].
+        weight: [N + 1, D]; row 0 is the undetected class.
+        bias: [N + 1].
+        labels: integers [H, W], 0..N.
+        class_weights: [N + 1], >= 0; a weight of 0 ignores that class's pixels.
+
+    Raises:
+        InvalidInputError: shapes that do not fit, or a label above N.
+    """
+    classes = weight.shape[0]
+    fits = (
+        codes_image.ndim == 3
+        and weight.ndim == 2
+        and weight.shape[1] == codes_image.shape[2]
+        and bias.shape == class_weights.shape == (classes,)
+        and labels.shape == codes_image.shape[:2]
+    )
+    if not fits:
+        raise InvalidInputError(
+            f"codes {tuple(codes_image.shape)}, weight {tuple(weight.shape)}, bias {tuple(bias.shape)}, "
+            f"labels {tuple(labels.shape)}, class_weights {tuple(class_weights.shape)}",
+            field="codes_image",
+        )
+    if labels.numel() and (int(labels.max()) >= classes or int(labels.min()) < 0):
+        raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
+    return reference.semantic_loss(codes_image, weight, bias, labels, class_weights)

@@ -1,0 +1,61 @@
+"""Plain torch twins of the fused losses; any float dtype, autograd."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+WINDOW = 11
+SIGMA = 1.5
+C1 = 0.01**2
+C2 = 0.03**2
+LOGIT_LIMIT = 1e30
+
+
+def window(dtype: torch.dtype) -> Tensor:
+    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1."""
+    offsets = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
+    weights = torch.exp(-0.5 * (offsets / SIGMA) ** 2)
+    return (weights / weights.sum()).to(dtype)
+
+
+def _blur(image: Tensor) -> Tensor:
+    """Separable window with zero padding; [3, 1, H, W] in and out."""
+    taps = window(image.dtype)
+    image = torch.nn.functional.conv2d(image, taps.reshape(1, 1, 1, -1), padding=(0, WINDOW // 2))
+    return torch.nn.functional.conv2d(image, taps.reshape(1, 1, -1, 1), padding=(WINDOW // 2, 0))
+
+
+def ssim_map(image: Tensor, target: Tensor) -> Tensor:
+    """[H, W, 3]: structural similarity of each pixel and channel (Wang et al. 2004, equation 13)."""
+    x, y = image.permute(2, 0, 1)[:, None], target.permute(2, 0, 1)[:, None]
+    mu_x, mu_y = _blur(x), _blur(y)
+    var_x, var_y, cov = _blur(x * x) - mu_x**2, _blur(y * y) - mu_y**2, _blur(x * y) - mu_x * mu_y
+    numerator = (2 * mu_x * mu_y + C1) * (2 * cov + C2)
+    denominator = (mu_x**2 + mu_y**2 + C1) * (var_x + var_y + C2)
+    return (numerator / denominator)[:, 0].permute(1, 2, 0)
+
+
+def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None) -> Tensor:
+    """See `service.splatting.losses.image_loss`."""
+    loss = (1.0 - ssim_weight) * (image - target).abs() + ssim_weight * (1.0 - ssim_map(image, target))
+    if valid is None:
+        return loss.mean()
+    mask = valid.to(loss.dtype)[:, :, None]
+    return (loss * mask).sum() / (3.0 * mask.sum()).clamp_min(1.0)
+
+
+def semantic_loss(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
+    """See `service.splatting.losses.semantic_loss`."""
+    logits = codes.reshape(-1, codes.shape[-1]) @ weight.T + bias
+    # Beyond 1e30 a logit is held there, so that differences and sums over an image stay finite in float32.
+    shifted = logits - (logits - logits.clamp(-LOGIT_LIMIT, LOGIT_LIMIT)).detach()
+    top = shifted.detach().amax(dim=1, keepdim=True)
+    log_p = shifted - top - torch.exp(shifted - top).sum(dim=1, keepdim=True).log()
+    picked = labels.reshape(-1, 1).long()
+    pixel_weights = class_weights.to(logits.dtype)[picked[:, 0]]
+    total = pixel_weights.sum()
+    losses = -log_p.gather(1, picked)[:, 0]
+    used = pixel_weights > 0
+    losses = torch.where(used, losses, 0.0)
+    return (pixel_weights * losses).sum() / torch.where(total > 0, total, 1.0)

@@ -1,0 +1,148 @@
+"""The public operations: check once, then hand over to a backend."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from service.common.camera import Camera
+from service.common.errors import InvalidInputError
+from service.splatting.raster import harmonics, reference
+from service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
+
+_DEFAULTS = RasterSettings()
+_MAX_SIDE = 16384
+
+
+def rasterize(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    *,
+    background: Tensor | None = None,
+    settings: RasterSettings = _DEFAULTS,
+    backend: Backend = "cpu",
+) -> Rendering:
+    """Render one view; differentiable in means, quats, scales, opacities, features and background.
+
+    Args:
+        splats: G Gaussians with C channels; any C.
+        viewmat: [4, 4], camera from world (OpenCV axes), a rigid transform.
+        camera: intrinsics and image size.
+        background: [C], composited behind; None is zero.
+        settings: cut-offs, the same forward and backward.
+        backend: `reference` computes in float64 and differentiates `viewmat` as well; `cpu` and `cuda` compute in
+            float32.
+
+    Raises:
+        InvalidInputError: shapes, devices or settings that do not fit together, or a viewmat with NaN or Inf.
+        ResourceError: more Gaussian-tile pairs than `settings.max_pairs`.
+        CancelledError: the call was cancelled (`cpu`).
+        ModelUnavailableError: `cuda` without gsplat or a GPU.
+    """
+    _check(splats, viewmat, camera, settings)
+    if background is not None and background.shape != (splats.features.shape[1],):
+        raise InvalidInputError(
+            f"a background of shape {tuple(background.shape)} for {splats.features.shape[1]} channels",
+            field="background",
+        )
+    if backend == "reference":
+        return reference.rasterize(splats, viewmat, camera, background, settings)
+    raise _unknown(backend)
+
+
+def blend_sums(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    values: Tensor,
+    *,
+    settings: RasterSettings = _DEFAULTS,
+    backend: Backend = "cpu",
+) -> Tensor:
+    """Σ_p w_g(p)·value(p) for every Gaussian, w its blend weight: [G, V]. No gradient.
+
+    Args:
+        splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
+        viewmat: [4, 4], camera from world.
+        camera: intrinsics and image size.
+        values: [H, W, V], e.g. one-hot labels.
+        settings: cut-offs.
+        backend: as for `rasterize`.
+
+    Raises:
+        InvalidInputError, ResourceError, CancelledError, ModelUnavailableError: as `rasterize`.
+    """
+    _check(splats, viewmat, camera, settings)
+    if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):
+        raise InvalidInputError(
+            f"values of shape {tuple(values.shape)} for an image of {camera.height}×{camera.width}", field="values"
+        )
+    if backend == "reference":
+        return reference.blend_sums(splats, viewmat, camera, values, settings)
+    raise _unknown(backend)
+
+
+def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *, backend: Backend = "cpu") -> Tensor:
+    """Colour of each Gaussian seen from `camera_position`: max(0, 0.5 + Σ_k Y_k(d) sh_k), [G, 3].
+
+    Args:
+        means: [G, 3], world frame.
+        sh: [G, K, 3] with K >= (degree + 1)², coefficient 0 first, 3DGS signs; further coefficients are not read.
+        camera_position: [3], world frame; d = normalize(means − camera_position).
+        degree: 0..3.
+        backend: as for `rasterize`. Differentiable in means and sh.
+
+    Raises:
+        InvalidInputError: degree outside 0..3 or shapes that do not fit.
+    """
+    if degree not in (0, 1, 2, 3) or sh.ndim != 3 or sh.shape[1] < (degree + 1) ** 2 or sh.shape[2] != 3:
+        raise InvalidInputError(
+            f"harmonics of shape {tuple(sh.shape)} for degree {degree}",
+            field="sh",
+            hint="Pass [G, K, 3] with K >= (degree + 1)² and degree 0..3.",
+        )
+    if means.shape != (sh.shape[0], 3) or camera_position.shape != (3,):
+        raise InvalidInputError(
+            f"means {tuple(means.shape)}, sh {tuple(sh.shape)}, camera_position {tuple(camera_position.shape)}",
+            field="means",
+        )
+    if backend in ("reference", "cuda"):
+        return harmonics.sh_to_rgb(means, sh, camera_position, degree)
+    raise _unknown(backend)
+
+
+def _unknown(backend: str) -> InvalidInputError:
+    return InvalidInputError(f"no rasterizer backend {backend!r}", field="backend", hint="reference, cpu or cuda")
+
+
+def _check(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:
+    count = splats.means.shape[0] if splats.means.ndim else -1
+    wanted = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    for name, shape in wanted.items():
+        tensor: Tensor = getattr(splats, name)
+        if tensor.shape != shape:
+            raise InvalidInputError(f"{name} of shape {tuple(tensor.shape)}, expected {shape}", field=name)
+    if splats.features.ndim != 2 or splats.features.shape[0] != count:
+        raise InvalidInputError(
+            f"features of shape {tuple(splats.features.shape)} for {count} Gaussians", field="features"
+        )
+    if viewmat.shape != (4, 4) or not bool(torch.isfinite(viewmat.detach()).all()):
+        raise InvalidInputError("the viewmat is not a finite [4, 4] matrix", field="viewmat")
+    if max(camera.width, camera.height) > _MAX_SIDE:
+        raise InvalidInputError(
+            f"an image of {camera.width}×{camera.height} pixels", field="camera", limit=f"{_MAX_SIDE} pixels a side"
+        )
+    good = (
+        0.0 < settings.alpha_min < 1.0
+        and settings.alpha_min < settings.alpha_max < 1.0
+        and 0.0 < settings.transmittance_min < 1.0
+        and 0.0 < settings.near < settings.far
+        and settings.eps2d > 0.0
+    )
+    if not good:
+        raise InvalidInputError(
+            f"cut-offs that cannot work: {settings}",
+            field="settings",
+            hint="0 < alpha_min < alpha_max < 1, 0 < transmittance_min < 1, 0 < near < far, eps2d > 0.",
+        )

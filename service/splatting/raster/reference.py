@@ -1,0 +1,213 @@
+"""The oracle: plain torch in float64, autograd, one dense Gaussian × pixel matrix. Slow and readable on purpose.
+
+Sources: EWA splatting (Zwicker et al. 2001), 3D Gaussian splatting (Kerbl et al. 2023, section 4), and the derivation
+of its pieces in "Mathematical supplement for the gsplat library" (Ye & Kanazawa 2023).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from service.common.camera import Camera
+from service.common.errors import ResourceError
+from service.splatting.raster.types import RasterSettings, Rendering, Splats
+
+_CHUNK = 4_000_000
+_TILE = 16
+_MAX_RADIUS = 2.0**30
+
+
+@dataclass(frozen=True)
+class _Projected:
+    """V visible Gaussians, nearest first: ids into the input, whitening Lᵀ of the 2D covariance, and what to blend."""
+
+    ids: Tensor
+    centers: Tensor
+    whiten: Tensor
+    depths: Tensor
+    opacities: Tensor
+    features: Tensor
+
+
+def rasterize(
+    splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
+) -> Rendering:
+    """See `service.splatting.raster.rasterize`. Computes in float64 whatever comes in; differentiates `viewmat` too."""
+    dtype = splats.means.dtype
+    finite = _finite_rows(splats)
+    projected, radii = _project(splats, viewmat, camera, settings, finite)
+    channels = splats.features.shape[1]
+    back = torch.zeros(channels, dtype=torch.float64) if background is None else background.double()
+    images, alphas, depths, medians = [], [], [], []
+    for pixels in _pixel_chunks(camera, len(projected.ids)):
+        weights, transmittance, before = _weights(projected, pixels, settings)
+        final = transmittance[:, -1]
+        images.append(weights @ projected.features + final[:, None] * back)
+        alphas.append(1.0 - final)
+        depths.append(weights @ projected.depths)
+        crosses = ((before > 0.5) & (transmittance[:, 1:] <= 0.5)).double()
+        medians.append((crosses @ projected.depths).detach())
+    shape = (camera.height, camera.width)
+    return Rendering(
+        image=torch.cat(images).reshape(*shape, channels).to(dtype),
+        alpha=torch.cat(alphas).reshape(shape).to(dtype),
+        depth=torch.cat(depths).reshape(shape).to(dtype),
+        median_depth=torch.cat(medians).reshape(shape).to(dtype),
+        radii=radii,
+        culled_non_finite=int((~finite).sum()),
+    )
+
+
+def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
+    """See `service.splatting.raster.blend_sums`."""
+    with torch.no_grad():
+        projected, _ = _project(splats, viewmat, camera, settings, _finite_rows(splats))
+        flat = values.reshape(-1, values.shape[-1]).double()
+        sums = torch.zeros(len(projected.ids), values.shape[-1], dtype=torch.float64)
+        start = 0
+        for pixels in _pixel_chunks(camera, len(projected.ids)):
+            weights, _, _ = _weights(projected, pixels, settings)
+            sums += weights.T @ flat[start : start + len(pixels)]
+            start += len(pixels)
+        result = torch.zeros(len(splats.means), values.shape[-1], dtype=torch.float64)
+        result[projected.ids] = sums
+        return result.to(splats.means.dtype)
+
+
+def _finite_rows(splats: Splats) -> Tensor:
+    parts = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.features)
+    return torch.stack([torch.isfinite(part.detach()).all(dim=1) for part in parts]).all(dim=0)
+
+
+def _project(
+    splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings, finite: Tensor
+) -> tuple[_Projected, Tensor]:
+    """Cull, project, sort by depth. Culled rows are left out before any arithmetic, so nothing of theirs can spread."""
+    with torch.no_grad():
+        usable = finite & (splats.quats.abs().amax(dim=1) > 0) & (splats.opacities >= settings.alpha_min)
+        z = splats.means.double() @ viewmat[2, :3].double() + viewmat[2, 3].double()
+        ids = torch.nonzero(usable & (z > settings.near) & (z < settings.far))[:, 0]
+    rotation, translation = viewmat[:3, :3].double(), viewmat[:3, 3].double()
+    points = splats.means[ids].double() @ rotation.T + translation
+    opacities = splats.opacities[ids].double()
+    axes = rotation @ _rotations(splats.quats[ids].double())
+    factor = _jacobians(points, camera) @ (axes * splats.scales[ids].double()[:, None, :])
+    cov = factor @ factor.mT
+    a, b, c = cov[:, 0, 0] + settings.eps2d, cov[:, 0, 1], cov[:, 1, 1] + settings.eps2d
+    det = _determinant(factor, settings.eps2d)
+    centers = points[:, :2] / points[:, 2:] * points.new_tensor((camera.fx, camera.fy))
+    centers = centers + points.new_tensor((camera.cx, camera.cy))
+
+    with torch.no_grad():
+        reach = 2.0 * torch.log(opacities / settings.alpha_min)
+        radii, visible = _footprints(a, b, c, det, centers, reach, camera)
+        _check_pairs(a, c, centers, reach, visible, camera, settings)
+        depths = points[:, 2].detach()
+        order = torch.argsort(depths.float(), stable=True)
+        order = order[visible[order]]
+        all_radii = torch.zeros(len(splats.means), dtype=torch.int32)
+        all_radii[ids] = radii
+    a, b, c, det = a[order], b[order], c[order], det[order]
+    zeros = torch.zeros_like(a)
+    whiten = torch.stack((c / (c * det).sqrt(), -b / (c * det).sqrt(), zeros, 1.0 / c.sqrt()), dim=1).reshape(-1, 2, 2)
+    ids = ids[order]
+    return (
+        _Projected(ids, centers[order], whiten, points[order, 2], opacities[order], splats.features[ids].double()),
+        all_radii,
+    )
+
+
+def _rotations(quats: Tensor) -> Tensor:
+    """[V, 3, 3] from w x y z of any length; scaled first, so that a length of 1e-30 or 1e30 does no harm."""
+    quats = quats / quats.detach().abs().amax(dim=1, keepdim=True)
+    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True)).unbind(dim=1)
+    rows = (
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip
+    return torch.stack(rows, dim=1).reshape(-1, 3, 3)
+
+
+def _jacobians(points: Tensor, camera: Camera) -> Tensor:
+    """[V, 2, 3] of the perspective map, its direction clamped as in gsplat (far off-axis J would explode)."""
+    x, y, z = points.unbind(dim=1)
+    margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
+    low_x, high_x = -camera.cx / camera.fx - margin_x, (camera.width - camera.cx) / camera.fx + margin_x
+    low_y, high_y = -camera.cy / camera.fy - margin_y, (camera.height - camera.cy) / camera.fy + margin_y
+    u, v = (x / z).clamp(low_x, high_x), (y / z).clamp(low_y, high_y)
+    zero = torch.zeros_like(z)
+    rows = (camera.fx / z, zero, -camera.fx * u / z, zero, camera.fy / z, -camera.fy * v / z)
+    return torch.stack(rows, dim=1).reshape(-1, 2, 3)
+
+
+def _determinant(factor: Tensor, eps2d: float) -> Tensor:
+    """det(F Fᵀ + eps I) by Cauchy-Binet: a sum of squares, where a·c − b² would cancel for needles."""
+    cross: Tensor = torch.linalg.cross(factor[:, 0], factor[:, 1])
+    return (cross * cross).sum(dim=1) + eps2d * (factor * factor).sum(dim=(1, 2)) + eps2d**2
+
+
+def _footprints(
+    a: Tensor, b: Tensor, c: Tensor, det: Tensor, centers: Tensor, reach: Tensor, camera: Camera
+) -> tuple[Tensor, Tensor]:
+    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel centre."""
+    largest = 0.5 * (a + c) + (0.25 * (a - c) ** 2 + b * b).sqrt()
+    radii = (reach * largest).sqrt().clamp(max=_MAX_RADIUS).ceil().clamp(min=1.0)
+    visible = torch.isfinite(radii) & torch.isfinite(centers).all(dim=1) & (det > 0) & torch.isfinite(det)
+    for axis, (variance, size) in enumerate(((a, camera.width), (c, camera.height))):
+        half = (reach * variance).sqrt()
+        first = (centers[:, axis] - half - 0.5).ceil().clamp(min=0)
+        last = (centers[:, axis] + half - 0.5).floor().clamp(max=size - 1)
+        visible &= first <= last
+    return torch.where(visible, radii, 0.0).to(torch.int32), visible
+
+
+def _check_pairs(
+    a: Tensor, c: Tensor, centers: Tensor, reach: Tensor, visible: Tensor, camera: Camera, settings: RasterSettings
+) -> None:
+    """The bound counts tiles of 16×16 pixels that a bounding box touches."""
+    pairs = torch.ones_like(a)
+    for axis, (variance, size) in enumerate(((a, camera.width), (c, camera.height))):
+        half = (reach * variance).sqrt()
+        tiles = (size + _TILE - 1) // _TILE
+        first = ((centers[:, axis] - half) / _TILE).floor().clamp(0, tiles - 1)
+        last = ((centers[:, axis] + half) / _TILE).floor().clamp(0, tiles - 1)
+        pairs = pairs * (last - first + 1)
+    total = int(pairs[visible].sum())
+    if total > settings.max_pairs:
+        raise pair_bound_error(total, settings.max_pairs)
+
+
+def pair_bound_error(pairs: int, max_pairs: int) -> ResourceError:
+    """What every backend raises when a view needs more Gaussian-tile pairs than its settings allow."""
+    return ResourceError(
+        f"this view needs {pairs} Gaussian-tile pairs, max_pairs is {max_pairs}",
+        field="max_pairs",
+        limit=f"{max_pairs} pairs (max_pairs)",
+        hint="Render a smaller image, remove oversized Gaussians, or raise max_pairs (about 100 bytes a pair).",
+    )
+
+
+def _pixel_chunks(camera: Camera, gaussians: int) -> list[Tensor]:
+    """Pixel centres, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
+    y, x = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
+    centers = torch.stack((x, y), dim=-1).reshape(-1, 2).double() + 0.5
+    return list(torch.split(centers, max(1, _CHUNK // max(1, gaussians))))
+
+
+def _weights(projected: _Projected, pixels: Tensor, settings: RasterSettings) -> tuple[Tensor, Tensor, Tensor]:
+    """Blend weights w [P, V], transmittance [P, V + 1] without the stopped ones, transmittance before each [P, V]."""
+    offsets = pixels[:, None, :] - projected.centers[None]
+    white = torch.einsum("vij,pvj->pvi", projected.whiten, offsets)
+    alpha = projected.opacities * torch.exp(-0.5 * (white * white).sum(dim=-1))
+    kept = torch.where(alpha < settings.alpha_min, 0.0, alpha.clamp(max=settings.alpha_max))
+    one = torch.ones(len(pixels), 1, dtype=torch.float64)
+    running = torch.cat((one, torch.cumprod(1.0 - kept, dim=1)), dim=1)
+    # Transmittance never rises, so everything behind the Gaussian that would cross the limit is out as well.
+    going = running[:, 1:] > settings.transmittance_min
+    kept = torch.where(going, kept, 0.0)
+    transmittance = torch.cat((one, torch.cumprod(1.0 - kept, dim=1)), dim=1)
+    return kept * transmittance[:, :-1], transmittance, transmittance[:, :-1]
