@@ -1,0 +1,1 @@
+"""Durable jobs: one worker process that takes them, one trainer process for each."""

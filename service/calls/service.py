@@ -111,6 +111,7 @@ class SceneService:
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             remove(self._store.blobs.upload(operation.upload_id))
             remove(self._store.blobs.job(operation.id))
+            remove(self._store.blobs.log(operation.id))
 
     def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
         """Ask one scene; one answer a text, in order.

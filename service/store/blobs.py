@@ -51,8 +51,8 @@ class Blobs:
         target.parent.mkdir(parents=True, exist_ok=True)
         sync_tree(source)
         source.rename(target)
-        _sync_folder(target.parent)
-        _sync_folder(target.parent.parent)
+        sync_folder(target.parent)
+        sync_folder(target.parent.parent)
         return target
 
     def _folder(self, *names: str) -> Path:
@@ -75,8 +75,8 @@ def sync_tree(folder: Path) -> None:
     for current, _, files in os.walk(folder):
         for name in files:
             _sync(Path(current) / name, os.O_RDONLY)
-        _sync_folder(Path(current))
-    _sync_folder(folder.parent)
+        sync_folder(Path(current))
+    sync_folder(folder.parent)
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -87,10 +87,11 @@ def write_durably(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     beside.replace(path)
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Make what was created in, renamed into or removed from a folder survive a power cut."""
     _sync(folder, os.O_RDONLY | os.O_DIRECTORY)
 
 

@@ -161,11 +161,17 @@ class JobRows:
         with self._reading.connect() as connection:
             return frozenset(operation_ids) - frozenset(connection.scalars(alive))
 
-    def live_uploads(self) -> frozenset[str]:
-        """Uploads that a queued or running operation needs."""
-        query = select(operations.c.upload_id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
+    def uploads(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Uploads that a queued or running operation needs, and those whose operation has ended."""
         with self._reading.connect() as connection:
-            return frozenset(connection.scalars(query))
+            rows = connection.execute(select(operations.c.upload_id, operations.c.state)).all()
+        live = frozenset(upload_id for upload_id, state in rows if state in ("QUEUED", "RUNNING"))
+        return live, frozenset(upload_id for upload_id, _ in rows) - live
+
+    def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
+        """Which of these scenes do not exist (any more)."""
+        with self._reading.connect() as connection:
+            return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
 
     def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
         with self._engine.begin() as connection:

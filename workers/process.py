@@ -1,0 +1,105 @@
+"""A trainer process seen from its supervisor."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from workers.protocol import Event, Job, read_event
+from workers.trainer import PARENT_VARIABLE
+
+# The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.
+_forker = ThreadPoolExecutor(1, thread_name_prefix="forker")
+_GRACE_S = 2.0
+
+
+class TrainerProcess:
+    """One running trainer, its process group and its events."""
+
+    def __init__(self, job: Job, stages: str, log: Path) -> None:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        self._process = _forker.submit(_start, job, log).result()
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._ended_at: float | None = None
+        threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # died already: its exit status tells
+            self._process.stdin.write(job.to_line(stages))
+            self._process.stdin.flush()
+
+    @property
+    def pid(self) -> int:
+        """Process id, and that of its group."""
+        return self._process.pid
+
+    def next(self, timeout: float) -> Event | None:
+        """The next event, or None after `timeout` seconds without one.
+
+        Raises:
+            EOFError: the process is over and has no more to say; `status` tells how it ended.
+        """
+        try:
+            event = self._events.get(timeout=timeout)
+        except queue.Empty:
+            # A stray grandchild may hold the pipe open after the trainer's death; do not wait for that.
+            if self._process.poll() is not None:
+                self._ended_at = self._ended_at or time.monotonic()
+                if time.monotonic() - self._ended_at > _GRACE_S:
+                    raise EOFError from None
+            return None
+        if event is None:
+            self._events.put(None)
+            raise EOFError
+        return event
+
+    def status(self) -> str:
+        """How the process ended, in words; call it after `next` said so."""
+        try:
+            code = self._process.wait(timeout=_GRACE_S)
+        except subprocess.TimeoutExpired:
+            return "it closed its pipe and hung"
+        if code >= 0:
+            return f"it left with exit status {code}"
+        name = signal.Signals(-code).name
+        why = ", most often the kernel's out-of-memory killer" if name == "SIGKILL" else ""
+        return f"it was killed by {name}{why}"
+
+    def kill(self) -> None:
+        """End the whole process group, now. May be called twice."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+        self._process.wait()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as stream:
+            for line in stream:
+                with contextlib.suppress(ValueError, TypeError):  # a line cut off by the process's death
+                    self._events.put(read_event(line))
+        self._events.put(None)
+
+
+def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
+    environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
+    if job.settings.jobs.threads_per_job:
+        environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)
+    with log.open("ab") as stderr:
+        return subprocess.Popen(
+            [sys.executable, "-m", "workers.trainer"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            env=environment,
+            start_new_session=True,
+        )

@@ -1,0 +1,98 @@
+"""How a trainer and its supervisor talk: one JSON object a line, a spec down, events up."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from service.calls.translate import options_of
+from service.calls.types import SceneOptions
+from service.common.progress import ProgressEvent
+from service.settings import Settings
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that a trainer needs to know.
+
+    Attributes:
+        operation_id: whose job this is.
+        attempt: counts the trainers of this job; part of the name of everything unfinished.
+        upload: the admitted upload's folder.
+        folder: the job's work folder, shared by all attempts.
+        options: the user's choices.
+        settings: the operator's.
+    """
+
+    operation_id: str
+    attempt: int
+    upload: Path
+    folder: Path
+    options: SceneOptions
+    settings: Settings
+
+    def result(self, stage: str) -> Path:
+        """Where the finished result of a stage is; if this folder exists, it is whole."""
+        return self.folder / stage
+
+    def to_line(self, stages: str) -> bytes:
+        """The spec a trainer reads first; the database's URL, which may hold a password, stays here."""
+        spec = {
+            "operation_id": self.operation_id,
+            "attempt": self.attempt,
+            "upload": str(self.upload),
+            "folder": str(self.folder),
+            "options": asdict(self.options),
+            "settings": self.settings.model_dump(mode="json", exclude={"database_url"}),
+            "stages": stages,
+        }
+        return json.dumps(spec).encode() + b"\n"
+
+
+def read_job(line: bytes) -> tuple[Job, str]:
+    """Back from `Job.to_line`, with the name of the stages to run."""
+    spec = json.loads(line)
+    job = Job(
+        operation_id=spec["operation_id"],
+        attempt=spec["attempt"],
+        upload=Path(spec["upload"]),
+        folder=Path(spec["folder"]),
+        options=options_of(spec["options"]),
+        settings=Settings(**spec["settings"]),
+    )
+    return job, spec["stages"]
+
+
+@dataclass(frozen=True)
+class Done:
+    """A stage's result lies whole in the work folder; `seconds` is what it took, 0.0 if it was there before."""
+
+    stage: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A stage ended with an error: an `OperationError` as JSON."""
+
+    error: Mapping[str, Any]
+
+
+Event = ProgressEvent | Done | Failed
+
+
+def event_to_line(event: Event) -> bytes:
+    """One line for the pipe."""
+    kind = {ProgressEvent: "progress", Done: "done", Failed: "failed"}[type(event)]
+    return json.dumps({kind: asdict(event)}, default=float).encode() + b"\n"
+
+
+def read_event(line: bytes) -> Event:
+    """Back from `event_to_line`."""
+    ((kind, values),) = json.loads(line).items()
+    if kind == "done":
+        return Done(**values)
+    return Failed(**values) if kind == "failed" else ProgressEvent(**values)

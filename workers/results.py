@@ -1,0 +1,101 @@
+"""Stage results in a job's work folder: whole or absent, and never mixed up between attempts."""
+
+from __future__ import annotations
+
+import errno
+import json
+import re
+import shutil
+import traceback
+from pathlib import Path
+from typing import Any
+
+from service.common.errors import FastSplatError, Kind, ResourceError
+from service.store.blobs import remove, sync_folder, sync_tree
+from workers.protocol import Job
+
+_TIMES = "stage.json"
+
+
+def start_stage(job: Job, stage: str) -> Path:
+    """An empty folder of this attempt's own to put a stage's result in; another attempt has another."""
+    folder = job.folder / f"{stage}.{job.attempt}.part"
+    remove(folder)
+    folder.mkdir(parents=True)
+    return folder
+
+
+def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
+    """Make a result the result, durably. If another attempt was faster, its result stands."""
+    (folder / _TIMES).write_text(json.dumps({"seconds": seconds, "attempt": job.attempt}))
+    sync_tree(folder)
+    try:
+        folder.rename(job.result(stage))
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        remove(folder)
+    sync_folder(job.folder)
+
+
+def stage_seconds(job: Job, stage: str) -> float:
+    """How long the attempt that finished a stage needed for it."""
+    return float(json.loads((job.result(stage) / _TIMES).read_text())["seconds"])
+
+
+def checkpoint_folder(job: Job) -> Path:
+    """This attempt's checkpoints, begun as a copy of the newest earlier attempt's, if any.
+
+    A frozen worker's trainer may wake and write its own; it never writes these.
+    """
+    mine = job.folder / f"checkpoint.{job.attempt}"
+    if mine.is_dir():
+        return mine
+    earlier = {
+        int(match[1]): path
+        for path in job.folder.iterdir()
+        if (match := re.fullmatch(r"checkpoint\.(\d+)", path.name)) and int(match[1]) < job.attempt
+    }
+    copying = job.folder / f"checkpoint.{job.attempt}.part"
+    remove(copying)
+    if earlier:
+        shutil.copytree(earlier[max(earlier)], copying)
+    else:
+        copying.mkdir()
+    copying.rename(mine)
+    return mine
+
+
+def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
+    """An `OperationError` as JSON; the whole trace goes to the log."""
+    traceback.print_exception(error)
+    if isinstance(error, MemoryError):
+        error = ResourceError(
+            "the trainer ran out of memory", field=stage, hint="Use fewer or smaller images, or a larger machine."
+        )
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        error = ResourceError(
+            "the disk is full", field="data_dir", hint="Free space in the server's data folder, then post again."
+        )
+    if isinstance(error, FastSplatError):
+        return error_to_json(error, stage)
+    message = f"{type(error).__name__}: {error}"[:500]
+    details = {"hint": "This is a defect of the server; its operator finds the trace in the log.", "log": _log(job)}
+    return {
+        "kind": Kind.INTERNAL.value, "reason": "INTERNAL", "message": message, "stage": stage, "details": details
+    }  # fmt: skip
+
+
+def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, Any]:
+    """A typed error as the durable `OperationError`."""
+    return {
+        "kind": error.kind.value,
+        "reason": error.reason,
+        "message": error.message,
+        "stage": stage,
+        "details": {**error.details(), **more},
+    }
+
+
+def _log(job: Job) -> str:
+    return f"logs/{job.operation_id}.log"

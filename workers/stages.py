@@ -1,0 +1,138 @@
+"""The four stages of a job as one trainer process runs them: files in, files out, pure functions in between."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.calls.translate import camera_to_json
+from service.capture import build_capture, load_capture
+from service.capture.types import Capture
+from service.common.progress import STAGES, Progress, ProgressEvent
+from service.perception import label_capture, load_labelling, save_labelling
+from service.perception.text import open_text_encoder
+from service.perception.types import Labelling
+from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from service.splatting import train
+from service.splatting.settings import TrainingSettings
+from service.splatting.types import TrainedSplats
+from workers.protocol import Job
+from workers.results import checkpoint_folder, stage_seconds
+
+Stage = Callable[[Job, Path, Progress], None]
+"""Reads earlier results through `Job.result`, writes its own into the folder given, reports progress."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What a trainer runs, in the order of `STAGES`."""
+
+    capture: Stage
+    perception: Stage
+    training: Stage
+    export: Stage
+
+
+def _capture(job: Job, folder: Path, progress: Progress) -> None:
+    build_capture(job.upload, folder, job.settings.capture, progress)
+
+
+def _perception(job: Job, folder: Path, progress: Progress) -> None:
+    settings = job.settings
+    capture = load_capture(job.result("capture"))
+    labelling = label_capture(capture, settings.perception, settings.models, job.options.labels, progress)
+    save_labelling(labelling, folder)
+
+
+def _training(job: Job, folder: Path, progress: Progress) -> None:
+    capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
+    trained = train(capture, labelling, _training_settings(job), progress, checkpoint_dir=checkpoint_folder(job))
+    save_trained(trained, folder)
+
+
+def _export(job: Job, folder: Path, progress: Progress) -> None:
+    capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
+    trained = load_trained(job.result("training"))
+    encoder = open_text_encoder(job.settings.perception.text_encoder, job.settings.models)
+    labels = [entry.label for entry in labelling.dictionary.entries]
+    progress(ProgressEvent("export", 0.1, f"embedding {len(labels)} labels"))
+    # Encoding one harmless word instead of none gives the embeddings' width also for a scene without labels.
+    embeddings = encoder.encode(labels or ["object"])[: len(labels)]
+    scene = Scene(
+        gaussians=trained.gaussians,
+        head=trained.head,
+        dictionary=labelling.dictionary,
+        label_embeddings=embeddings,
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=tuple(view.posed for view in capture.views),
+        scale=capture.scale,
+        training=_training_settings(job).model_dump(mode="json"),
+        quality=_quality(job, capture, trained),
+    )
+    progress(ProgressEvent("export", 0.4, "writing the scene"))
+    write_scene(scene, folder / "artefact")
+    progress(ProgressEvent("export", 0.7, "writing the PLY file"))
+    write_ply(scene.gaussians, folder / "scene.ply")
+    (folder / "summary.json").write_text(json.dumps(_summary(scene, labelling)))
+
+
+STAGES_OF_THE_PRODUCT = Stages(_capture, _perception, _training, _export)
+
+
+def save_trained(trained: TrainedSplats, folder: Path) -> None:
+    """Keep a training result for the export stage."""
+    arrays = {**vars(trained.gaussians), "weight": trained.head.weight, "bias": trained.head.bias}
+    np.savez(folder / "arrays.npz", **arrays)
+    report = {"quality": dict(trained.quality), "held_out": list(trained.held_out)}
+    (folder / "report.json").write_text(json.dumps(report, default=float))
+
+
+def load_trained(folder: Path) -> TrainedSplats:
+    """Back from `save_trained`, exactly."""
+    with np.load(folder / "arrays.npz", allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))
+    report = json.loads((folder / "report.json").read_text())
+    return TrainedSplats(Gaussians(**arrays), head, report["quality"], tuple(report["held_out"]))
+
+
+def _training_settings(job: Job) -> TrainingSettings:
+    chosen = {"time_budget_s": job.options.time_budget_s, "max_gaussians": job.options.max_gaussians}
+    return job.settings.training.model_copy(update={name: value for name, value in chosen.items() if value is not None})
+
+
+def _quality(job: Job, capture: Capture, trained: TrainedSplats) -> dict[str, Any]:
+    report = capture.report
+    return {
+        **trained.quality,
+        "gaussians": len(trained.gaussians),
+        "held_out_views": list(trained.held_out),
+        "images": report.images,
+        "registered": len(capture.views),
+        "unregistered": list(report.unregistered),
+        "source": report.source,
+        "warnings": list(report.warnings),
+        "mean_reprojection_error_px": report.mean_reprojection_error_px,
+        "stage_seconds": {stage: stage_seconds(job, stage) for stage in STAGES if stage != "export"},
+    }
+
+
+def _summary(scene: Scene, labelling: Labelling) -> dict[str, Any]:
+    logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
+    counts = np.bincount(logits.argmax(axis=1), minlength=len(scene.dictionary) + 1)
+    rows = [
+        {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
+        for number, entry in enumerate(labelling.dictionary.entries, start=1)
+    ]
+    return {
+        "gaussians": len(scene.gaussians),
+        "scale": scene.scale,
+        "dictionary": rows,
+        "cameras": [camera_to_json(posed) for posed in scene.cameras],
+        "quality": dict(scene.quality),
+    }

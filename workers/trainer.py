@@ -1,0 +1,100 @@
+"""The trainer process: `python -m workers.trainer`, one job, then exit.
+
+It reads its spec as the first line of stdin; stdin then stays open as long as its supervisor lives. Events leave as
+JSON lines on what was stdout; whatever native code prints goes to stderr, the job's log.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from workers.lifeline import die_with_parent, guard_group
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from workers.protocol import Event, Job
+    from workers.stages import Stages
+
+PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
+_NICENESS = 5
+_PROGRESS_S = 0.1
+
+
+def main() -> int:
+    """Run one job's missing stages. Exit status: 0 all stages done, 1 a failure was reported."""
+    die_with_parent(int(os.environ[PARENT_VARIABLE]))
+    os.nice(_NICENESS)  # the faces of the same machine go first
+    events = os.dup(1)
+    os.dup2(2, 1)
+    spec = _first_line(0)
+    guard_group()
+
+    from workers.protocol import event_to_line, read_job
+
+    job, name = read_job(spec)
+    return _run(job, name, lambda event: _write(events, event_to_line(event)))
+
+
+def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
+    import time
+
+    from service.common.progress import STAGES, ProgressEvent
+    from workers.protocol import Done, Failed
+    from workers.results import describe, finish_stage, start_stage
+
+    sent = {"at": 0.0, "fraction": 2.0}
+
+    def progress(event: ProgressEvent) -> None:
+        now = time.monotonic()
+        if now - sent["at"] >= _PROGRESS_S or event.fraction < sent["fraction"] or event.fraction >= 1:
+            sent.update(at=now, fraction=event.fraction)
+            send(event)
+
+    stages: Stages | None = None
+    for stage in STAGES:
+        if job.result(stage).is_dir():
+            send(Done(stage, 0.0))
+            continue
+        try:
+            progress(ProgressEvent(stage, 0.0, f"starting {stage}"))
+            started = time.monotonic()
+            stages = stages or _find(name)
+            folder = start_stage(job, stage)
+            getattr(stages, stage)(job, folder, progress)
+            seconds = time.monotonic() - started
+            finish_stage(job, stage, folder, seconds)
+            send(Done(stage, seconds))
+        except Exception as error:
+            send(Failed(describe(error, stage, job)))
+            return 1
+    return 0
+
+
+def _find(name: str) -> Stages:
+    import importlib
+
+    module, attribute = name.split(":")
+    stages: Stages = getattr(importlib.import_module(module), attribute)
+    return stages
+
+
+def _first_line(descriptor: int) -> bytes:
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = os.read(descriptor, 1)
+        if not byte:
+            os._exit(1)
+        line += byte
+    return bytes(line)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
