@@ -2,18 +2,50 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+def _one_slot(template: str) -> str:
+    if template.count("{}") != 1:
+        raise ValueError(f"the template {template!r} needs exactly one {{}}")
+    return template
 
 
 class QuerySettings(BaseModel):
-    """How a text is compared with the dictionary."""
+    """How a text is compared with the dictionary, and how an answer becomes a picture."""
 
     model_config = ConfigDict(frozen=True)
 
-    negatives: tuple[str, ...] = ("object", "things", "stuff", "texture")
+    negatives: Annotated[tuple[str, ...], Field(min_length=1)] = ("object", "things", "stuff", "texture")
     """Canonical negatives (LERF)."""
-    temperature: float = 10.0
+    temperature: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 10.0
     """t of the pairwise softmax (LERF)."""
+    templates: Annotated[tuple[Annotated[str, AfterValidator(_one_slot)], ...], Field(min_length=1)] = (
+        "{}",
+        "a photo of a {}",
+    )
+    """Sentences a name is put into before it is embedded; a name's embedding is the mean over them, of unit length.
+    Measured for MiniLM by benchmarks/calibration."""
+    score: Literal["similarity", "relevancy"] = "similarity"
+    """What orders the entries and is held against the encoder's threshold. LERF's relevancy subtracts from each entry
+    its own likeness to the canonical negatives, which for text against text reorders entries for the worse (measured
+    by benchmarks/calibration); it is reported either way."""
+    threshold: float | None = None
+    """From this score an entry counts as related; None takes the encoder's calibrated threshold. For `relevancy` the
+    score is the margin d·q − max_j d·c_j, which is 0 where the relevancy is 0.5, at any temperature."""
+    exact_threshold: float | None = None
+    """From this score an entry counts as the thing itself; None takes the encoder's calibrated threshold."""
     max_text_chars: int = 1_000
     max_texts: int = 64
     max_poses: int = 64
+    cached_texts: Annotated[int, Field(ge=0)] = 4_096
+    """Embeddings of recent texts that are kept, per open scene."""
+
+    backend: Literal["reference", "cpu", "cuda"] = "cpu"
+    """Rasterizer."""
+    alpha_min: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Pixels less covered than this belong to no mask and have no depth."""
+    max_image_side: int = 4_096
+    """Pixels; larger views are refused."""

@@ -22,7 +22,8 @@ class Match:
         similarity: cosine of the entry's and the query's embeddings, −1..1.
         nearest_negative: the canonical negative that set the relevancy.
         gaussian_count: Gaussians whose most probable class is this entry.
-        relevant: whether the entry passes the encoder's threshold (or is the entry asked for by name).
+        relevant: whether the answer speaks of this entry: for `exact` the thing itself and nothing else, for
+            `related` every entry that passes the encoder's threshold.
     """
 
     label_id: int
@@ -42,7 +43,8 @@ class Answer:
         text: the query as asked.
         verdict: `exact`: an entry is the thing asked for; `related`: something close is here, and its label says what;
             `absent`: nothing relevant is here.
-        matches: every entry, by descending relevancy; an exact entry leads.
+        matches: every entry; relevant ones lead, each group by descending score (`QuerySettings.score`: similarity,
+            or relevancy as in the paper).
         explanation: one sentence for people, e.g. 'No "fork" here; the closest is "spoon".'
     """
 

@@ -48,6 +48,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
         Manifest(
             dictionary=scene.dictionary,
             text_encoder=scene.text_encoder,
+            label_templates=scene.label_templates,
             scale=scene.scale,
             training=scene.training,
             quality=scene.quality,
@@ -106,6 +107,7 @@ def read_scene(folder: Path) -> Scene:
         dictionary=manifest.dictionary,
         label_embeddings=arrays["label_embeddings"],
         text_encoder=manifest.text_encoder,
+        label_templates=manifest.label_templates,
         cameras=cameras_from_bytes(cameras_bytes),
         scale=manifest.scale,
         training=manifest.training,

@@ -28,13 +28,14 @@ class Manifest:
     """The part of a scene that is not arrays or cameras.
 
     Attributes:
-        dictionary, text_encoder, scale, training, quality: as in `Scene`.
+        dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
     """
 
     dictionary: Dictionary
     text_encoder: tuple[str, str]
+    label_templates: tuple[str, ...]
     scale: Literal["METRIC", "ARBITRARY"]
     training: Mapping[str, Any]
     quality: Mapping[str, Any]
@@ -56,6 +57,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "schema": SCHEMA,
         "dictionary": [asdict(entry) for entry in manifest.dictionary.entries],
         "text_encoder": {"name": manifest.text_encoder[0], "sha256": manifest.text_encoder[1]},
+        "label_templates": list(manifest.label_templates),
         "scale": manifest.scale,
         "training": dict(manifest.training),
         "quality": dict(manifest.quality),
@@ -108,6 +110,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     return Manifest(
         dictionary=dictionary,
         text_encoder=(checked.text_encoder.name, checked.text_encoder.sha256),
+        label_templates=tuple(checked.label_templates),
         scale=checked.scale,
         training=checked.training,
         quality=checked.quality,
@@ -181,6 +184,7 @@ class _Body(_Strict):
     schema_: int = Field(alias="schema")
     dictionary: list[_Entry]
     text_encoder: _Encoder
+    label_templates: list[str]
     scale: Literal["METRIC", "ARBITRARY"]
     training: dict[str, Any]
     quality: dict[str, Any]

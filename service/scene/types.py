@@ -80,6 +80,7 @@ class Scene:
         scale: whether scene units are metres.
         training: the settings it was trained with, JSON-ready.
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
+        label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
     """
 
     gaussians: Gaussians
@@ -91,6 +92,7 @@ class Scene:
     scale: Literal["METRIC", "ARBITRARY"]
     training: Mapping[str, Any] = field(default_factory=dict)
     quality: Mapping[str, Any] = field(default_factory=dict)
+    label_templates: tuple[str, ...] = ("{}",)
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1

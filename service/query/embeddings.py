@@ -1,0 +1,77 @@
+"""Names to unit vectors through prompt templates, with a memory of recent ones."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.dictionary import Dictionary
+from service.common.errors import ModelUnavailableError
+from service.query.settings import QuerySettings
+
+if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely know the settings
+    from service.perception.text import TextEncoder
+
+F32 = NDArray[np.float32]
+_DEFAULTS = QuerySettings()
+
+
+def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[str]) -> F32:
+    """float32 [B, E], unit length: the mean over templates of the encoder's embeddings (CLIP's prompt ensembling,
+    Radford et al. 2021, section 3.1.4).
+
+    Raises:
+        ModelUnavailableError: the encoder answers with other shapes, or numbers that are not finite.
+    """
+    if not names:
+        return np.zeros((0, 0), dtype=np.float32)
+    sentences = [template.replace("{}", name) for name in names for template in templates]
+    vectors = np.asarray(encoder.encode(sentences), dtype=np.float64)
+    if vectors.ndim != 2 or len(vectors) != len(sentences) or not np.isfinite(vectors).all():
+        raise ModelUnavailableError(
+            f"text encoder {encoder.name} answered {len(sentences)} texts with shape {vectors.shape}",
+            field="text_encoder",
+            hint="Check the model files with `fastsplat models list`.",
+        )
+    mean = vectors.reshape(len(names), len(templates), -1).mean(axis=1)
+    length = np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    return np.asarray(mean / length, dtype=np.float32)
+
+
+def embed_labels(dictionary: Dictionary, encoder: TextEncoder, templates: Sequence[str] = _DEFAULTS.templates) -> F32:
+    """float32 [N, E]: what a scene stores as `label_embeddings`, with `label_templates` = `templates`."""
+    return embed_names([entry.label for entry in dictionary.entries], encoder, templates)
+
+
+class TextCache:
+    """The embeddings of the texts asked most recently. Threads may share it."""
+
+    def __init__(self, encoder: TextEncoder, templates: Sequence[str], size: int) -> None:
+        self._encoder = encoder
+        self._templates = tuple(templates)
+        self._size = size
+        self._known: OrderedDict[str, F32] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def embed(self, names: Sequence[str]) -> F32:
+        """float32 [B, E], unit length; the encoder runs once, for the names that are new."""
+        found: dict[str, F32] = {}
+        with self._lock:
+            for name in names:
+                if name in self._known:
+                    self._known.move_to_end(name)
+                    found[name] = self._known[name]
+        new = [name for name in dict.fromkeys(names) if name not in found]
+        if new:
+            found |= dict(zip(new, embed_names(new, self._encoder, self._templates), strict=True))
+            with self._lock:
+                for name in new:
+                    self._known[name] = found[name]
+                while len(self._known) > self._size:
+                    self._known.popitem(last=False)
+        return np.stack([found[name] for name in names])

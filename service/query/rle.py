@@ -1,0 +1,93 @@
+"""Masks as text and bytes: COCO run lengths for images, packed bits for Gaussians."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.errors import InvalidInputError
+
+_MAX_PIXELS = 1 << 28
+
+
+def encode_rle(mask: NDArray[np.bool_]) -> str:
+    """COCO's ascii counts of a bool [H, W] mask.
+
+    Runs go down the columns and begin with background. From the fourth run on, a run is written as its difference to
+    the run two before; numbers are little-endian base 32 with a continuation bit, from character 48 on. This is the
+    `counts` of pycocotools (rleToString in its maskApi.c); `size` is [H, W].
+    """
+    runs = _runs(mask)
+    letters: list[str] = []
+    for index, run in enumerate(runs):
+        number = run - runs[index - 2] if index > 2 else run
+        more = True
+        while more:
+            digit = number & 0x1F
+            number >>= 5
+            more = number != -1 if digit & 0x10 else number != 0
+            letters.append(chr((digit | 0x20 if more else digit) + 48))
+    return "".join(letters)
+
+
+def decode_rle(counts: str, height: int, width: int) -> NDArray[np.bool_]:
+    """bool [H, W] of COCO's ascii counts.
+
+    Raises:
+        InvalidInputError: a size out of bounds, a letter outside COCO's alphabet, or runs that do not fill the image.
+    """
+    if height < 0 or width < 0 or height * width > _MAX_PIXELS:
+        raise _bad(f"a mask of {height}×{width} pixels", limit=f"{_MAX_PIXELS} pixels")
+    runs: list[int] = []
+    number, shift = 0, 0
+    for letter in counts:
+        code = ord(letter) - 48
+        if not 0 <= code < 64 or shift > 35:
+            raise _bad(f"run-length counts with {letter!r} at number {len(runs)}")
+        number |= (code & 0x1F) << shift
+        shift += 5
+        if code & 0x20:
+            continue
+        if code & 0x10:
+            number -= 1 << shift
+        run = number + runs[-2] if len(runs) > 2 else number
+        if not 0 <= run <= height * width:
+            raise _bad(f"a run of {run} pixels in a mask of {height}×{width}")
+        runs.append(run)
+        number, shift = 0, 0
+    if shift or sum(runs) != height * width:
+        raise _bad(f"run-length counts of {sum(runs)} pixels for a mask of {height}×{width}")
+    values = np.arange(len(runs)) % 2 == 1
+    return np.repeat(values, runs).reshape(width, height).T
+
+
+def pack_bits(mask: NDArray[np.bool_]) -> bytes:
+    """A bool [G] mask as ceil(G / 8) bytes, most significant bit first, the last byte filled with zeros."""
+    return np.packbits(mask).tobytes()
+
+
+def unpack_bits(data: bytes, count: int) -> NDArray[np.bool_]:
+    """bool [count] of packed bits.
+
+    Raises:
+        InvalidInputError: not ceil(count / 8) bytes, or bits set in the filling.
+    """
+    bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
+    if count < 0 or len(data) != -(-count // 8) or bits[count:].any():
+        raise _bad(f"{len(data)} bytes of packed bits for {count} Gaussians")
+    return np.asarray(bits[:count].astype(np.bool_))
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[int]:
+    """Lengths of the alternating runs down the columns, background first (a length of 0 if the first pixel is set)."""
+    flat = np.asarray(mask, dtype=np.bool_).reshape(-1, order="F")
+    if not len(flat):
+        return []
+    edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    bounds = np.concatenate([[0], edges, [len(flat)]])
+    runs: list[int] = np.diff(bounds).tolist()
+    return [0, *runs] if flat[0] else runs
+
+
+def _bad(message: str, limit: str = "") -> InvalidInputError:
+    return InvalidInputError(message, field="mask", limit=limit, hint="Send COCO RLE counts that match the size.")
