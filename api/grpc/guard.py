@@ -1,0 +1,41 @@
+"""What surrounds every RPC: its request id, its errors as google.rpc.Status, its line in the log."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, TypeAlias
+
+from grpc import aio
+from grpc_status import rpc_status
+
+from api.errors import accepted_request_id, problem_of
+
+Context: TypeAlias = aio.ServicerContext[Any, Any]
+
+_log = logging.getLogger(__name__)
+_KEY = "x-request-id"
+
+
+@asynccontextmanager
+async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
+    """Run an RPC's body; whatever it raises becomes the RPC's status with its details."""
+    metadata = dict(context.invocation_metadata() or ())
+    request_id = accepted_request_id(str(metadata.get(_KEY, "")))
+    context.set_trailing_metadata(((_KEY, request_id),))
+    started = time.perf_counter()
+    outcome = "OK"
+    try:
+        yield
+    except asyncio.CancelledError:
+        outcome = "CANCELLED"
+        raise
+    except Exception as error:
+        problem = problem_of(error, request_id)
+        outcome = problem.status.grpc.name
+        await context.abort_with_status(rpc_status.to_status(problem.as_rpc_status()))
+    finally:
+        _log.info("%s %s %s %.1f ms", request_id, rpc, outcome, 1000 * (time.perf_counter() - started))

@@ -1,0 +1,65 @@
+"""The gRPC server: `grpc.aio`, as a robot's stream that idles for hours must not hold a thread."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from grpc import aio
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from api.grpc.servicer import SceneServicer
+from api.threads import Threads
+from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
+from service.calls.service import SceneService
+from service.common.errors import ResourceError
+
+MAX_MESSAGE_BYTES = 4 * 2**20
+"""gRPC's own default, which every client has; what could pass it is streamed."""
+
+_SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
+
+
+@dataclass(frozen=True)
+class RunningServer:
+    """A started server.
+
+    Attributes:
+        port: where it listens.
+    """
+
+    port: int
+    _server: aio.Server
+    _health: health.aio.HealthServicer
+
+    async def stop(self, grace_s: float) -> None:
+        """Say NOT_SERVING, take no new calls, give the others `grace_s` seconds."""
+        await self._health.enter_graceful_shutdown()
+        await self._server.stop(grace_s)
+
+
+async def start_server(service: SceneService, threads: Threads, host: str, port: int) -> RunningServer:
+    """Listen on host:port (0 takes a free port) with health checks and reflection.
+
+    Raises:
+        ResourceError: the port cannot be had.
+    """
+    server = aio.server(
+        options=[
+            ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
+            ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
+        ]
+    )
+    fastsplat_pb2_grpc.add_SceneServiceServicer_to_server(SceneServicer(service, threads), server)
+    checks = health.aio.HealthServicer()
+    health_pb2_grpc.add_HealthServicer_to_server(checks, server)
+    reflection.enable_server_reflection((_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME), server)
+    try:
+        bound = server.add_insecure_port(f"[{host}]:{port}" if ":" in host else f"{host}:{port}")
+    except RuntimeError as error:
+        raise ResourceError(
+            f"gRPC cannot listen on {host}:{port}", field="grpc_port", hint="Set FASTSPLAT_GRPC_PORT to a free port."
+        ) from error
+    await server.start()
+    await checks.set(_SERVICE, health_pb2.HealthCheckResponse.SERVING)
+    return RunningServer(bound, server, checks)

@@ -1,0 +1,57 @@
+"""The FastAPI application."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from starlette.responses import FileResponse, Response
+from starlette.staticfiles import StaticFiles
+
+from api.rest import problems
+from api.rest.middleware import OuterLayer
+from api.rest.routes import health_routes, query_routes, scene_routes
+from api.threads import Threads
+from service.calls.service import SceneService
+from service.settings import Settings
+
+_WEB = Path(__file__).resolve().parent.parent / "web"
+_PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+_DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
+
+**Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
+**Units**: scene units (metres when the scene's `scale` is METRIC), seconds, pixels with centres at +0.5.
+**Errors**: RFC 9457 problems; `reason` is stable. The same content goes over gRPC as google.rpc.Status."""
+
+
+class _App(FastAPI):
+    def openapi(self) -> dict[str, Any]:
+        if self.openapi_schema is None:
+            schema = super().openapi()
+            schema["components"]["schemas"]["Problem"] = problems.Problem.model_json_schema()
+        return super().openapi()
+
+
+def create_app(service: SceneService, settings: Settings, threads: Threads | None = None) -> FastAPI:
+    """The REST face of `service`, with the web page at `/`.
+
+    Args:
+        service: what answers.
+        settings: limits on uploads.
+        threads: where blocking calls run, to share them with another face; its owner closes it.
+    """
+    threads = threads or Threads()
+    app = _App(title="FAST-Splat scene service", version="v1", description=_DESCRIPTION, redoc_url=None)
+    app.add_middleware(OuterLayer)
+    problems.install(app)
+    app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
+    app.include_router(query_routes(service, threads), tags=["queries"])
+    app.include_router(health_routes(service, threads), tags=["health"])
+
+    @app.get("/", include_in_schema=False)
+    async def page() -> Response:
+        return FileResponse(_WEB / "index.html", headers={"Content-Security-Policy": _PAGE_POLICY})
+
+    app.mount("/web", StaticFiles(directory=_WEB), name="web")
+    return app

@@ -1,0 +1,72 @@
+"""The outermost layer: request ids, a limit on small bodies, and the last resort for errors."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.errors import accepted_request_id
+from api.rest.problems import BodyTooLargeError, problem_response
+
+_log = logging.getLogger(__name__)
+_UPLOAD = ("POST", "/v1/scenes")
+
+MAX_BODY_BYTES = 4 * 2**20
+"""What a request other than an upload may weigh: as much as a gRPC message."""
+
+
+class OuterLayer:
+    """ASGI middleware; plain ASGI because a response class in between would hide the client's disconnect."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request_id = accepted_request_id(Headers(scope=scope).get("x-request-id", ""))
+        scope.setdefault("state", {})["request_id"] = request_id
+        started = time.perf_counter()
+        status = 0
+
+        async def tagged_send(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                headers = MutableHeaders(scope=message)
+                headers["X-Request-Id"] = request_id
+                headers["X-Content-Type-Options"] = "nosniff"
+            await send(message)
+
+        is_upload = (scope["method"], scope["path"]) == _UPLOAD
+        try:
+            await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
+        except ClientDisconnect:
+            _log.info("request %s: the client went away", request_id)
+        except Exception as error:
+            if status:
+                raise  # too late for another answer; the server closes the connection
+            await problem_response(request_id, error)(scope, receive, tagged_send)
+        milliseconds = 1000 * (time.perf_counter() - started)
+        _log.info("%s %s %s %d %.1f ms", request_id, scope["method"], scope["path"][:200], status, milliseconds)
+
+
+def _limited(receive: Receive) -> Receive:
+    total = 0
+
+    async def limited_receive() -> Message:
+        nonlocal total
+        message = await receive()
+        if message["type"] == "http.request":
+            total += len(message.get("body", b""))
+            if total > MAX_BODY_BYTES:
+                raise BodyTooLargeError(MAX_BODY_BYTES)
+        return message
+
+    return limited_receive

@@ -1,0 +1,22 @@
+"""Rewrites `openapi.json`, the committed contract of the REST face: `python -m api.rest.openapi`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+from api.rest.app import create_app
+from service.calls.service import SceneService
+from service.settings import Settings
+
+COMMITTED = Path(__file__).with_name("openapi.json")
+
+
+def describe() -> dict[str, Any]:
+    """The OpenAPI document of the app as it is now; no service is needed to describe the routes."""
+    return create_app(cast(SceneService, None), Settings()).openapi()
+
+
+if __name__ == "__main__":
+    COMMITTED.write_text(json.dumps(describe(), indent=1, sort_keys=True, ensure_ascii=False) + "\n")

@@ -1,0 +1,152 @@
+"""`POST /v1/scenes`: a form that streams into an upload session while it arrives."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from starlette.requests import ClientDisconnect, Request
+
+from api.rest.multipart import Part, read_parts
+from api.threads import Threads
+from api.uploads import check_announced, scene_options
+from service.calls.service import SceneService
+from service.calls.types import Operation
+from service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from service.settings import Settings
+
+_FILE_FIELDS = ("capture", "images")
+_MAX_TEXT_BYTES = 2**20
+_MAX_TEXT_PARTS = 2_000
+
+BODY_SCHEMA: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "properties": {
+                        "capture": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "one zip, tar or video; images alone, a COLMAP model or nerfstudio's "
+                            "transforms.json with its images",
+                        },
+                        "images": {
+                            "type": "array",
+                            "items": {"type": "string", "format": "binary"},
+                            "description": "photos, each with its own file name; folders in the name are kept",
+                        },
+                        "name": {"type": "string", "description": "for people; need not be unique"},
+                        "request_id": {
+                            "type": "string",
+                            "description": "same id, same request: the first operation is returned again (AIP-155)",
+                        },
+                        "labels": {
+                            "type": "array",
+                            "items": {"type": "string"},
+                            "description": "names to look for, repeated or separated by commas; none: the server "
+                            "decides",
+                        },
+                        "time_budget_s": {"type": "number", "description": "training seconds, > 0"},
+                        "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
+                    },
+                }
+            }
+        },
+    }
+}
+"""What OpenAPI says of the form, which no FastAPI parameter describes because the route reads the stream itself."""
+
+
+class _Texts(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    name: str = ""
+    request_id: str = ""
+    labels: list[str] = []
+    time_budget_s: float | None = None
+    max_gaussians: int | None = None
+
+
+async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
+    """Take the form's files and queue their job; anything refused leaves nothing behind.
+
+    Raises:
+        FastSplatError: what the form, the files or the service's limits have against it.
+    """
+    stream = aiter(request.stream())
+    content_type = request.headers.get("content-type", "")
+    try:
+        announced = request.headers.get("content-length", "0")
+        check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
+        return await threads.consume(stream, lambda body: _receive(service, settings, content_type, body))
+    except FastSplatError:
+        if "expect" not in request.headers:
+            await _drain(stream)
+        raise
+
+
+async def _drain(stream: AsyncIterator[bytes]) -> None:
+    """Read on for a moment: closing on a sender that is still writing resets the connection, and our answer is lost."""
+    total = 0
+    try:
+        async with asyncio.timeout(2.0):
+            while total < 2**25:
+                total += len(await anext(stream))
+    except (StopAsyncIteration, TimeoutError, ClientDisconnect):
+        pass
+
+
+def _receive(service: SceneService, settings: Settings, content_type: str, body: Iterator[bytes]) -> Operation:
+    texts: dict[str, list[str]] = {}
+    text_bytes = 0
+    captures = 0
+    with service.new_upload() as upload:
+        for part in read_parts(content_type, body, settings.capture.max_entries + _MAX_TEXT_PARTS):
+            if part.filename is None:
+                value = _text(part, _MAX_TEXT_BYTES - text_bytes)
+                text_bytes += len(value)
+                texts.setdefault(part.field, []).append(value.decode(errors="replace"))
+            elif part.field not in _FILE_FIELDS:
+                raise InvalidInputError(
+                    f"files are not accepted under {part.field[:80]!r}",
+                    field=part.field[:80],
+                    hint='Send one archive or video as "capture", or photos as "images".',
+                )
+            elif part.filename:  # a browser sends an empty name when nothing was chosen
+                captures += part.field == "capture"
+                if captures > 1:
+                    raise InvalidInputError(
+                        "more than one capture", field="capture", hint='Send single photos as "images".'
+                    )
+                upload.write(part.filename, part.chunks)
+        form = _form(texts)
+        options = scene_options(form.labels, form.time_budget_s, form.max_gaussians)
+        return upload.commit(form.name, form.request_id, options)
+
+
+def _text(part: Part, room: int) -> bytes:
+    value = b""
+    for chunk in part.chunks:
+        value += chunk
+        if len(value) > room:
+            raise LimitExceededError(
+                "the form's text fields are too long", field=part.field[:80], limit=f"{_MAX_TEXT_BYTES} bytes together"
+            )
+    return value
+
+
+def _form(texts: dict[str, list[str]]) -> _Texts:
+    for field, values in texts.items():
+        if field != "labels" and len(values) > 1:
+            raise InvalidInputError(f"{field[:80]} is there {len(values)} times", field=field[:80])
+    single = {field: values if field == "labels" else values[0] for field, values in texts.items()}
+    try:
+        return _Texts.model_validate(single)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InvalidInputError(first["msg"], field=str(first["loc"][0])[:80]) from None
