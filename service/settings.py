@@ -38,7 +38,6 @@ class StoreSettings(BaseModel):
     max_time_budget_s: float = 24 * 3600.0
     max_gaussians: int = 20_000_000
     max_page_size: int = 500
-    max_render_pixels: int = Field(16_000_000, description="size of a free viewpoint's image")
     cached_scenes: int = Field(4, ge=1, description="scenes kept open for queries, least recently used leave first")
     abandoned_upload_s: float = Field(24 * 3600.0, description="an upload without a commit is removed after this")
 

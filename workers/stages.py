@@ -17,6 +17,8 @@ from service.common.progress import STAGES, Progress, ProgressEvent
 from service.perception import label_capture, load_labelling, save_labelling
 from service.perception.text import open_text_encoder
 from service.perception.types import Labelling
+from service.query import embed_labels
+from service.query.labels import most_probable_class
 from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from service.splatting import train
 from service.splatting.settings import TrainingSettings
@@ -59,20 +61,19 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     trained = load_trained(job.result("training"))
     encoder = open_text_encoder(job.settings.perception.text_encoder, job.settings.models)
-    labels = [entry.label for entry in labelling.dictionary.entries]
-    progress(ProgressEvent("export", 0.1, f"embedding {len(labels)} labels"))
-    # Encoding one harmless word instead of none gives the embeddings' width also for a scene without labels.
-    embeddings = encoder.encode(labels or ["object"])[: len(labels)]
+    progress(ProgressEvent("export", 0.1, f"embedding {len(labelling.dictionary)} labels"))
+    templates = job.settings.query.templates
     scene = Scene(
         gaussians=trained.gaussians,
         head=trained.head,
         dictionary=labelling.dictionary,
-        label_embeddings=embeddings,
+        label_embeddings=embed_labels(labelling.dictionary, encoder, templates),
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
         training=_training_settings(job).model_dump(mode="json"),
         quality=_quality(job, capture, trained),
+        label_templates=templates,
     )
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_scene(scene, folder / "artefact")
@@ -123,8 +124,8 @@ def _quality(job: Job, capture: Capture, trained: TrainedSplats) -> dict[str, An
 
 
 def _summary(scene: Scene, labelling: Labelling) -> dict[str, Any]:
-    logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
-    counts = np.bincount(logits.argmax(axis=1), minlength=len(scene.dictionary) + 1)
+    classes = most_probable_class(scene.gaussians.codes, scene.head)
+    counts = np.bincount(classes, minlength=len(scene.dictionary) + 1)
     rows = [
         {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
         for number, entry in enumerate(labelling.dictionary.entries, start=1)

@@ -218,7 +218,7 @@ class Supervisor:
         folder = blobs.job(operation.id)
         folder.mkdir(parents=True, exist_ok=True)
         options = options_of(operation.options)
-        upload = blobs.upload(operation.upload_id)
+        upload = blobs.upload(operation.upload_id) / operation.options["admitted"]
         return Job(operation.id, self._claim.attempt, upload, folder, options, self._settings)
 
     def _last_stage(self) -> str:

@@ -16,17 +16,18 @@ from service.common.camera import PosedCamera
 from service.common.errors import (
     InvalidInputError,
     LimitExceededError,
-    ModelUnavailableError,
     NotFoundError,
     NotReadyError,
 )
-from service.query.types import Answer
+from service.query import Answer, SceneIndex, pictures
+from service.query.names import check_texts
+from service.query.rle import encode_rle, pack_bits
+from service.scene import read_scene, write_ply
 from service.settings import Settings
 from service.store import Store
 
-if TYPE_CHECKING:  # torch and onnxruntime load with the first question, not with the server
+if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from service.perception.text import TextEncoder
-    from service.query import SceneIndex
 
 T = TypeVar("T")
 _MAX_NAMED = 20
@@ -57,7 +58,7 @@ class Answers:
             raise InvalidInputError(
                 '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."
             )
-        self._check_cameras(request.cameras, request.views)
+        self._check_cameras(len(request.cameras) + len(request.views))
         return self._reading(request.scene_id, lambda index: self._answer(index, request))
 
     def query_all(self, texts: tuple[str, ...], outputs: frozenset[str]) -> tuple[QueryAnswer, ...]:
@@ -92,7 +93,6 @@ class Answers:
             if text is None:
                 raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
             self._check_texts((text,))
-        self._check_cameras(() if camera is None else (camera,), ())
         return self._reading(scene_id, lambda index: _picture(index, text, kind, camera or _view(index, view or "")))
 
     def scene_ply(self, scene_id: str) -> Path:
@@ -104,8 +104,6 @@ class Answers:
 
     def mask_ply(self, scene_id: str, text: str) -> bytes:
         """See `SceneService.mask_ply`."""
-        from service.scene import write_ply
-
         self._check_texts((text,))
 
         def read(index: SceneIndex) -> bytes:
@@ -123,7 +121,7 @@ class Answers:
         answers: list[QueryAnswer] = []
         for answer in index.ask(request.texts):
             masks = [_mask2d(index, answer, *camera) for camera in cameras] if "mask2d" in request.outputs else []
-            packed = np.packbits(index.mask3d(answer)).tobytes() if "mask3d" in request.outputs else b""
+            packed = pack_bits(index.mask3d(answer)) if "mask3d" in request.outputs else b""
             answers.append(QueryAnswer(request.scene_id, answer, tuple(masks), packed))
         return tuple(answers)
 
@@ -144,22 +142,11 @@ class Answers:
         return record.version
 
     def _load(self, scene_id: str, version: str) -> SceneIndex:
-        from service.query import SceneIndex
-        from service.scene import read_scene
-
         folder = self._folder(scene_id, version) / "artefact"
         if not folder.is_dir():
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         scene = read_scene(folder)
-        name, sha256 = scene.text_encoder
-        encoder = self._encoder(name)
-        if encoder.sha256 != sha256:
-            raise ModelUnavailableError(
-                f"the scene was made with another {name} than the one in the model directory",
-                field="models",
-                hint=f"Put back the weights with sha256 {sha256}, or make the scene again.",
-            )
-        return SceneIndex(scene, encoder, self._settings.query)
+        return SceneIndex(scene, self._encoder(scene.text_encoder[0]), self._settings.query)
 
     def _encoder(self, name: str) -> TextEncoder:
         from service.perception.text import open_text_encoder
@@ -174,41 +161,17 @@ class Answers:
 
     def _check_texts(self, texts: tuple[str, ...]) -> None:
         limits = self._settings.query
-        if not texts:
-            raise InvalidInputError("no text to look for", field="texts", hint="Send at least one.")
-        if len(texts) > limits.max_texts:
-            raise LimitExceededError(
-                f"{len(texts)} texts", field="texts", limit=f"{limits.max_texts} texts (FASTSPLAT_QUERY__MAX_TEXTS)"
-            )
-        for text in texts:
-            if not text.strip():
-                raise InvalidInputError("an empty text", field="text", hint="Say what to look for, e.g. 'mug'.")
-            if len(text) > limits.max_text_chars:
-                raise LimitExceededError(
-                    f"a text of {len(text)} characters",
-                    field="text",
-                    limit=f"{limits.max_text_chars} characters (FASTSPLAT_QUERY__MAX_TEXT_CHARS)",
-                    hint="Name the thing in a few words.",
-                )
+        check_texts(texts, max_texts=limits.max_texts, max_chars=limits.max_text_chars)
 
-    def _check_cameras(self, cameras: tuple[PosedCamera, ...], views: tuple[str, ...]) -> None:
+    def _check_cameras(self, count: int) -> None:
         limit = self._settings.query.max_poses
-        if len(cameras) + len(views) > limit:
+        if count > limit:
             raise LimitExceededError(
-                f"{len(cameras) + len(views)} cameras",
+                f"{count} cameras",
                 field="cameras",
                 limit=f"{limit} cameras (FASTSPLAT_QUERY__MAX_POSES)",
                 hint="Ask in several requests.",
             )
-        pixels = self._settings.store.max_render_pixels
-        for posed in cameras:
-            if posed.camera.width * posed.camera.height > pixels:
-                raise LimitExceededError(
-                    f"a camera of {posed.camera.width}×{posed.camera.height} pixels",
-                    field="cameras",
-                    limit=f"{pixels} pixels (FASTSPLAT_STORE__MAX_RENDER_PIXELS)",
-                    hint="Ask for a smaller image and scale the intrinsics with it.",
-                )
 
 
 def _view(index: SceneIndex, name: str) -> PosedCamera:
@@ -220,15 +183,11 @@ def _view(index: SceneIndex, name: str) -> PosedCamera:
 
 
 def _mask2d(index: SceneIndex, answer: Answer, name: str, number: int, posed: PosedCamera) -> ViewMask:
-    from service.query.rle import encode_rle
-
     mask = index.mask2d(answer, posed).mask
     return ViewMask(name, number, RleMask(mask.shape[0], mask.shape[1], encode_rle(mask)), int(mask.sum()))
 
 
 def _picture(index: SceneIndex, text: str | None, kind: str, posed: PosedCamera) -> bytes:
-    from service.query import pictures
-
     if kind == "rgb" or text is None:
         return pictures.png_bytes(index.render(posed))
     (answer,) = index.ask((text,))
@@ -236,5 +195,5 @@ def _picture(index: SceneIndex, text: str | None, kind: str, posed: PosedCamera)
     if kind == "mask":
         return pictures.png_bytes(seen.mask.astype(np.uint8) * 255)
     if kind == "relevancy":
-        return pictures.png_bytes(pictures.turbo(seen.relevancy))
+        return pictures.png_bytes(pictures.relevancy_picture(seen.rgb, seen.relevancy))
     return pictures.png_bytes(pictures.overlay(seen.rgb, seen.mask))

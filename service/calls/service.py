@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
@@ -13,12 +13,15 @@ from service.calls.translate import operation_of, scene_of
 from service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
 from service.calls.uploads import UploadSession
 from service.calls.validate import check_page_size, check_request
+from service.capture.settings import CaptureSettings
+from service.capture.types import AdmittedUpload
 from service.common.camera import PosedCamera
 from service.settings import Settings
 from service.store import Store, open_store
 from service.store.blobs import remove, sync_tree
 from service.store.records import NewJob
 
+Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
 Output = Literal["mask2d", "mask3d"]
 PictureKind = Literal["rgb", "overlay", "relevancy", "mask"]
 
@@ -30,9 +33,10 @@ class SceneService:
     processes, may share a data folder.
     """
 
-    def __init__(self, store: Store, settings: Settings) -> None:
+    def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
         self._store = store
         self._settings = settings
+        self._check_files = admit or _admit_upload
         self._answers = Answers(store, settings)
 
     def __enter__(self) -> Self:
@@ -175,8 +179,6 @@ class SceneService:
         return self._answers.mask_ply(scene_id, text)
 
     def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
-        from service.capture import admit_upload  # image codecs: only needed here
-
         try:
             check_request(name, request_id, options, self._settings.store)
             digest = upload.digest(name, options)
@@ -184,7 +186,9 @@ class SceneService:
             if earlier is not None:
                 remove(upload.folder)
                 return operation_of(earlier)
-            admit_upload(upload.folder, self._settings.capture)
+            admitted = self._check_files(upload.raw, self._settings.capture).folder
+            if upload.raw != admitted and upload.raw not in admitted.parents:
+                remove(upload.raw)  # unpacked: the archive is not needed any more
             sync_tree(upload.folder)
             job = NewJob(
                 scene_id=_new_id(),
@@ -194,6 +198,7 @@ class SceneService:
                 request_digest=digest,
                 upload_id=upload.id,
                 options={
+                    "admitted": str(admitted.relative_to(upload.folder)),
                     "labels": list(options.labels),
                     "time_budget_s": options.time_budget_s,
                     "max_gaussians": options.max_gaussians,
@@ -208,14 +213,24 @@ class SceneService:
         return operation_of(record)
 
 
-def open_service(settings: Settings) -> SceneService:
+def open_service(settings: Settings, admit: Admit | None = None) -> SceneService:
     """The service over `settings.data_dir`; `close` it when done.
+
+    Args:
+        settings: the operator's.
+        admit: what checks an upload before it is acknowledged; by default `service.capture.admit_upload`.
 
     Raises:
         InvalidInputError: the database URL cannot be read.
         ResourceError: the data folder or the database cannot be used.
     """
-    return SceneService(open_store(settings.data_dir, settings.database_url), settings)
+    return SceneService(open_store(settings.data_dir, settings.database_url), settings, admit)
+
+
+def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
+    from service.capture import admit_upload  # image codecs load with the first upload, not with the server
+
+    return admit_upload(folder, settings)
 
 
 def _new_id() -> str:

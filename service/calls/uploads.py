@@ -24,7 +24,7 @@ _MAX_NAME_BYTES = 255
 
 
 class UploadSession:
-    """Files of one future scene, kept in a folder of their own until `commit`.
+    """Files of one future scene, kept in a folder of their own until `commit`: `raw` inside `folder`.
 
     A context manager: leaving it without a commit removes everything. One thread at a time.
     """
@@ -38,12 +38,16 @@ class UploadSession:
     ) -> None:
         self.id = upload_id
         self.folder = folder
+        self.raw = folder / "raw"
         self._settings = settings
         self._admit = admit
         self._digests: dict[str, str] = {}
         self._bytes = 0
         self._open = True
-        folder.mkdir(parents=True)
+        try:
+            self.raw.mkdir(parents=True)
+        except OSError as error:
+            raise _disk_error(error, "upload") from error
 
     def __enter__(self) -> Self:
         return self
@@ -142,8 +146,8 @@ class UploadSession:
                 limit=f"{self._settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
                 hint="Send fewer images.",
             )
-        path = self.folder.joinpath(*parts)
-        folders = [self.folder.joinpath(*parts[:depth]) for depth in range(1, len(parts))]
+        path = self.raw.joinpath(*parts)
+        folders = [self.raw.joinpath(*parts[:depth]) for depth in range(1, len(parts))]
         if path.exists() or any(folder.is_file() for folder in folders):
             raise InvalidInputError(
                 f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
