@@ -6,6 +6,8 @@ import ctypes
 import os
 import signal
 
+PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
+"""Tells a child whose life it shares."""
 _PR_SET_PDEATHSIG = 1
 _MOST_DESCRIPTORS = 1024
 

@@ -13,8 +13,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from workers.lifeline import PARENT_VARIABLE
 from workers.protocol import Event, Job, read_event
-from workers.trainer import PARENT_VARIABLE
 
 # The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.
 _forker = ThreadPoolExecutor(1, thread_name_prefix="forker")

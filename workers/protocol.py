@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from service.calls.translate import options_of
 from service.calls.types import SceneOptions
-from service.common.progress import ProgressEvent
+from service.common.progress import Progress, ProgressEvent
 from service.settings import Settings
 
 
@@ -64,6 +64,20 @@ def read_job(line: bytes) -> tuple[Job, str]:
         settings=Settings(**spec["settings"]),
     )
     return job, spec["stages"]
+
+
+Stage = Callable[[Job, Path, Progress], None]
+"""Reads earlier results through `Job.result`, writes its own into the folder given, reports progress."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What a trainer runs, in the order of `STAGES`."""
+
+    capture: Stage
+    perception: Stage
+    training: Stage
+    export: Stage
 
 
 @dataclass(frozen=True)

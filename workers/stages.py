@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +22,8 @@ from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from service.splatting import train
 from service.splatting.settings import TrainingSettings
 from service.splatting.types import TrainedSplats
-from workers.protocol import Job
+from workers.protocol import Job, Stages
 from workers.results import checkpoint_folder, stage_seconds
-
-Stage = Callable[[Job, Path, Progress], None]
-"""Reads earlier results through `Job.result`, writes its own into the folder given, reports progress."""
-
-
-@dataclass(frozen=True)
-class Stages:
-    """What a trainer runs, in the order of `STAGES`."""
-
-    capture: Stage
-    perception: Stage
-    training: Stage
-    export: Stage
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:

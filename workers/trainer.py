@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from workers.lifeline import die_with_parent, guard_group
+from workers.lifeline import PARENT_VARIABLE, die_with_parent, guard_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from workers.protocol import Event, Job
-    from workers.stages import Stages
+    from service.common.progress import ProgressEvent
+    from workers.protocol import Event, Job, Stages
 
-PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
 _NICENESS = 5
 _PROGRESS_S = 0.1
 
@@ -39,20 +40,11 @@ def main() -> int:
 
 
 def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
-    import time
-
     from service.common.progress import STAGES, ProgressEvent
     from workers.protocol import Done, Failed
     from workers.results import describe, finish_stage, start_stage
 
-    sent = {"at": 0.0, "fraction": 2.0}
-
-    def progress(event: ProgressEvent) -> None:
-        now = time.monotonic()
-        if now - sent["at"] >= _PROGRESS_S or event.fraction < sent["fraction"] or event.fraction >= 1:
-            sent.update(at=now, fraction=event.fraction)
-            send(event)
-
+    progress = _throttled(send)
     stages: Stages | None = None
     for stage in STAGES:
         if job.result(stage).is_dir():
@@ -71,6 +63,23 @@ def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
             send(Failed(describe(error, stage, job)))
             return 1
     return 0
+
+
+def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
+    """Let through ten events a second, every beginning and every end; the figures of those held back join the next."""
+    sent_at, sent_stage = 0.0, ""
+    metrics: dict[str, float] = {}
+
+    def progress(event: ProgressEvent) -> None:
+        nonlocal sent_at, sent_stage
+        now = time.monotonic()
+        metrics.update(event.metrics)
+        if now - sent_at >= _PROGRESS_S or event.stage != sent_stage or event.fraction >= 1:
+            sent_at, sent_stage = now, event.stage
+            send(replace(event, metrics=dict(metrics)))
+            metrics.clear()
+
+    return progress
 
 
 def _find(name: str) -> Stages:

@@ -1,0 +1,43 @@
+"""Logs on stderr, one line a record, machine-readable; URLs that hold a password are told without it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import sys
+import time
+from typing import Any
+
+_PASSWORD = re.compile(r"(\w+://[^\s:/@]+):[^\s/@]+@")
+_STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "color_message"}
+
+
+class JsonLines(logging.Formatter):
+    """A record as one JSON object: time (UTC), level, role, logger, message, extra fields, trace."""
+
+    def __init__(self, role: str) -> None:
+        super().__init__()
+        self._role = role
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line without line breaks."""
+        stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created))
+        line: dict[str, Any] = {
+            "time": f"{stamp}.{int(record.msecs):03d}Z",
+            "level": record.levelname,
+            "role": self._role,
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        line.update({name: value for name, value in vars(record).items() if name not in _STANDARD})
+        if record.exc_info:
+            line["trace"] = self.formatException(record.exc_info)
+        return _PASSWORD.sub(r"\1:***@", json.dumps(line, default=str, ensure_ascii=False))
+
+
+def log_to_stderr(role: str, level: int = logging.INFO) -> None:
+    """Send every logger of this process to stderr as JSON lines."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JsonLines(role))
+    logging.basicConfig(level=level, handlers=[handler], force=True)

@@ -1,0 +1,68 @@
+"""`fastsplat serve | api | worker | models`: what an operator types."""
+
+from __future__ import annotations
+
+import os
+
+import typer
+
+from cli.logs import log_to_stderr
+from cli.models import models_app
+from service.common.errors import FastSplatError
+from service.settings import load_settings
+from workers.lifeline import PARENT_VARIABLE, die_with_parent
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
+)
+app.add_typer(models_app, name="models")
+
+
+@app.command()
+def serve() -> None:
+    """Run the API and one worker on this machine until SIGTERM or SIGINT."""
+    from cli.serve import serve as run
+
+    log_to_stderr("serve")
+    raise typer.Exit(run(("api", "worker")))
+
+
+@app.command()
+def api() -> None:
+    """Run the REST and gRPC faces alone."""
+    from api.server import run
+
+    _start("api")
+    run(load_settings())
+
+
+@app.command()
+def worker() -> None:
+    """Run one worker alone; it finds its jobs in the database."""
+    from workers.main import run
+
+    _start("worker")
+    run(load_settings())
+
+
+def main() -> None:
+    """Entry point: typed errors become one line on stderr and exit status 2."""
+    try:
+        app()
+    except FastSplatError as error:
+        hint = f" {error.hint}" if error.hint else ""
+        typer.echo(f"{error.reason}: {error.message}.{hint}", err=True)
+        raise SystemExit(2) from error
+
+
+def _start(role: str) -> None:
+    log_to_stderr(role)
+    parent = os.environ.pop(PARENT_VARIABLE, "")
+    if parent:  # a child of `fastsplat serve`
+        die_with_parent(int(parent))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""Stages that take their orders from the job's labels, for tests of everything around them.
+
+"training:sleep 30" sleeps in the training stage, "capture:kill" kills the trainer there, "training:kill_once" only the
+first attempt, "perception:fail" raises a typed error, "export:defect" an untyped one, "capture:child" leaves a
+grandchild process that ignores everything and writes its process id beside the work folder.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from service.calls.translate import camera_to_json
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import dictionary_of
+from service.common.errors import ReconstructionError
+from service.common.progress import Progress, ProgressEvent
+from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from workers.protocol import Job, Stages
+from workers.results import checkpoint_folder
+
+
+def _obey(job: Job, stage: str, progress: Progress) -> None:
+    with (job.settings.data_dir / "visits.txt").open("a") as visits:
+        visits.write(f"{stage} {job.attempt} {os.getpid()}\n")
+    progress(ProgressEvent(stage, 0.25, "at work", {"attempt": float(job.attempt)}))
+    for order in job.options.labels:
+        where, what = order.split(":")
+        if where != stage:
+            continue
+        name, _, value = what.partition(" ")
+        if name == "sleep":
+            time.sleep(float(value))
+        elif name == "kill" or (name == "kill_once" and job.attempt == 1):
+            os.kill(os.getpid(), signal.SIGKILL)
+        elif name == "fail":
+            raise ReconstructionError("the images show two places", hint="Post them as two scenes.", field="images")
+        elif name == "defect":
+            raise ZeroDivisionError("a defect")
+        elif name == "child":
+            child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+            (job.settings.data_dir / "grandchild.txt").write_text(str(child.pid))
+    progress(ProgressEvent(stage, 1.0, "finished"))
+
+
+def _capture(job: Job, folder: Path, progress: Progress) -> None:
+    _obey(job, "capture", progress)
+    files = sorted(path.name for path in job.upload.iterdir())
+    (folder / "files.json").write_text(json.dumps(files))
+
+
+def _perception(job: Job, folder: Path, progress: Progress) -> None:
+    _obey(job, "perception", progress)
+
+
+def _training(job: Job, folder: Path, progress: Progress) -> None:
+    counter = checkpoint_folder(job) / "counter.txt"
+    steps = int(counter.read_text()) if counter.exists() else 0
+    counter.write_text(str(steps + 1))
+    _obey(job, "training", progress)
+    (folder / "steps.txt").write_text(str(steps + 1))
+
+
+def _export(job: Job, folder: Path, progress: Progress) -> None:
+    _obey(job, "export", progress)
+    count, labels = 5, dictionary_of(["mug", "box"])
+    rng = np.random.default_rng(0)
+    gaussians = Gaussians(
+        means=rng.normal(size=(count, 3)).astype(np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        log_scales=np.full((count, 3), -2, np.float32),
+        logit_opacities=np.zeros(count, np.float32),
+        sh=np.zeros((count, 1, 3), np.float32),
+        codes=np.zeros((count, 3), np.float32),
+    )
+    head = SemanticHead(np.zeros((3, 3), np.float32), np.zeros(3, np.float32))
+    posed = PosedCamera(Camera(8, 6, 8.0, 8.0, 4.0, 3.0), np.eye(4), "a.png")
+    embeddings = np.eye(2, 4, dtype=np.float32)
+    scene = Scene(gaussians, head, labels, embeddings, ("none", "0" * 64), (posed,), "METRIC")
+    write_scene(scene, folder / "artefact")
+    write_ply(gaussians, folder / "scene.ply")
+    steps = int((job.result("training") / "steps.txt").read_text())
+    summary = {
+        "gaussians": count,
+        "scale": "METRIC",
+        "dictionary": [
+            {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
+            for n, e in enumerate(labels.entries, start=1)
+        ],
+        "cameras": [camera_to_json(posed)],
+        "quality": {"psnr": 30.0, "steps": steps, "stage_seconds": {"capture": 0.0}},
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+FAKES = Stages(_capture, _perception, _training, _export)
