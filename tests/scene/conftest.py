@@ -1,0 +1,54 @@
+"""Small scenes of every shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import Dictionary, DictionaryEntry
+from service.scene import Gaussians, Scene, SemanticHead
+
+
+@pytest.fixture
+def make_gaussians() -> Callable[..., Gaussians]:
+    def make(count: int = 50, sh: int = 16, code: int = 3, seed: int = 0) -> Gaussians:
+        rng = np.random.default_rng(seed)
+
+        def draw(*shape: int) -> np.ndarray:
+            return rng.standard_normal(shape).astype(np.float32)
+
+        return Gaussians(
+            draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code)
+        )
+
+    return make
+
+
+@pytest.fixture
+def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]:
+    def make(count: int = 50, labels: tuple[str, ...] = ("mug", "茶壶", "🧸"), sh: int = 16, code: int = 3) -> Scene:
+        rng = np.random.default_rng(1)
+        entries = tuple(DictionaryEntry(label, (f"{label} alias",), 7 * i, i) for i, label in enumerate(labels))
+        embeddings = rng.standard_normal((len(labels), 8)).astype(np.float32)
+        pose = np.eye(4)
+        pose[:3, 3] = [0.1, 1 / 3, -2e-17]
+        return Scene(
+            gaussians=make_gaussians(count, sh, code),
+            head=SemanticHead(
+                rng.standard_normal((len(labels) + 1, code)).astype(np.float32),
+                rng.standard_normal(len(labels) + 1).astype(np.float32),
+            ),
+            dictionary=Dictionary(entries),
+            label_embeddings=embeddings,
+            text_encoder=("some_encoder", "ab" * 32),
+            cameras=(PosedCamera(Camera(640, 480, 500.1, 500.2, 320.0, 240.0), pose, "a/é.jpg"),),
+            scale="METRIC",
+            training={"seed": 3, "nested": {"list": [1, 2.5, "x", None]}},
+            quality={"psnr": 30.123456789},
+            label_templates=("{}", "a {}"),
+        )
+
+    return make

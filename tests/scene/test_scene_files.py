@@ -1,0 +1,197 @@
+"""A scene folder gives back what was written, to the bit, or says what is broken."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.common.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
+from service.scene import Gaussians, Scene, SceneFileError, SceneSchemaError, read_scene, write_scene
+
+NAMES = ("scene.json", "cameras.json", "gaussians.safetensors")
+
+
+def assert_same(a: Scene, b: Scene) -> None:
+    for field in fields(Gaussians):
+        np.testing.assert_array_equal(
+            getattr(a.gaussians, field.name).view(np.uint32), getattr(b.gaussians, field.name).view(np.uint32)
+        )
+    np.testing.assert_array_equal(a.head.weight, b.head.weight)
+    np.testing.assert_array_equal(a.head.bias, b.head.bias)
+    np.testing.assert_array_equal(a.label_embeddings, b.label_embeddings)
+    assert (a.dictionary, a.text_encoder, a.scale) == (b.dictionary, b.text_encoder, b.scale)
+    assert (a.training, a.quality, a.label_templates) == (b.training, b.quality, b.label_templates)
+    assert [(p.camera, p.name, p.world_from_camera.tolist()) for p in a.cameras] == [
+        (p.camera, p.name, p.world_from_camera.tolist()) for p in b.cameras
+    ]
+
+
+@pytest.mark.parametrize(
+    ("count", "labels", "sh", "code"),
+    [(50, ("mug", "茶壶", "🧸"), 16, 3), (0, (), 1, 0), (1, ("one",), 4, 8), (3, (), 9, 0), (0, ("a", "b"), 16, 3)],
+)
+def test_round_trip_is_exact(
+    make_scene: Callable[..., Scene], tmp_path: Path, count: int, labels: tuple[str, ...], sh: int, code: int
+) -> None:
+    scene = make_scene(count, labels, sh, code)
+    write_scene(scene, tmp_path / "deep" / "v1")
+    assert_same(scene, read_scene(tmp_path / "deep" / "v1"))
+
+
+def test_many_labels_round_trip(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    scene = make_scene(5, tuple(f"thing {i}x" for i in range(10_000)))
+    write_scene(scene, tmp_path / "v1")
+    assert_same(scene, read_scene(tmp_path / "v1"))
+
+
+def test_signed_zero_and_denormals_survive(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    scene = make_scene(4)
+    means = np.array([[-0.0, 1e-45, 3.4e38], [0, 0, 0], [1, 2, 3], [-1e-40, 5, 6]], dtype=np.float32)
+    scene = replace(scene, gaussians=replace(scene.gaussians, means=means))
+    write_scene(scene, tmp_path / "v1")
+    assert_same(scene, read_scene(tmp_path / "v1"))
+
+
+def test_writing_is_deterministic(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_scene(make_scene(), tmp_path / name)
+    for name in NAMES:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_arrays_are_mapped_and_read_only(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    means = read_scene(tmp_path / "v1").gaussians.means
+    base = means
+    while isinstance(base.base, np.ndarray):
+        base = base.base
+    assert not means.flags.writeable and not means.flags.owndata
+    assert not base.flags.owndata
+
+
+def test_row_order_changes_the_digest(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    scene = make_scene()
+    turned = replace(
+        scene.gaussians, **{f.name: getattr(scene.gaussians, f.name)[::-1].copy() for f in fields(Gaussians)}
+    )
+    write_scene(scene, tmp_path / "a")
+    write_scene(replace(scene, gaussians=turned), tmp_path / "b")
+    digests = [json.loads((tmp_path / name / "scene.json").read_text())["arrays_sha256"] for name in "ab"]
+    assert digests[0] != digests[1]
+
+
+def test_an_existing_folder_is_never_touched(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(3), tmp_path / "v1")
+    before = (tmp_path / "v1" / "scene.json").read_bytes()
+    with pytest.raises(ConflictError):
+        write_scene(make_scene(9), tmp_path / "v1")
+    assert (tmp_path / "v1" / "scene.json").read_bytes() == before
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConflictError):
+        write_scene(make_scene(), tmp_path / "empty")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_cannot_be_read_back_is_not_written(make_scene: Callable[..., Scene], tmp_path: Path, bad: float) -> None:
+    scene = make_scene()
+    scene.gaussians.sh[7, 3, 1] = bad
+    for refused in (
+        scene,
+        replace(make_scene(), quality={"psnr": bad}),
+        replace(make_scene(), training={"x": object()}),
+    ):
+        with pytest.raises(InvalidInputError):
+            write_scene(refused, tmp_path / "v1")
+    wide = make_scene()
+    wide = replace(wide, gaussians=replace(wide.gaussians, means=wide.gaussians.means.astype(np.float64)))
+    with pytest.raises(InvalidInputError, match="float64"):
+        write_scene(wide, tmp_path / "v1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_leaves_nothing(
+    make_scene: Callable[..., Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_scene(make_scene(), tmp_path / "v1")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(NotFoundError):
+        read_scene(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_truncation_is_found(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
+    write_scene(make_scene(6), tmp_path / "good")
+    whole = (tmp_path / "good" / name).read_bytes()
+    shutil.copytree(tmp_path / "good", tmp_path / "bad")
+    for length in {*range(0, len(whole), max(1, len(whole) // 60)), len(whole) - 1, len(whole) - 4, 7, 8, 9}:
+        (tmp_path / "bad" / name).write_bytes(whole[:length])
+        with pytest.raises(SceneFileError):
+            read_scene(tmp_path / "bad")
+    (tmp_path / "bad" / name).write_bytes(whole + b"\x00" * 4)
+    with pytest.raises(SceneFileError):
+        read_scene(tmp_path / "bad")
+    (tmp_path / "bad" / name).unlink()
+    with pytest.raises(SceneFileError):
+        read_scene(tmp_path / "bad")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_flipped_bit_never_changes_a_scene(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
+    scene = make_scene(6)
+    write_scene(scene, tmp_path / "good")
+    whole = (tmp_path / "good" / name).read_bytes()
+    shutil.copytree(tmp_path / "good", tmp_path / "bad")
+    for position in np.random.default_rng(0).integers(0, len(whole), 80):
+        broken = bytearray(whole)
+        broken[position] ^= 1 << int(position % 8)
+        (tmp_path / "bad" / name).write_bytes(broken)
+        try:
+            found = read_scene(tmp_path / "bad")
+        except SceneFileError:
+            continue
+        assert_same(scene, found)  # white space of a JSON file may differ, its content may not
+
+
+def test_files_of_two_scenes_do_not_mix(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(6), tmp_path / "a")
+    write_scene(make_scene(7), tmp_path / "b")
+    write_scene(make_scene(6, code=4), tmp_path / "c")
+    for other in "bc":
+        shutil.copytree(tmp_path / "a", tmp_path / f"mixed-{other}")
+        shutil.copy(tmp_path / other / "gaussians.safetensors", tmp_path / f"mixed-{other}")
+        with pytest.raises(SceneFileError, match="gaussians"):
+            read_scene(tmp_path / f"mixed-{other}")
+
+
+def test_unknown_schema_says_so(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    for schema in (0, 2, "1", None):
+        path.write_text(json.dumps({**json.loads(path.read_text()), "schema": schema}))
+        with pytest.raises(SceneSchemaError, match="schema"):
+            read_scene(tmp_path / "v1")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "null", "{}", "[" * 100_000, '{"format": "fastsplat-scene", "schema": 1}', "\xff"]
+)
+def test_hostile_manifests_are_typed_errors(make_scene: Callable[..., Scene], tmp_path: Path, text: str) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    (tmp_path / "v1" / "scene.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(FastSplatError) as caught:
+        read_scene(tmp_path / "v1")
+    assert caught.value.hint
