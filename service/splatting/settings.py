@@ -4,13 +4,98 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class LearningRates(BaseModel):
+    """Adam step sizes at the start of a run; each decays exponentially to `final_share` of it (means: `means_final`).
+
+    Attributes:
+        means: times the scene's extent, scene units a step.
+        means_final: `means` at the end of the run.
+        sh_dc: constant colour; the other harmonics move `sh_rest_share` as fast.
+        weight: the semantic head's weight and bias.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    means: float = Field(1.6e-4, gt=0)
+    means_final: float = Field(1.6e-6, gt=0)
+    quats: float = Field(1e-3, gt=0)
+    log_scales: float = Field(5e-3, gt=0)
+    logit_opacities: float = Field(5e-2, gt=0)
+    sh_dc: float = Field(2.5e-3, gt=0)
+    sh_rest_share: float = Field(0.05, gt=0, le=1)
+    codes: float = Field(1e-2, gt=0)
+    weight: float = Field(5e-3, gt=0)
+    final_share: float = Field(0.1, gt=0, le=1)
 
 
 class TrainingSettings(BaseModel):
-    """How long, how large and how fine a scene is trained."""
+    """How long, how large and how fine a scene is trained.
+
+    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, and every schedule below is a
+    function of the share of the run that is over; so a run bounded by iterations alone (`time_budget_s=None`) is
+    reproducible to the bit, and one bounded by time adapts to the machine it is on.
+
+    Attributes:
+        backend: which rasterizer.
+        seed: of every random choice.
+        max_gaussians: hard budget, never exceeded at any moment.
+        time_budget_s: seconds of optimisation, or None for no bound.
+        iterations: bound on optimisation steps.
+        max_side: images are trained at no more than this many pixels on the longer side.
+        start_scale: image size at the start of the run, as a share of the training size.
+        full_size_from: share of the run from which images have the training size.
+        max_sh_degree: spherical harmonics of the colour, 0..3.
+        sh_from: share of the run at which degrees 1, 2 and 3 come in.
+        held_out_every: one view in so many is kept from training to measure quality; 0 keeps none. With fewer than 4
+            views none is kept: the scene needs them all.
+        ssim_weight: λ of (1 − λ) L1 + λ (1 − SSIM).
+        semantic_weight: factor of the weighted cross-entropy.
+        semantic_every: the cross-entropy enters every so many-th step.
+        undetected_weight: class weight of undetected pixels in the cross-entropy, where a labelled one has 1.
+        code_size: numbers a Gaussian carries for its meaning; "auto" takes it from the number of labels.
+        background: what shines through the scene in training: black, or a random colour a step, which leaves no holes.
+        densify_from: share of the run at which Gaussians start to be relocated and added.
+        densify_until: share of the run at which their number and places are final.
+        full_count_at: share of the run at which the budget is used up.
+        densify_events: relocations in a whole run.
+        dead_opacity: a Gaussian below this is moved to where it is needed.
+        cull_opacity: a Gaussian below this is not stored.
+        opacity_decay: weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die.
+        scale_decay: weight of the mean scale, in shares of the scene's extent, in the loss.
+        evaluations: how often in a run the held-out views are measured for the progress report.
+        checkpoint_every_s: seconds between checkpoints.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     backend: Literal["cpu", "cuda", "reference"] = "cpu"
-    seed: int = 0
+    seed: int = Field(0, ge=0)
+    max_gaussians: int = Field(40_000, ge=1)
+    time_budget_s: float | None = Field(120.0, gt=0)
+    iterations: int = Field(30_000, ge=1)
+    max_side: int = Field(640, ge=8)
+    start_scale: float = Field(0.5, gt=0, le=1)
+    full_size_from: float = Field(0.3, ge=0, le=1)
+    max_sh_degree: int = Field(1, ge=0, le=3)
+    sh_from: tuple[float, float, float] = (0.15, 0.4, 0.6)
+    held_out_every: int = Field(8, ge=0)
+    ssim_weight: float = Field(0.2, ge=0, le=1)
+    semantic_weight: float = Field(0.1, ge=0)
+    semantic_every: int = Field(1, ge=1)
+    undetected_weight: float = Field(0.1, ge=0, le=1)
+    code_size: Literal["auto"] | int = "auto"
+    background: Literal["black", "random"] = "black"
+    densify_from: float = Field(0.03, ge=0, le=1)
+    densify_until: float = Field(0.8, ge=0, le=1)
+    full_count_at: float = Field(0.5, ge=0, le=1)
+    densify_events: int = Field(100, ge=0)
+    dead_opacity: float = Field(0.005, ge=0, lt=1)
+    cull_opacity: float = Field(0.005, ge=0, lt=1)
+    opacity_decay: float = Field(0.01, ge=0)
+    scale_decay: float = Field(0.01, ge=0)
+    evaluations: int = Field(10, ge=0)
+    checkpoint_every_s: float = Field(30.0, ge=0)
+    rates: LearningRates = LearningRates()

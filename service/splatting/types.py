@@ -1,11 +1,19 @@
-"""What the splatting room hands on."""
+"""What the splatting room hands on, and how it fails."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from service.common.errors import FastSplatError, Kind
 from service.scene.types import Gaussians, SemanticHead
+
+
+class TrainingDivergedError(FastSplatError):
+    """The optimisation left the finite numbers; nothing of it was stored."""
+
+    kind = Kind.INTERNAL
+    reason = "TRAINING_DIVERGED"
 
 
 @dataclass(frozen=True)
@@ -15,7 +23,9 @@ class TrainedSplats:
     Attributes:
         gaussians: in Morton order of their means; the order is final.
         head: the affine map W that was trained with the codes.
-        quality: psnr, ssim (means over held-out views), held_out (count), iterations, gaussians, ...
+        quality: psnr, ssim (means over held-out views, absent when none was held out), held_out (count), loss (mean
+            of the last 50 steps), iterations, gaussians, train_seconds, ghost_share, random_points (Gaussians that
+            started at random places because the capture has too few points).
         held_out: names of the views that never entered a loss.
     """
 

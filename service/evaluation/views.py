@@ -1,0 +1,108 @@
+"""A trained scene against a capture's images and label maps."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from service.capture.types import Capture
+from service.common.camera import PosedCamera
+from service.common.errors import InvalidInputError
+from service.evaluation.segmentation import Confusion, confusion
+from service.perception.types import Labelling
+from service.scene.types import Gaussians, SemanticHead
+from service.splatting.quality import psnr, ssim
+from service.splatting.raster import Backend, Splats, rasterize, sh_to_rgb
+from service.splatting.views import load_views
+
+
+@dataclass(frozen=True)
+class ViewsReport:
+    """Figures over a set of views.
+
+    Attributes:
+        psnr: dB, mean over views.
+        ssim: mean over views.
+        mean_iou: over the labels present in the true maps of these views, all pixels pooled; NaN without labels.
+        iou: by label name, NaN where the label is in neither.
+        accuracy: share of truly labelled pixels with their label; NaN without labels.
+        views: names, in order.
+    """
+
+    psnr: float
+    ssim: float
+    mean_iou: float
+    iou: Mapping[str, float]
+    accuracy: float
+    views: tuple[str, ...]
+
+
+def evaluate_views(
+    gaussians: Gaussians,
+    head: SemanticHead,
+    capture: Capture,
+    labelling: Labelling,
+    names: Collection[str],
+    *,
+    max_side: int = 1_000_000,
+    backend: Backend = "cpu",
+) -> ViewsReport:
+    """Renders the named views and holds them against the capture's images and `labelling`'s maps.
+
+    Args:
+        gaussians, head: the trained scene; its classes are those of `labelling.dictionary`.
+        names: image names; each must be a view of `capture`.
+        max_side: pictures are compared at this many pixels on the longer side, the images' own size by default.
+
+    Raises:
+        InvalidInputError: a name that is no view of the capture, or a head with other classes than the dictionary.
+    """
+    position = {view.posed.name: index for index, view in enumerate(capture.views)}
+    missing = [name for name in names if name not in position]
+    if missing or not names:
+        raise InvalidInputError(f"no views named {missing}" if missing else "no views to evaluate", field="names")
+    labels = len(labelling.dictionary)
+    if len(head.bias) != labels + 1:
+        raise InvalidInputError(f"a head of {len(head.bias)} classes for {labels} labels", field="head")
+    total = Confusion(np.zeros((labels + 1, labels + 1), np.int64))
+    pictures = []
+    for name in names:
+        index = position[name]
+        (view,) = load_views(capture, labelling, (index,), max_side, (1.0,))
+        frame = view.frames[0]
+        posed = PosedCamera(frame.camera, capture.views[index].posed.world_from_camera, name)
+        rgb, predicted = render_view(gaussians, head, posed, backend=backend)
+        pictures.append((psnr(rgb, frame.target(), frame.valid), ssim(rgb, frame.target(), frame.valid)))
+        if frame.labels is not None:
+            valid = None if frame.valid is None else frame.valid.numpy()
+            total += confusion(predicted, frame.labels.numpy(), labels, valid)
+    means = np.mean(pictures, axis=0)
+    iou = total.iou()
+    per_label = {entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)}
+    return ViewsReport(float(means[0]), float(means[1]), total.mean_iou(), per_label, total.accuracy(), tuple(names))
+
+
+@torch.no_grad()
+def render_view(
+    gaussians: Gaussians, head: SemanticHead, posed: PosedCamera, *, backend: Backend = "cpu"
+) -> tuple[Tensor, NDArray[np.int32]]:
+    """float32 [H, W, 3] colours on black, and int32 [H, W] most probable classes (0 undetected)."""
+    means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
+    origin = torch.from_numpy(posed.world_from_camera[:3, 3].astype(np.float32))
+    colors = sh_to_rgb(means, torch.from_numpy(gaussians.sh), origin, gaussians.sh_degree, backend=backend)
+    splats = Splats(
+        means,
+        torch.from_numpy(gaussians.quats),
+        torch.exp(torch.from_numpy(gaussians.log_scales)),
+        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
+        torch.cat([colors, torch.from_numpy(gaussians.codes)], dim=1),
+    )
+    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
+    image = rasterize(splats, viewmat, posed.camera, backend=backend).image.float()
+    logits = image[..., 3:] @ torch.from_numpy(head.weight).T + torch.from_numpy(head.bias)
+    return image[..., :3], logits.argmax(dim=2).to(torch.int32).numpy()

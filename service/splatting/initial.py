@@ -1,0 +1,156 @@
+"""Where the first Gaussians stand: on the capture's points, or at random where the cameras look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+
+from service.common.errors import InvalidInputError
+from service.splatting.views import TrainingView
+
+_SH_DC = 0.28209479177387814  # Y_0, the constant spherical harmonic
+_ENOUGH_POINTS = 100
+_RANDOM_POINTS = 5_000
+_START_OPACITY = 0.1
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class StartPoints:
+    """Positions and colours to start from.
+
+    Attributes:
+        points: float32 [P, 3], world frame.
+        colors: float32 [P, 3], 0..1.
+        random: how many of them were placed at random, because the capture has too few points.
+    """
+
+    points: F32
+    colors: F32
+    random: int
+
+
+@dataclass(frozen=True)
+class StartGaussians:
+    """Unactivated parameters: see `service.scene.types.Gaussians` for shapes and units; `sh_dc` is [G, 3]."""
+
+    means: F32
+    quats: F32
+    log_scales: F32
+    logit_opacities: F32
+    sh_dc: F32
+
+
+def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
+    """The length that position steps are measured in, scene units.
+
+    As in 3DGS, 1.1 times the largest distance of a camera from their centre; but at least 0.3 times the median
+    distance from the cameras to the points, because one camera, or a tripod, has no spread.
+    """
+    positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
+    centre = positions.mean(axis=0)
+    spread = 1.1 * float(np.linalg.norm(positions - centre, axis=1).max())
+    depth = float(np.median(np.linalg.norm(points.astype(np.float64) - centre, axis=1))) if len(points) else 0.0
+    return max(spread, 0.3 * depth, 1e-6)
+
+
+def start_points(
+    points: F32, colors: NDArray[np.uint8], views: tuple[TrainingView, ...], budget: int, seed: int
+) -> StartPoints:
+    """At most `budget` coloured points to start from.
+
+    A capture with fewer than 100 points gets 5,000 more at random: inside the cameras' common field of view, at
+    depths around the place that they look at, coloured by the pixel they were cast from.
+
+    Raises:
+        InvalidInputError: a point is NaN or infinite.
+    """
+    if not np.isfinite(points).all():
+        raise InvalidInputError(
+            f"{int((~np.isfinite(points)).any(axis=1).sum())} points have NaN or infinite coordinates",
+            field="points",
+            hint="Remove these points from the point cloud.",
+        )
+    random = np.random.default_rng((seed, 1))
+    shade = colors.astype(np.float32) / 255
+    added = 0
+    if len(points) < _ENOUGH_POINTS:
+        extra, extra_shade = _random_points(views, min(_RANDOM_POINTS, budget), random)
+        points, shade, added = np.concatenate([points, extra]), np.concatenate([shade, extra_shade]), len(extra)
+    if len(points) > budget:
+        kept = np.sort(random.choice(len(points), budget, replace=False))
+        added = int((kept >= len(points) - added).sum())
+        points, shade = points[kept], shade[kept]
+    return StartPoints(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(shade, np.float32), added)
+
+
+def start_gaussians(start: StartPoints, extent: float) -> StartGaussians:
+    """Round Gaussians on the points: as wide as the root mean square distance to the 3 nearest others (3DGS)."""
+    count = len(start.points)
+    neighbours = min(3, count - 1)
+    if neighbours > 0:
+        distances = cKDTree(start.points).query(start.points, k=neighbours + 1)[0][:, 1:]
+        width = np.sqrt((distances**2).mean(axis=1))
+    else:
+        width = np.full(count, 0.1 * extent)
+    width = np.clip(width, 1e-5 * extent, 0.3 * extent)
+    return StartGaussians(
+        means=start.points,
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        log_scales=np.repeat(np.log(width).astype(np.float32)[:, None], 3, axis=1),
+        logit_opacities=np.full(count, np.log(_START_OPACITY / (1 - _START_OPACITY)), np.float32),
+        sh_dc=((start.colors - 0.5) / _SH_DC).astype(np.float32),
+    )
+
+
+def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Pixel (row, column) [P, 2] of each point in the view's largest frame, and whether it lies inside [P]."""
+    camera = view.frames[-1].camera
+    viewmat = view.viewmat.numpy().astype(np.float64)
+    local = points.astype(np.float64) @ viewmat[:3, :3].T + viewmat[:3, 3]
+    depth = np.where(local[:, 2] > 1e-6, local[:, 2], np.inf)
+    column = np.floor(local[:, 0] / depth * camera.fx + camera.cx)
+    row = np.floor(local[:, 1] / depth * camera.fy + camera.cy)
+    inside = np.isfinite(depth) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    pixels = np.where(inside[:, None], np.stack([row, column], axis=1), 0).astype(np.int64)
+    return pixels, inside
+
+
+def _random_points(views: tuple[TrainingView, ...], count: int, random: np.random.Generator) -> tuple[F32, F32]:
+    """Casts rays from random pixels and keeps the points that most cameras see."""
+    distance = _viewing_distance(views)
+    chosen = random.integers(len(views), size=4 * count)
+    inverse_depth = random.uniform(1 / 2.5, 1 / 0.4, size=4 * count) / distance
+    uv = random.uniform(size=(4 * count, 2))
+    points = np.zeros((4 * count, 3), np.float32)
+    shade = np.zeros((4 * count, 3), np.float32)
+    for index, view in enumerate(views):
+        rows = np.flatnonzero(chosen == index)
+        frame, viewmat = view.frames[-1], view.viewmat.numpy().astype(np.float64)
+        camera = frame.camera
+        x, y = uv[rows, 0] * camera.width, uv[rows, 1] * camera.height
+        ray = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
+        points[rows] = (ray / inverse_depth[rows, None] - viewmat[:3, 3]) @ viewmat[:3, :3]
+        shade[rows] = frame.rgb.numpy()[y.astype(np.int64), x.astype(np.int64)].astype(np.float32) / 255
+    seen = np.sum([project(points, view)[1] for view in views], axis=0)
+    best = np.sort(np.argsort(-np.minimum(seen, 1 + len(views) // 3), kind="stable")[:count])
+    return points[best], shade[best]
+
+
+def _viewing_distance(views: tuple[TrainingView, ...]) -> float:
+    """Median distance from the cameras to the point nearest to all their optical axes, or 1 where axes do not meet."""
+    positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
+    axes = np.stack([view.viewmat.numpy()[2, :3] for view in views]).astype(np.float64)
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal = across.sum(axis=0)
+    if len(views) > 1 and np.linalg.cond(normal) < 1e4:
+        focus = np.linalg.solve(normal, (across @ positions[:, :, None]).sum(axis=0)[:, 0])
+        ahead = ((focus - positions) * axes).sum(axis=1)
+        if np.median(ahead) > 0:
+            return float(np.median(ahead))
+    spread = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return 4 * spread if spread > 0 else 1.0

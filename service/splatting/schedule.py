@@ -1,0 +1,56 @@
+"""Every schedule of a run, as a function of the share of it that is over; so time and step bounds need one code."""
+
+from __future__ import annotations
+
+import math
+
+from service.splatting.settings import TrainingSettings
+
+
+def run_share(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:
+    """0 at the start, 1 when the first of the two bounds is reached."""
+    share = iteration / settings.iterations
+    if settings.time_budget_s is not None:
+        share = max(share, elapsed_s / settings.time_budget_s)
+    return min(share, 1.0)
+
+
+def image_scales(settings: TrainingSettings) -> tuple[float, ...]:
+    """Image sizes of a run, as shares of the training size, ascending; the last is 1."""
+    start = settings.start_scale
+    return (1.0,) if start == 1 else (start, math.sqrt(start), 1.0)
+
+
+def image_level(share: float, settings: TrainingSettings) -> int:
+    """Index into `image_scales`: the first two sizes each last half of the time until `full_size_from`."""
+    levels = len(image_scales(settings))
+    if share >= settings.full_size_from:
+        return levels - 1
+    return min(int(share / settings.full_size_from * (levels - 1)), levels - 1)
+
+
+def sh_degree(share: float, settings: TrainingSettings) -> int:
+    """Spherical-harmonics degree in use."""
+    return min(settings.max_sh_degree, sum(share >= start for start in settings.sh_from))
+
+
+def learning_rates(share: float, extent: float, settings: TrainingSettings) -> dict[str, float]:
+    """Adam's step size for each parameter of `SplatState`."""
+    rates = settings.rates
+    decay = rates.final_share**share
+    return {
+        "means": extent * rates.means * (rates.means_final / rates.means) ** share,
+        "quats": rates.quats * decay,
+        "log_scales": rates.log_scales * decay,
+        "logit_opacities": rates.logit_opacities * decay,
+        "sh_dc": rates.sh_dc * decay,
+        "sh_rest": rates.sh_dc * rates.sh_rest_share * decay,
+        "codes": rates.codes * decay,
+        "weight": rates.weight * decay,
+        "bias": rates.weight * decay,
+    }
+
+
+def event_due(before: float, now: float, events: int) -> bool:
+    """Whether one of `events` evenly spaced moments of a run lies in (before, now]."""
+    return math.floor(now * events) > math.floor(before * events)

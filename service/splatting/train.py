@@ -1,0 +1,353 @@
+"""The paper's single phase: geometry, colour, codes and the affine map W are optimised together."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from service.capture.types import Capture
+from service.common.errors import InvalidInputError
+from service.common.progress import Progress, ProgressEvent
+from service.perception.types import Labelling
+from service.scene.types import Gaussians, SemanticHead
+from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
+from service.splatting.densify import planned_count
+from service.splatting.initial import scene_extent, start_gaussians, start_points
+from service.splatting.losses import image_loss, semantic_loss
+from service.splatting.morton import morton_order
+from service.splatting.quality import psnr, ssim
+from service.splatting.raster import Splats, rasterize, sh_to_rgb
+from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
+from service.splatting.semantics import (
+    class_weights,
+    code_size,
+    ghost_share,
+    separated_codes,
+    start_codes,
+    start_head,
+)
+from service.splatting.settings import TrainingSettings
+from service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
+from service.splatting.types import TrainedSplats, TrainingDivergedError
+from service.splatting.views import Frame, TrainingView, load_views, split_views
+
+_REPORT_EVERY_S = 0.5
+
+
+def train(
+    capture: Capture,
+    labelling: Labelling,
+    settings: TrainingSettings,
+    progress: Progress,
+    checkpoint_dir: Path | None = None,
+) -> TrainedSplats:
+    """Trains a scene until `settings.iterations` or `settings.time_budget_s`, whichever comes first.
+
+    Args:
+        capture: views with poses, and points (few or none are made up for by random ones).
+        labelling: one label map per view; an empty dictionary trains without semantics (codes of size 0).
+        progress: hears of metrics loss, psnr (held-out views, or the last training view when none is held out),
+            gaussians, iterations_per_second, seconds_left; may raise `CancelledError`, which ends the run at once.
+        checkpoint_dir: where the run's state is kept; a checkpoint found there is continued, to the bit when
+            the run is bounded by iterations alone.
+
+    Raises:
+        InvalidInputError: no views, points that are not finite, images that contradict their cameras.
+        ConflictError: the checkpoint belongs to another run.
+        TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
+    """
+    if not capture.views:
+        raise InvalidInputError("the capture has no registered views", field="capture.views")
+    if labelling.label_maps and len(labelling.label_maps) != len(capture.views):
+        raise InvalidInputError(
+            f"{len(labelling.label_maps)} label maps for {len(capture.views)} views", field="labelling.label_maps"
+        )
+    return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
+
+
+@dataclass(frozen=True)
+class _Measured:
+    psnr: float
+    ssim: float
+
+
+class _Run:
+    def __init__(
+        self,
+        capture: Capture,
+        labelling: Labelling,
+        settings: TrainingSettings,
+        progress: Progress,
+        checkpoint_dir: Path | None,
+    ) -> None:
+        self.settings, self.progress, self.checkpoint_dir = settings, progress, checkpoint_dir
+        progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
+        kept, held_out = split_views(len(capture.views), settings.held_out_every)
+        self.views = load_views(capture, labelling, kept, settings.max_side, image_scales(settings))
+        self.held_out = load_views(capture, labelling, held_out, settings.max_side, (1.0,))
+        self.labels = len(labelling.dictionary) if labelling.label_maps else 0
+        self.class_weights = class_weights(self.labels + 1, settings.undetected_weight)
+        start = start_points(capture.points, capture.point_colors, self.views, settings.max_gaussians, settings.seed)
+        self.random_points = start.random
+        self.start_count = len(start.points)
+        self.extent = scene_extent(self.views, start.points)
+        self.fingerprint = fingerprint_of(
+            settings.model_dump(mode="json"),
+            tuple(view.posed.name for view in capture.views),
+            tuple(entry.label for entry in labelling.dictionary.entries),
+            capture.points.tobytes(),
+        )
+        found = read_checkpoint(checkpoint_dir, self.fingerprint) if checkpoint_dir else None
+        self.elapsed = found.elapsed_s if found else 0.0
+        if found:
+            self.state = restored_state(found.tensors, found.iteration)
+        else:
+            gaussians = start_gaussians(start, self.extent)
+            class_codes = separated_codes(self.labels + 1, code_size(self.labels, settings.code_size), settings.seed)
+            weight, bias = start_head(class_codes)
+            rest = (settings.max_sh_degree + 1) ** 2 - 1
+            self.state = new_state(
+                {
+                    "means": torch.from_numpy(gaussians.means),
+                    "quats": torch.from_numpy(gaussians.quats),
+                    "log_scales": torch.from_numpy(gaussians.log_scales),
+                    "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
+                    "sh_dc": torch.from_numpy(gaussians.sh_dc)[:, None, :],
+                    "sh_rest": torch.zeros(self.start_count, rest, 3),
+                    "codes": start_codes(gaussians.means, self.views, class_codes),
+                    "weight": weight,
+                    "bias": bias,
+                }
+            )
+        self.losses: deque[float] = deque(maxlen=50)
+        self.latest = math.nan
+        self.speed = 0.0
+
+    def finish(self) -> TrainedSplats:
+        self._optimise()
+        gaussians, head = self._result()
+        quality = {
+            "iterations": float(self.state.iteration),
+            "gaussians": float(len(gaussians)),
+            "train_seconds": self.elapsed,
+            "held_out": float(len(self.held_out)),
+            "random_points": float(self.random_points),
+        }
+        if self.losses:
+            quality["loss"] = sum(self.losses) / len(self.losses)
+        if self.labels:
+            quality["ghost_share"] = self._ghosts(gaussians, head)
+        if self.held_out:
+            measured = self._measure(_parameters(gaussians))
+            quality |= {"psnr": measured.psnr, "ssim": measured.ssim}
+        self._report(1.0)
+        return TrainedSplats(gaussians, head, quality, tuple(view.name for view in self.held_out))
+
+    def _optimise(self) -> None:
+        begun = last_report = last_checkpoint = time.monotonic()
+        begun -= self.elapsed
+        first_iteration, first_elapsed = self.state.iteration, self.elapsed
+        share = run_share(self.state.iteration, self.elapsed, self.settings)
+        self._report(share)
+        while share < 1:
+            self._step(share)
+            now = time.monotonic()
+            self.elapsed = now - begun
+            before, share = share, run_share(self.state.iteration, self.elapsed, self.settings)
+            if event_due(before, share, self.settings.densify_events):
+                self._densify(share)
+            if self.held_out and event_due(before, share, self.settings.evaluations):
+                self.latest = self._measure(self.state.parameters).psnr
+                last_report = -math.inf
+            if now - last_report >= _REPORT_EVERY_S:
+                self.speed = (self.state.iteration - first_iteration) / max(self.elapsed - first_elapsed, 1e-9)
+                self._report(share)
+                last_report = now
+            if self.checkpoint_dir and now - last_checkpoint >= self.settings.checkpoint_every_s:
+                self._checkpoint()
+                last_checkpoint = now
+        if self.checkpoint_dir:
+            self._checkpoint()
+
+    def _step(self, share: float) -> None:
+        settings, iteration = self.settings, self.state.iteration
+        view = self._view_of(iteration)
+        frame = view.frames[image_level(share, settings)]
+        semantic = self.labels > 0 and frame.labels is not None and iteration % settings.semantic_every == 0
+        parameters = self.state.parameters
+        opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
+        degree = sh_degree(share, settings)
+        image, culled = self._render(parameters, opacities, scales, view, frame, degree, semantic, self._background())
+        loss = image_loss(image[..., :3], frame.target(), settings.ssim_weight, frame.valid)
+        if not self.held_out:
+            self.latest = psnr(image[..., :3].detach(), frame.target(), frame.valid)
+        if semantic and frame.labels is not None:
+            cross_entropy = _cross_entropy(image[..., 3:], parameters, frame.labels, frame.valid, self.class_weights)
+            loss = loss + settings.semantic_weight * settings.semantic_every * cross_entropy
+        if settings.opacity_decay:
+            loss = loss + settings.opacity_decay * opacities.mean()
+        if settings.scale_decay:
+            loss = loss + settings.scale_decay / self.extent * scales.mean()
+        value = loss.item()
+        if not math.isfinite(value) or culled:
+            raise TrainingDivergedError(
+                f"at iteration {iteration} the loss is {value} and {culled} Gaussians are not finite",
+                hint="Lower the learning rates in training.rates, and check the poses and points of the capture.",
+                field="training.rates",
+            )
+        self.losses.append(value)
+        loss.backward()  # type: ignore[no-untyped-call]
+        adam_step(self.state, learning_rates(share, self.extent, settings))
+
+    def _render(
+        self,
+        parameters: Mapping[str, Tensor],
+        opacities: Tensor,
+        scales: Tensor,
+        view: TrainingView,
+        frame: Frame,
+        degree: int,
+        semantic: bool,
+        background: Tensor | None,
+    ) -> tuple[Tensor, int]:
+        """[H, W, 3 + D] (or 3) and the number of non-finite Gaussians."""
+        backend = self.settings.backend
+        sh = parameters["sh_dc"]
+        if degree:
+            sh = torch.cat([sh, parameters["sh_rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
+        features = sh_to_rgb(parameters["means"], sh, view.position, degree, backend=backend)
+        if semantic:
+            features = torch.cat([features, parameters["codes"]], dim=1)
+            if background is not None:
+                background = torch.cat([background, torch.zeros(features.shape[1] - 3)])
+        splats = Splats(parameters["means"], parameters["quats"], scales, opacities, features)
+        rendering = rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)
+        return rendering.image, rendering.culled_non_finite
+
+    def _view_of(self, iteration: int) -> TrainingView:
+        """Every view once an epoch, in an order of the epoch's own: nothing to store in a checkpoint."""
+        epoch, position = divmod(iteration, len(self.views))
+        order = np.random.default_rng((self.settings.seed, 2, epoch)).permutation(len(self.views))
+        return self.views[int(order[position])]
+
+    def _background(self) -> Tensor | None:
+        if self.settings.background == "black":
+            return None
+        generator = np.random.default_rng((self.settings.seed, 3, self.state.iteration))
+        return torch.from_numpy(generator.uniform(size=3).astype(np.float32))
+
+    def _densify(self, share: float) -> None:
+        settings = self.settings
+        if not settings.densify_from <= share <= settings.densify_until:
+            return
+        target = planned_count(
+            share, self.start_count, settings.max_gaussians, settings.densify_from, settings.full_count_at
+        )
+        seed = np.random.SeedSequence((settings.seed, 4, self.state.iteration)).generate_state(1, np.uint64)
+        generator = torch.Generator().manual_seed(int(seed[0] >> 1))
+        need = torch.sigmoid(self.state.parameters["logit_opacities"].detach())
+        relocate_and_grow(self.state, need, target, settings.dead_opacity, generator)
+
+    @torch.no_grad()
+    def _measure(self, parameters: Mapping[str, Tensor]) -> _Measured:
+        opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
+        results = []
+        for view in self.held_out:
+            frame = view.frames[-1]
+            image, _ = self._render(
+                parameters, opacities, scales, view, frame, self.settings.max_sh_degree, False, None
+            )
+            target = frame.target()
+            results.append((psnr(image, target, frame.valid), ssim(image, target, frame.valid)))
+        return _Measured(*(float(np.mean(values)) for values in zip(*results, strict=True)))
+
+    @torch.no_grad()
+    def _result(self) -> tuple[Gaussians, SemanticHead]:
+        """Visible Gaussians in Morton order, and the head.
+
+        Raises:
+            TrainingDivergedError: a parameter is not finite.
+        """
+        arrays = {name: value.detach().numpy() for name, value in self.state.parameters.items()}
+        for name, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise TrainingDivergedError(f"after iteration {self.state.iteration} {name} is not finite")
+        opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
+        visible = np.flatnonzero(opacities > self.settings.cull_opacity)
+        rows = visible[morton_order(arrays["means"][visible])]
+        gaussians = Gaussians(
+            means=arrays["means"][rows],
+            quats=arrays["quats"][rows],
+            log_scales=arrays["log_scales"][rows],
+            logit_opacities=arrays["logit_opacities"][rows],
+            sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
+            codes=arrays["codes"][rows],
+        )
+        return gaussians, SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
+
+    def _ghosts(self, gaussians: Gaussians, head: SemanticHead) -> float:
+        return ghost_share(
+            torch.from_numpy(gaussians.codes),
+            torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
+            torch.from_numpy(head.weight),
+            torch.from_numpy(head.bias),
+        )
+
+    def _checkpoint(self) -> None:
+        assert self.checkpoint_dir is not None
+        checkpoint = Checkpoint(self.state.iteration, self.elapsed, self.state.tensors())
+        write_checkpoint(checkpoint, self.checkpoint_dir, self.fingerprint)
+
+    def _report(self, share: float) -> None:
+        settings = self.settings
+        left = (settings.iterations - self.state.iteration) / self.speed if self.speed else math.inf
+        if settings.time_budget_s is not None:
+            left = min(left, max(0.0, settings.time_budget_s - self.elapsed))
+        metrics = {
+            "iteration": float(self.state.iteration),
+            "elapsed_s": self.elapsed,
+            "gaussians": float(self.state.count),
+            "iterations_per_second": self.speed,
+            "random_points": float(self.random_points),
+        }
+        if self.losses:
+            metrics["loss"] = sum(self.losses) / len(self.losses)
+        if math.isfinite(left):
+            metrics["seconds_left"] = left
+        if math.isfinite(self.latest):
+            metrics["psnr"] = self.latest
+        message = f"iteration {self.state.iteration}, {self.state.count} Gaussians"
+        self.progress(ProgressEvent("training", share, message, metrics))
+
+
+def _cross_entropy(
+    codes: Tensor, parameters: Mapping[str, Tensor], labels: Tensor, valid: Tensor | None, class_weights: Tensor
+) -> Tensor:
+    """Weighted cross-entropy over valid pixels: the others get a class of weight 0 that no code can reach."""
+    weight, bias = parameters["weight"], parameters["bias"]
+    if valid is not None:
+        labels = torch.where(valid, labels, len(bias))
+        weight = torch.cat([weight, weight.new_zeros(1, weight.shape[1])])
+        bias = torch.cat([bias, bias.new_full((1,), -1e30)])
+        class_weights = torch.cat([class_weights, class_weights.new_zeros(1)])
+    return semantic_loss(codes, weight, bias, labels, class_weights)
+
+
+def _parameters(gaussians: Gaussians) -> dict[str, Tensor]:
+    """The colour part of a result as parameters, to be rendered."""
+    return {
+        "means": torch.from_numpy(gaussians.means),
+        "quats": torch.from_numpy(gaussians.quats),
+        "log_scales": torch.from_numpy(gaussians.log_scales),
+        "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
+        "sh_dc": torch.from_numpy(gaussians.sh[:, :1].copy()),
+        "sh_rest": torch.from_numpy(gaussians.sh[:, 1:].copy()),
+    }
