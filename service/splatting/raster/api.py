@@ -48,6 +48,10 @@ def rasterize(
         )
     if backend == "reference":
         return reference.rasterize(splats, viewmat, camera, background, settings)
+    if backend == "cpu":
+        from service.splatting.raster import cpu
+
+        return cpu.rasterize(splats, viewmat, camera, background, settings)
     raise _unknown(backend)
 
 
@@ -80,6 +84,10 @@ def blend_sums(
         )
     if backend == "reference":
         return reference.blend_sums(splats, viewmat, camera, values, settings)
+    if backend == "cpu":
+        from service.splatting.raster import cpu
+
+        return cpu.blend_sums(splats, viewmat, camera, values, settings)
     raise _unknown(backend)
 
 
@@ -107,7 +115,7 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
             f"means {tuple(means.shape)}, sh {tuple(sh.shape)}, camera_position {tuple(camera_position.shape)}",
             field="means",
         )
-    if backend in ("reference", "cuda"):
+    if backend in ("reference", "cpu", "cuda"):
         return harmonics.sh_to_rgb(means, sh, camera_position, degree)
     raise _unknown(backend)
 

@@ -178,13 +178,13 @@ def _check_pairs(
         pairs = pairs * (last - first + 1)
     total = int(pairs[visible].sum())
     if total > settings.max_pairs:
-        raise pair_bound_error(total, settings.max_pairs)
+        raise pair_bound_error(settings.max_pairs)
 
 
-def pair_bound_error(pairs: int, max_pairs: int) -> ResourceError:
+def pair_bound_error(max_pairs: int) -> ResourceError:
     """What every backend raises when a view needs more Gaussian-tile pairs than its settings allow."""
     return ResourceError(
-        f"this view needs {pairs} Gaussian-tile pairs, max_pairs is {max_pairs}",
+        f"this view needs more than {max_pairs} Gaussian-tile pairs (max_pairs)",
         field="max_pairs",
         limit=f"{max_pairs} pairs (max_pairs)",
         hint="Render a smaller image, remove oversized Gaussians, or raise max_pairs (about 100 bytes a pair).",

@@ -1,0 +1,94 @@
+// What the kernels share: plain data and one table of functions per instruction set. No std templates here, see simd.h.
+#pragma once
+#include <cstdint>
+
+namespace fs {
+
+constexpr int TILE = 16;            // pixels a side
+constexpr int MAX_GROUP = 16;       // feature channels composited in one pass
+constexpr int GEOMETRY = 8;         // floats of a record before depth and features: see Record
+constexpr int MOMENTS = 6;          // floats of a pair's sums before depth and features
+
+struct View {
+  double rotation[9], translation[3];  // camera from world
+  double fx, fy, cx, cy;
+  int32_t width, height;
+  double alpha_min, alpha_max, transmittance_min, near_z, far_z, eps2d;
+};
+
+struct Inputs {  // [G, ...], contiguous
+  const float *means, *quats, *scales, *opacities, *features;
+  int64_t count;
+  int32_t channels;
+};
+
+struct Gradients {  // same shapes as Inputs
+  float *means, *quats, *scales, *opacities, *features;
+};
+
+// A projected, visible Gaussian. Whitened offsets: u = a·dx + b·dy, v = c·dy and alpha = 2^(log_opacity − u² − v²), a
+// Cholesky factor of the conic times sqrt(log2(e) / 2): needles keep their digits where the conic itself cancels.
+struct Projected {
+  double x, y;
+  float a, b, c, log_opacity;
+  float depth;
+  int32_t id;
+};
+
+struct Pairs {  // output of one chunk of Gaussians, in the order of depth
+  int32_t* tile;
+  uint64_t* blocks;
+  int64_t count, capacity;
+};
+
+struct TileJob {
+  View view;
+  int32_t tiles_x, tiles_y;
+  const float* records;  // by depth rank: x, y (doubles), a, b, c, log_opacity, depth, features, zeros
+  int64_t stride;        // floats
+  const int64_t* tile_start;   // [tiles + 1]
+  const uint32_t* pair_rank;   // sorted by tile, then depth
+  uint64_t* pair_blocks;       // bit = block of the tile; the forward pass drops blocks without a contribution
+  const uint32_t* pair_slot;   // where the pair's sums go: pairs of one Gaussian are neighbours there
+  int32_t* tile_used;          // pairs a tile looked at before all its pixels were finished
+  float* final_t;              // [tiles, 256], block order
+  int32_t* stop;               // [tiles, 256]: index in the tile's list at which a pixel finished
+  // this pass's group of channels
+  int32_t channels, channel_begin, group, first;  // first: the group that also carries depth and alpha
+  const float* background;
+  float *image, *alpha, *depth, *median;          // forward outputs
+  const float *grad_image, *grad_alpha, *grad_depth;  // may be null; blend: grad_image holds the values
+  float* sums;       // [pairs, sum_stride]
+  int64_t sum_stride;
+};
+
+struct FinishJob {
+  View view;
+  Inputs in;
+  Gradients out;
+  const Projected* projected;
+  const uint32_t* rank_of;      // physical index of a projected Gaussian -> depth rank
+  const int64_t* slot_start;    // [ranks + 1]
+  const float* sums;
+  int64_t sum_stride;
+};
+
+struct Kernels {
+  const char* name;
+  // Projects rows [begin, end); visible ones go to out[0..]; returns how many. *bad counts non-finite rows.
+  int64_t (*project)(const View&, const Inputs&, int64_t begin, int64_t end, Projected* out, int32_t* radii,
+                     int64_t* bad);
+  // Appends the tiles and blocks of one Gaussian; returns false when pairs.capacity is reached.
+  bool (*spans)(const View&, const Projected&, Pairs&);
+  void (*forward)(const TileJob&, int32_t tile);
+  void (*backward)(const TileJob&, int32_t tile);
+  void (*blend)(const TileJob&, int32_t tile);
+  // Rows [begin, end) of the inputs, of which `visible` are projected: chain rule and zeros for the others.
+  void (*finish)(const FinishJob&, int64_t begin, int64_t end, int64_t physical, int64_t visible);
+};
+
+}  // namespace fs
+
+namespace baseline { extern const fs::Kernels kernels; }
+namespace avx2 { extern const fs::Kernels kernels; }
+namespace avx512 { extern const fs::Kernels kernels; }

@@ -1,0 +1,173 @@
+"""The C++ backend: torch.autograd around kernels that read and write torch's memory in place.
+
+Environment: FASTSPLAT_RASTER_THREADS (default: the CPUs this process may use) and FASTSPLAT_RASTER_ISA (avx512, avx2 or
+baseline; default: the best this machine has). The threads are the kernels' own; results do not depend on their number.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from service.common.camera import Camera
+from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from service.splatting.raster.reference import pair_bound_error
+from service.splatting.raster.types import RasterSettings, Rendering, Splats
+
+try:
+    from service.splatting.raster import _cpu as kernels
+except ImportError as error:  # pragma: no cover - only in a checkout that was not built
+    raise ModelUnavailableError(
+        "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
+    ) from error
+
+
+def thread_count() -> int:
+    """Threads of the next call."""
+    text = os.environ.get("FASTSPLAT_RASTER_THREADS", "")
+    if not text:
+        return min(64, len(os.sched_getaffinity(0)))
+    if not text.isdigit() or not 1 <= int(text) <= 256:
+        raise InvalidInputError(
+            f"FASTSPLAT_RASTER_THREADS={text!r}", field="FASTSPLAT_RASTER_THREADS", limit="1..256 threads"
+        )
+    return int(text)
+
+
+def instruction_set() -> str:
+    """Kernels of the next call, one of `instruction_sets()`."""
+    name = os.environ.get("FASTSPLAT_RASTER_ISA", "")
+    if name and name not in kernels.isas():
+        raise InvalidInputError(
+            f"FASTSPLAT_RASTER_ISA={name!r} cannot run here",
+            field="FASTSPLAT_RASTER_ISA",
+            hint=f"Choose one of {', '.join(kernels.isas())}, or leave it unset.",
+        )
+    return name or str(kernels.isas()[0])
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """What this machine can run, best first."""
+    return tuple(kernels.isas())
+
+
+def rasterize(
+    splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
+) -> Rendering:
+    """See `service.splatting.raster.rasterize`. Computes in float32 (doubles once per Gaussian)."""
+    if viewmat.requires_grad:
+        raise InvalidInputError(
+            "the cpu backend does not differentiate the viewmat", field="viewmat", hint="Use backend='reference'."
+        )
+    dtype = splats.means.dtype
+    parts = [_float32(part) for part in _parts(splats)]
+    back = torch.zeros(parts[4].shape[1]) if background is None else _float32(background)
+    info: dict[str, Any] = {}
+    image, alpha, depth, median, radii = _Rasterize.apply(*parts, back, viewmat, camera, settings, info)  # type: ignore[no-untyped-call]
+    if dtype != torch.float32:
+        image, alpha, depth, median = (part.to(dtype) for part in (image, alpha, depth, median))
+    return Rendering(image, alpha, depth, median, radii, int(info["frame"].culled_non_finite))
+
+
+def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
+    """See `service.splatting.raster.blend_sums`."""
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    frame, _ = _prepare(parts, viewmat, camera, settings)
+    sums = torch.zeros(len(parts[0]), values.shape[-1])
+    if sums.numel():
+        _guard(
+            settings, frame.blend, _float32(values.detach()).numpy(), sums.numpy(), thread_count(), instruction_set()
+        )
+    return sums.to(splats.means.dtype)
+
+
+def _parts(splats: Splats) -> tuple[Tensor, ...]:
+    return splats.means, splats.quats, splats.scales, splats.opacities, splats.features
+
+
+def _float32(tensor: Tensor) -> Tensor:
+    if tensor.device.type != "cpu":
+        raise InvalidInputError(f"the cpu backend got a tensor on {tensor.device}", field="backend")
+    return tensor.to(torch.float32).contiguous()
+
+
+def _prepare(parts: list[Tensor], viewmat: Tensor, camera: Camera, settings: RasterSettings) -> tuple[Any, Tensor]:
+    radii = torch.empty(len(parts[0]), dtype=torch.int32)
+    lens = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
+    limits = [
+        settings.alpha_min,
+        settings.alpha_max,
+        settings.transmittance_min,
+        settings.near,
+        settings.far,
+        settings.eps2d,
+    ]
+    pose = viewmat.detach().to(torch.float64).contiguous().numpy()
+    arrays = [part.numpy() for part in parts]
+    frame = _guard(
+        settings,
+        kernels.prepare,
+        *arrays,
+        pose,
+        lens,
+        limits,
+        settings.max_pairs,
+        radii.numpy(),
+        thread_count(),
+        instruction_set(),
+    )
+    return frame, radii
+
+
+def _guard(settings: RasterSettings, call: Any, *arguments: Any) -> Any:
+    try:
+        return call(*arguments)
+    except kernels.TooManyPairs:
+        raise pair_bound_error(settings.max_pairs) from None
+    except kernels.Cancelled:
+        raise CancelledError("the rendering was cancelled") from None
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, ...]:
+        *tensors, viewmat, camera, settings, info = inputs
+        parts = [tensor.detach() for tensor in tensors[:5]]
+        background = tensors[5].detach()
+        frame, radii = _prepare(parts, viewmat, camera, settings)
+        shape = (camera.height, camera.width)
+        image = torch.empty(*shape, parts[4].shape[1])
+        alpha, depth, median = torch.empty(shape), torch.empty(shape), torch.empty(shape)
+        arrays = [part.numpy() for part in (background, image, alpha, depth, median)]
+        _guard(settings, frame.forward, *arrays, thread_count(), instruction_set())
+        ctx.set_materialize_grads(False)
+        ctx.mark_non_differentiable(median, radii)
+        ctx.save_for_backward(*tensors, alpha)
+        ctx.frame, ctx.settings = frame, settings
+        info["frame"] = frame
+        return image, alpha, depth, median, radii
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        *tensors, alpha = ctx.saved_tensors
+        outputs = [None if grad is None else grad.contiguous().numpy() for grad in grads[:3]]
+        parts = [tensor.detach() for tensor in tensors[:5]]
+        gradients = [torch.empty_like(part) for part in parts]
+        _guard(
+            ctx.settings,
+            ctx.frame.backward,
+            *(part.numpy() for part in parts),
+            tensors[5].detach().numpy(),
+            *outputs,
+            *(gradient.numpy() for gradient in gradients),
+            thread_count(),
+            instruction_set(),
+        )
+        back = None
+        if ctx.needs_input_grad[5] and grads[0] is not None:
+            back = ((1.0 - alpha)[..., None] * grads[0]).sum(dim=(0, 1))
+        return (*gradients, back, None, None, None, None)
