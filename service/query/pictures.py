@@ -12,28 +12,28 @@ from service.common.errors import InvalidInputError
 
 U8 = NDArray[np.uint8]
 
-# Polynomial approximation of the Turbo colour map: A. Mikhailov, "Turbo, An Improved Rainbow Colormap for
-# Visualization", Google AI Blog 2019; coefficients by R. Du (Apache-2.0). Columns r g b, rows x⁰..x⁵.
+# Every eighth colour (and the last) of the Turbo table: A. Mikhailov, "Turbo, An Improved Rainbow Colormap for
+# Visualization", Google AI Blog 2019 (Apache-2.0). Linear between them it stays within 3 of 255 of the whole table.
+_TURBO_AT = np.append(np.arange(0, 256, 8), 255) / 255.0
 _TURBO = np.array(
     [
-        [0.13572138, 0.09140261, 0.10667330],
-        [4.61539260, 2.19418839, 12.64194608],
-        [-42.66032258, 4.84296658, -60.58204836],
-        [132.13108234, -14.18503333, 110.36276771],
-        [-152.94239396, 4.27729857, -89.90310912],
-        [59.28637943, 2.82956604, 27.34824973],
-    ]
+        list(bytes.fromhex(colour))
+        for colour in (
+            "30123b 392a73 4040a2 4456c7 466be3 4680f6 4294ff 37a8fa 28bceb 1ccdd8 18ddc2 1fe9af 32f298 4ef97d "
+            "6dfe62 8bff4b a4fc3c b9f635 cdec34 dfdf37 eecf3a f8be39 fdac34 fe962b fb7e21 f46617 eb500e df3f08 "
+            "d02f05 be2102 a91601 920b01 7a0403 "
+        ).split()
+    ],
+    dtype=np.float64,
 )
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 
 
 def turbo(values: NDArray[np.floating]) -> U8:
     """uint8 [..., 3] of values [...] in 0..1 (clamped; NaN counts as 0): blue is low, red is high."""
-    x = np.clip(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0), 0.0, 1.0)[..., None]
-    colour = np.zeros((*x.shape[:-1], 3))
-    for row in _TURBO[::-1]:
-        colour = colour * x + row
-    return np.asarray((np.clip(colour, 0.0, 1.0) * 255.0).round(), dtype=np.uint8)
+    x = np.clip(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0), 0.0, 1.0)
+    channels = [np.interp(x, _TURBO_AT, _TURBO[:, channel]) for channel in range(3)]
+    return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
 def overlay(

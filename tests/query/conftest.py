@@ -1,0 +1,102 @@
+"""A text encoder one can reason about, and scenes whose answers are known."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import dictionary_of
+from service.query import QuerySettings
+from service.scene import Gaussians, Scene, SemanticHead
+
+SIZE = 16
+
+
+class DrawnEncoder:
+    """Words get directions drawn from their hash, or the ones a test chooses; a sentence is its own word.
+
+    Counts its calls in `seen`, so that a test can see what was cached.
+    """
+
+    name = "drawn"
+    sha256 = "0" * 64
+
+    def __init__(self, chosen: Mapping[str, Sequence[float]] | None = None) -> None:
+        self._chosen = dict(chosen or {})
+        self.seen: list[str] = []
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        self.seen += texts
+        vectors = np.stack([self._vector(text) for text in texts])
+        return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+
+    def _vector(self, text: str) -> np.ndarray:
+        if text in self._chosen:
+            return np.pad(np.asarray(self._chosen[text], dtype=float), (0, SIZE - len(self._chosen[text])))
+        seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+        return np.random.default_rng(seed).standard_normal(SIZE)
+
+
+@pytest.fixture
+def drawn_encoder() -> Callable[..., DrawnEncoder]:
+    return DrawnEncoder
+
+
+@pytest.fixture
+def plain() -> QuerySettings:
+    """Bare names, known thresholds, the rasterizer that is its own oracle."""
+    return QuerySettings(templates=("{}",), threshold=0.5, exact_threshold=0.95, backend="reference")
+
+
+@pytest.fixture
+def make_scene() -> Callable[..., Scene]:
+    """A row of opaque balls along x at z = 0, ball i of label i (ball 0 undetected), codes one-hot."""
+
+    def make(labels: Sequence[str] = ("mug", "spoon", "bed"), per_label: int = 1, code: int | None = None) -> Scene:
+        classes = len(labels) + 1
+        size = classes if code is None else code
+        count = classes * per_label
+        ids = np.arange(count) // per_label
+        rng = np.random.default_rng(0)
+        means = np.zeros((count, 3), dtype=np.float32)
+        means[:, 0] = ids - (classes - 1) / 2
+        means += rng.normal(0, 0.01, means.shape).astype(np.float32)
+        one_hot = np.eye(classes, size, dtype=np.float32)
+        return Scene(
+            gaussians=Gaussians(
+                means=means,
+                quats=np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (count, 1)),
+                log_scales=np.full((count, 3), np.log(0.15), dtype=np.float32),
+                logit_opacities=np.full(count, 6.0, dtype=np.float32),
+                sh=rng.uniform(-1, 1, (count, 1, 3)).astype(np.float32),
+                codes=one_hot[ids],
+            ),
+            head=SemanticHead(8.0 * one_hot, np.zeros(classes, dtype=np.float32)),
+            dictionary=dictionary_of(labels),
+            label_embeddings=np.zeros((len(labels), SIZE), dtype=np.float32),
+            text_encoder=("another", "1" * 64),
+            cameras=(),
+            scale="METRIC",
+        )
+
+    return make
+
+
+@pytest.fixture
+def front() -> PosedCamera:
+    """Looks along +z at the row of balls from 4 units away; 64×48 pixels."""
+    pose = np.eye(4)
+    pose[2, 3] = -4.0
+    return PosedCamera(Camera(64, 48, 50.0, 50.0, 32.0, 24.0), pose)
+
+
+@pytest.fixture
+def away() -> PosedCamera:
+    """Stands at the same place and looks the other way: sees nothing."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = -4.0
+    return PosedCamera(Camera(64, 48, 50.0, 50.0, 32.0, 24.0), pose)

@@ -1,0 +1,80 @@
+"""Pictures: the colour map's order, overlays that touch the mask alone, PNG without loss."""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.common.errors import InvalidInputError
+from service.query.pictures import overlay, png_bytes, relevancy_picture, turbo
+
+
+def test_turbo_goes_from_blue_over_green_to_red() -> None:
+    low, middle, high = (turbo(np.array(value)).astype(int) for value in (0.1, 0.5, 0.9))
+    assert low.argmax() == 2 and middle.argmax() == 1 and high.argmax() == 0
+
+
+def test_turbo_is_near_the_published_table() -> None:
+    # Entries of Mikhailov's 256-colour table that are not among the interpolated ones.
+    published = {
+        4: (53, 30, 88),
+        60: (47, 178, 244),
+        100: (63, 246, 138),
+        140: (195, 241, 52),
+        196: (248, 114, 28),
+        252: (133, 7, 2),
+    }
+    for index, colour in published.items():
+        assert np.abs(turbo(np.array(index / 255)).astype(int) - colour).max() <= 3
+
+
+def test_turbo_clamps_and_never_fails() -> None:
+    values = np.array([[-1.0, 0.0, np.nan], [1.0, 7.0, np.inf]])
+    colours = turbo(values)
+    assert colours.shape == (2, 3, 3) and colours.dtype == np.uint8
+    assert (colours[0] == colours[0, 0]).all() and (colours[1] == colours[1, 0]).all()
+
+
+def test_overlay_touches_the_mask_alone() -> None:
+    rng = np.random.default_rng(0)
+    rgb = rng.integers(0, 256, (20, 30, 3), dtype=np.uint8)
+    mask = rng.random((20, 30)) < 0.4
+    before = rgb.copy()
+    picture = overlay(rgb, mask)
+    np.testing.assert_array_equal(rgb, before)
+    np.testing.assert_array_equal(picture[~mask], rgb[~mask])
+    np.testing.assert_array_equal(overlay(rgb, np.zeros_like(mask)), rgb)
+
+
+def test_overlay_outlines_the_edge_and_not_the_inside() -> None:
+    rgb = np.zeros((9, 9, 3), dtype=np.uint8)
+    mask = np.zeros((9, 9), dtype=bool)
+    mask[2:7, 2:7] = True
+    white = (overlay(rgb, mask) == 255).all(axis=2)
+    inside = np.zeros_like(mask)
+    inside[3:6, 3:6] = True
+    np.testing.assert_array_equal(white, mask & ~inside)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 2)])
+def test_tiny_images(shape: tuple[int, int]) -> None:
+    rgb = np.zeros((*shape, 3), dtype=np.uint8)
+    assert overlay(rgb, np.ones(shape, dtype=bool)).shape == rgb.shape
+    assert relevancy_picture(rgb, np.ones(shape, dtype=np.float32)).shape == rgb.shape
+
+
+@pytest.mark.parametrize("shape", [(4, 6, 3), (4, 6)])
+def test_png_is_lossless(shape: tuple[int, ...]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(png_bytes(image)))), image)
+
+
+def test_wrong_shapes_are_refused() -> None:
+    with pytest.raises(InvalidInputError):
+        overlay(np.zeros((4, 6, 3), dtype=np.uint8), np.zeros((6, 4), dtype=bool))
+    for bad in (np.zeros((4, 6, 2), dtype=np.uint8), np.zeros((4, 6), dtype=np.float32), np.zeros(4, dtype=np.uint8)):
+        with pytest.raises(InvalidInputError):
+            png_bytes(bad)
