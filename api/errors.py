@@ -126,4 +126,5 @@ def accepted_request_id(proposed: str) -> str:
 
 
 def _shortened(text: str) -> str:
+    text = text.encode(errors="replace").decode()  # a lone surrogate of the request fits in no answer
     return text if len(text) <= _MAX_CHARS else f"{text[: _MAX_CHARS - 1]}…"

@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 
 from api.errors import problem_of
 from service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
@@ -88,7 +89,7 @@ async def _transport(request: Request, error: Exception) -> Response:
         return problem_response(request.state.request_id, error.error)
     path = request.url.path[:200]
     if error.status_code == 405:
-        allowed = (error.headers or {}).get("Allow", "")
+        allowed = _allowed(request)
         response = problem_response(
             request.state.request_id, _MethodNotAllowedError(f"{request.method} {path} is not possible", limit=allowed)
         )
@@ -102,9 +103,20 @@ async def _transport(request: Request, error: Exception) -> Response:
     return problem_response(request.state.request_id, InvalidInputError(str(error.detail)))
 
 
+def _allowed(request: Request) -> str:
+    """Starlette names the methods of the first route that fits; a path may have several routes."""
+    routes = request.app.router.routes
+    methods = ("GET", "POST", "DELETE")
+    fitting = (m for m in methods if any(r.matches({**request.scope, "method": m})[0] is Match.FULL for r in routes))
+    return ", ".join(fitting)
+
+
 def _field(location: Sequence[Any]) -> str:
-    """("body", "cameras", 0, "position") to cameras[0].position."""
+    """("body", "cameras", 0, "position") to cameras[0].position; a place in unreadable JSON is just the body."""
+    inside = location[1:]
+    if not inside or isinstance(inside[0], int):
+        return str(location[0])
     name = ""
-    for part in location[1:] if len(location) > 1 else location:
+    for part in inside:
         name += f"[{part}]" if isinstance(part, int) else f".{part}" if name else str(part)
     return name

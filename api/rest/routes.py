@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
+from fastapi import Path as PathParameter
 from pydantic import BaseModel
 from starlette.responses import FileResponse, Response
 
@@ -26,7 +27,7 @@ _PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PR
 _Text = Annotated[str, Query(description="the question")]
 _Kind = Annotated[
     Literal["rgb", "overlay", "relevancy", "mask"],
-    Query(description="the view, the answer's mask over it, relevancy in turbo colours, or the mask (0 and 255)"),
+    PathParameter(description="the view, the answer's mask over it, relevancy in turbo colours, or the mask (0, 255)"),
 ]
 
 
@@ -127,11 +128,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             threads, lambda: _query_out(service.query(query_in(scene_id, query)), with_mask3d=with_mask3d)
         )
 
-    @router.get("/v1/scenes/{scene_id}/view.png", response_class=Response, responses=_file("image/png", "the picture"))
+    @router.get(
+        "/v1/scenes/{scene_id}/{kind}.png", response_class=Response, responses=_file("image/png", "the picture")
+    )
     async def view_picture(
         scene_id: str,
+        kind: _Kind,
         view: Annotated[str, Query(description="name of one of the scene's cameras")],
-        kind: _Kind = "rgb",
         text: Annotated[str | None, Query(description="the question; every kind but rgb needs one")] = None,
     ) -> Response:
         """A picture from one of the scene's own cameras."""

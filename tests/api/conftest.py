@@ -1,0 +1,52 @@
+"""One service with one made scene behind both faces, for all tests of this room that do not change it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.calls.service import SceneService, open_service
+from service.capture.settings import CaptureSettings
+from service.query.settings import QuerySettings
+from service.settings import Settings
+from tests.api.made_scene import add_scene, write_words
+from tests.api.served import Faces, served
+
+MAX_UPLOAD_BYTES = 3_000_000
+
+
+@pytest.fixture(scope="session")
+def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """Free ports, small limits, a words table for an encoder, the reference rasterizer."""
+    folder: Path = tmp_path_factory.mktemp("api")
+    write_words(folder / "models")
+    return Settings(
+        data_dir=folder / "data",
+        models=folder / "models",
+        http_port=0,
+        grpc_port=0,
+        capture=CaptureSettings(max_upload_bytes=MAX_UPLOAD_BYTES),
+        query=QuerySettings(backend="reference", threshold=0.5, exact_threshold=0.95),
+    )
+
+
+@pytest.fixture(scope="session")
+def service(api_settings: Settings) -> Iterator[SceneService]:
+    """The service layer in process."""
+    with open_service(api_settings) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def scene_id(service: SceneService, api_settings: Settings) -> str:
+    """The made scene."""
+    return add_scene(service, api_settings)
+
+
+@pytest.fixture(scope="session")
+def faces(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
+    """REST and gRPC over the same service."""
+    with served(service, api_settings) as running:
+        yield running

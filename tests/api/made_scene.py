@@ -1,0 +1,120 @@
+"""A small scene made by hand and put into a store as a finished job would leave it."""
+
+from __future__ import annotations
+
+import dataclasses
+import uuid
+from pathlib import Path
+
+import numpy as np
+
+from service.calls.service import SceneService
+from service.calls.translate import camera_to_json
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import Dictionary, DictionaryEntry
+from service.perception.text import TextEncoder, open_text_encoder
+from service.query import embed_labels
+from service.query.settings import QuerySettings
+from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from service.settings import Settings
+from service.store.records import NewJob, SceneSummary
+
+ENCODER = "label_table:words"
+LABELS = ("mug", "ball", "story book")
+KINDRED = {"mug": ("cup", "beaker"), "ball": ("sphere", "balloon"), "story book": ("novel", "paperback")}
+STRANGERS = ("elephant", "submarine", "volcano", "violin", "carrot", "moon")
+_PER_BLOB = 60
+_CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
+
+
+def write_words(models: Path) -> None:
+    """A text encoder's folder: kindred words close together, strangers far from all."""
+    rng = np.random.default_rng(7)
+    vectors: dict[str, np.ndarray] = {}
+    for word in (*LABELS, *STRANGERS, *QuerySettings().negatives):
+        vectors[word] = rng.normal(size=64)
+        for kin in KINDRED.get(word, ()):
+            vectors[kin] = vectors[word] + 0.4 * rng.normal(size=64)
+    templates = QuerySettings().templates
+    names = [template.format(word) for word in vectors for template in templates]
+    embeds = np.repeat(np.array(list(vectors.values())), len(templates), axis=0).astype(np.float32)
+    (models / "words").mkdir(parents=True)
+    np.savez(models / "words" / "words.npz", names=np.array(names), embeds=embeds)
+
+
+def made_scene(encoder: TextEncoder) -> Scene:
+    """Three coloured blobs side by side and a grey floor, seen by three cameras; metres."""
+    rng = np.random.default_rng(3)
+    centres = np.array([[-0.8, 0, 4], [0, 0, 4], [0.8, 0, 4], [0, 0.8, 4]], dtype=np.float32)
+    colours = np.array([[0.9, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.2, 0.9], [0.5, 0.5, 0.5]], dtype=np.float32)
+    blob = np.repeat(np.arange(4), _PER_BLOB)
+    spread = np.where(blob[:, None] == 3, [0.8, 0.05, 0.5], 0.12)
+    count = len(blob)
+    codes = np.zeros((count, 3), dtype=np.float32)
+    codes[blob < 3] = np.eye(3, dtype=np.float32)[blob[blob < 3]]
+    gaussians = Gaussians(
+        means=(centres[blob] + spread * rng.normal(size=(count, 3))).astype(np.float32),
+        quats=rng.normal(size=(count, 4)).astype(np.float32),
+        log_scales=np.log(rng.uniform(0.05, 0.12, size=(count, 3))).astype(np.float32),
+        logit_opacities=rng.uniform(1.0, 3.0, size=count).astype(np.float32),
+        sh=((colours[blob] - 0.5) / 0.28209479177387814)[:, None, :].astype(np.float32),
+        codes=codes,
+    )
+    weight = np.vstack([np.zeros((1, 3)), 8.0 * np.eye(3)]).astype(np.float32)
+    dictionary = Dictionary(tuple(DictionaryEntry(label, pixels=100, views=3) for label in LABELS))
+    return Scene(
+        gaussians=gaussians,
+        head=SemanticHead(weight, np.array([2.0, 0.0, 0.0, 0.0], dtype=np.float32)),
+        dictionary=dictionary,
+        label_embeddings=embed_labels(dictionary, encoder),
+        label_templates=QuerySettings().templates,
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=tuple(
+            dataclasses.replace(turned(angle), name=name)
+            for angle, name in ((0.0, "front.png"), (0.3, "photos/left side & ü.png"), (-0.3, "a/b/right.png"))
+        ),
+        scale="METRIC",
+        quality={"psnr": 31.5, "images": 3, "registered": 3, "stage_seconds": {"training": 12.5}},
+    )
+
+
+def turned(angle: float) -> PosedCamera:
+    """A free viewpoint 4 m from the blobs' middle, `angle` radians around the vertical axis, looking at it."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    pose[:3, 3] = np.array([0, 0, 4.0]) - pose[:3, :3] @ np.array([0, 0, 4.0])
+    return PosedCamera(_CAMERA, pose)
+
+
+def add_scene(service: SceneService, settings: Settings, name: str = "made") -> str:
+    """Store the scene as a job that succeeded; returns its id."""
+    encoder = open_text_encoder(ENCODER, settings.models)
+    scene = made_scene(encoder)
+    store = service._store
+    scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
+    store.rows.admit(
+        NewJob(
+            scene_id=scene_id,
+            operation_id=operation_id,
+            name=name,
+            request_id="",
+            request_digest="",
+            upload_id=uuid.uuid4().hex,
+            options={"labels": [], "time_budget_s": None, "max_gaussians": None},
+        )
+    )
+    folder = store.blobs.version(scene_id, "1")
+    write_scene(scene, folder / "artefact")
+    write_ply(scene.gaussians, folder / "scene.ply")
+    rows = [
+        {"label_id": n, "label": e.label, "aliases": [], "pixels": e.pixels, "views": e.views, "gaussian_count": 60}
+        for n, e in enumerate(scene.dictionary.entries, start=1)
+    ]
+    cameras = [camera_to_json(posed) for posed in scene.cameras]
+    claim = store.jobs.claim(operation_id)
+    assert claim is not None
+    stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
+    store.jobs.report(claim, [stage])
+    summary = SceneSummary("1", len(scene.gaussians), scene.scale, rows, cameras, scene.quality)
+    store.jobs.succeed(claim, summary)
+    return scene_id

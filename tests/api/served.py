@@ -1,0 +1,92 @@
+"""Both faces on free loopback ports, on a thread of their own."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import grpc
+import httpx
+from google.rpc import error_details_pb2
+from grpc_status import rpc_status
+
+from api.server import Ports, serve
+from fastsplat.v1 import fastsplat_pb2_grpc as rpc
+from service.settings import Settings
+
+
+@dataclass(frozen=True)
+class Faces:
+    """A client of each face."""
+
+    rest: httpx.Client
+    rpc: rpc.SceneServiceStub
+    channel: grpc.Channel
+    ports: Ports
+
+
+@contextmanager
+def served(service: Any, settings: Settings) -> Iterator[Faces]:
+    """Serve `service` until the block ends."""
+    ready = threading.Event()
+    state: dict[str, Any] = {}
+
+    async def main() -> None:
+        state["loop"], state["stop"] = asyncio.get_running_loop(), asyncio.Event()
+
+        def on_ready(ports: Ports) -> None:
+            state["ports"] = ports
+            ready.set()
+
+        await serve(service, settings, state["stop"], on_ready)
+
+    thread = threading.Thread(target=lambda: asyncio.run(main()))
+    thread.start()
+    assert ready.wait(30)
+    ports = state["ports"]
+    try:
+        with (
+            httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=60) as rest,
+            grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel,
+        ):
+            yield Faces(rest, rpc.SceneServiceStub(channel), channel, ports)
+    finally:
+        state["loop"].call_soon_threadsafe(state["stop"].set)
+        thread.join(60)
+        assert not thread.is_alive(), "the server did not stop"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """An error as a client saw it, in the words both protocols share."""
+
+    code: str | int
+    reason: str
+    detail: str
+    details: dict[str, str]
+
+
+def rest_refusal(response: httpx.Response) -> Refusal:
+    """The problem of a response that is none."""
+    assert response.headers["content-type"] == "application/problem+json", response.text
+    body = response.json()
+    assert body["status"] == response.status_code and body["title"] and body["type"].startswith("urn:fastsplat:")
+    assert body["request_id"] == response.headers["x-request-id"]
+    details = {name: body[name] for name in ("field", "limit", "hint") if name in body}
+    return Refusal(response.status_code, body["reason"], body["detail"], details)
+
+
+def rpc_refusal(error: grpc.RpcError) -> Refusal:
+    """The google.rpc.Status of a failed call."""
+    status = rpc_status.from_call(error)
+    assert status is not None and status.code == error.code().value[0]
+    info = error_details_pb2.ErrorInfo()
+    assert len(status.details) == 1 and status.details[0].Unpack(info)
+    assert info.domain == "fastsplat"
+    details = dict(info.metadata)
+    assert details.pop("request_id")
+    return Refusal(error.code().name, info.reason, status.message, details)

@@ -1,0 +1,286 @@
+"""Captures over both protocols: taken whole or refused whole, and a refusal leaves nothing behind."""
+
+from __future__ import annotations
+
+import io
+import socket
+import struct
+import threading
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import grpc
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from fastsplat.v1 import fastsplat_pb2 as pb
+from service.calls.service import SceneService
+from service.settings import Settings
+from tests.api.conftest import MAX_UPLOAD_BYTES
+from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
+
+_Files = list[tuple[str, bytes]]
+
+
+def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG")
+    return buffer.getvalue()
+
+
+def _photos(count: int) -> _Files:
+    return [(f"photo {number} ü.jpg", _photo(number)) for number in range(count)]
+
+
+def _zip(entries: dict[str, bytes]) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries.items():
+            archive.writestr(name, data)
+    return buffer.getvalue()
+
+
+def _huge_png() -> bytes:
+    """A header that promises 30,000 × 30,000 pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+        + chunk(b"IEND", b"")
+    )
+
+
+def _messages(files: _Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
+    yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))  # type: ignore[arg-type]
+    for name, data in files:
+        yield pb.CreateSceneRequest(file=pb.FileHeader(name=name, size_bytes=len(data)))
+        for start in range(0, len(data), 1000):
+            yield pb.CreateSceneRequest(chunk=data[start : start + 1000])
+
+
+def _post(faces: Faces, files: _Files, data: dict[str, object] | None = None) -> httpx.Response:
+    field = "capture" if len(files) == 1 else "images"
+    return faces.rest.post("/v1/scenes", data=data or {}, files=[(field, file) for file in files])
+
+
+def _refused_by_both(faces: Faces, files: _Files) -> tuple[Refusal, Refusal]:
+    rest = rest_refusal(_post(faces, files))
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.CreateScene(_messages(files))
+    return rest, rpc_refusal(caught.value)
+
+
+@pytest.fixture
+def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> Iterator[Callable[[], None]]:
+    """Afterwards no file, scene or operation may be there that was not there before."""
+
+    def state() -> tuple[set[Path], list[str]]:
+        folders = (api_settings.data_dir / kind for kind in ("uploads", "jobs", "scenes"))
+        files = {path for folder in folders for path in folder.rglob("*")}
+        return files, [scene.id for scene in service.list_scenes(500, "")[0]]
+
+    before = state()
+    yield lambda: None
+    deadline = threading.Event()
+    for _ in range(100):  # a connection that was cut is noticed a moment later
+        if state() == before:
+            break
+        deadline.wait(0.1)
+    assert state() == before
+
+
+def _same_bytes(service: SceneService, operation_id: str, files: _Files) -> bool:
+    folder = service._store.blobs.upload(service._store.rows.operation(operation_id).upload_id)
+    stored = sorted(path.read_bytes() for path in folder.rglob("*") if path.is_file())
+    return all(data in stored for _, data in files)
+
+
+def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneService) -> None:
+    files = _photos(3)
+    form = {"name": "my room", "labels": ["mug, ball", "story book"], "time_budget_s": "60", "max_gaussians": "5000"}
+    response = _post(faces, files, form)
+    assert response.status_code == 202, response.text
+    operation = response.json()
+    assert response.headers["location"] == f"/v1/operations/{operation['id']}"
+    assert operation["state"] == "QUEUED" and not operation["done"]
+    assert faces.rest.get(response.headers["location"]).json()["id"] == operation["id"]
+    scene = faces.rest.get(f"/v1/scenes/{operation['scene_id']}").json()
+    assert scene["name"] == "my room" and scene["state"] == "TRAINING"
+    record = service._store.rows.operation(operation["id"])
+    assert record.options["labels"] == ["mug", "ball", "story book"]
+    assert (record.options["time_budget_s"], record.options["max_gaussians"]) == (60.0, 5000)
+    assert _same_bytes(service, operation["id"], files)
+
+    early = rest_refusal(faces.rest.get("/query", params={"text": "mug", "scene": operation["scene_id"]}))
+    assert (early.code, early.reason) == (409, "NOT_READY")
+    cancelled = faces.rest.post(f"/v1/operations/{operation['id']}:cancel").json()
+    assert cancelled["state"] == "CANCELLED" and cancelled["done"]
+    assert faces.rest.delete(f"/v1/scenes/{operation['scene_id']}").status_code == 204
+    assert faces.rest.get(f"/v1/scenes/{operation['scene_id']}").status_code == 404
+
+
+def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneService) -> None:
+    files = _photos(3)
+    operation = faces.rpc.CreateScene(_messages(files, name="my room", labels=["mug"], time_budget_s=60))
+    assert operation.state == pb.OPERATION_STATE_QUEUED and not operation.done
+    assert _same_bytes(service, operation.id, files)
+    watched = faces.rpc.WatchOperation(pb.WatchOperationRequest(operation_id=operation.id))
+    assert next(watched).state == pb.OPERATION_STATE_QUEUED
+    faces.rpc.CancelOperation(pb.CancelOperationRequest(operation_id=operation.id))
+    assert [update.state for update in watched] == [pb.OPERATION_STATE_CANCELLED]
+    faces.rpc.DeleteScene(pb.DeleteSceneRequest(scene_id=operation.scene_id))
+
+
+def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> None:
+    files = _photos(2)
+    first = _post(faces, files, {"name": "once", "request_id": "id-1"})
+    again = _post(faces, files, {"name": "once", "request_id": "id-1"})
+    assert first.status_code == again.status_code == 202 and first.json()["id"] == again.json()["id"]
+    assert faces.rpc.CreateScene(_messages(files, name="once", request_id="id-1")).id == first.json()["id"]
+    other = rest_refusal(_post(faces, _photos(3), {"name": "once", "request_id": "id-1"}))
+    assert (other.code, other.reason, other.details["field"]) == (409, "CONFLICT", "request_id")
+    faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
+
+
+_HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
+    "no images": ([("notes.txt", b"hello"), ("more.txt", b"hello")], (400, "INVALID_ARGUMENT")),
+    "one image": ([("a.jpg", _photo(1))], (400, "INVALID_ARGUMENT")),
+    "text called jpg": ([("a.jpg", _photo(1)), ("b.jpg", b"just text")], (400, "INVALID_ARGUMENT")),
+    "truncated jpg": (
+        [("a.jpg", _photo(1)), ("b.jpg", _photo(2, (320, 240))[:-2000])],
+        (400, "INVALID_ARGUMENT"),
+    ),
+    "30,000 × 30,000": ([("a.jpg", _photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
+    "name leaves": ([("../../a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
+    "absolute name": ([("/etc/a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
+    "same name twice": ([("a.jpg", _photo(1)), ("a.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
+    "zip leaves": ([("c.zip", _zip({"../a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
+    "zip absolute": ([("c.zip", _zip({"/a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
+    "zip bomb": ([("c.zip", _zip({"a.jpg": bytes(100_000_000)}))], (400, "INVALID_ARGUMENT")),
+    "broken zip": ([("c.zip", _zip({"a.jpg": _photo(1)})[:-30])], (400, "INVALID_ARGUMENT")),
+}
+
+
+@pytest.mark.usefixtures("untouched")
+@pytest.mark.parametrize("case", _HOSTILE)
+def test_a_hostile_upload_is_refused_alike_and_leaves_nothing(faces: Faces, case: str) -> None:
+    files, codes = _HOSTILE[case]
+    rest, rpc = _refused_by_both(faces, files)
+    assert (rest.code, rpc.code) == codes
+    assert rest.reason == rpc.reason and rest.details == rpc.details
+    assert rest.detail and rest.details.get("hint", "x")
+
+
+@pytest.mark.usefixtures("untouched")
+def test_an_upload_over_the_limit_is_refused_while_it_arrives(faces: Faces) -> None:
+    boundary = b'--b\r\nContent-Disposition: form-data; name="capture"; filename="c.zip"\r\n\r\n'
+    sent = 0
+
+    def endless(pieces: int) -> Iterator[bytes]:  # chunked: no length is announced
+        nonlocal sent
+        yield boundary
+        for _ in range(pieces):
+            sent += 2**16
+            yield bytes(2**16)
+
+    headers = {"Content-Type": "multipart/form-data; boundary=b"}
+    refused = rest_refusal(faces.rest.post("/v1/scenes", content=endless(80), headers=headers))
+    assert refused.code == 413 and str(MAX_UPLOAD_BYTES) in refused.details["limit"]
+
+    rest = rest_refusal(faces.rest.post("/v1/scenes", content=boundary + bytes(MAX_UPLOAD_BYTES), headers=headers))
+    assert rest.code == 413 and rest.details["field"] == "Content-Length"
+
+    def messages() -> Iterator[pb.CreateSceneRequest]:
+        yield pb.CreateSceneRequest(header=pb.CreateSceneHeader())
+        yield pb.CreateSceneRequest(file=pb.FileHeader(name="c.zip"))
+        for _ in range(1000):
+            yield pb.CreateSceneRequest(chunk=bytes(2**16))
+
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.CreateScene(messages())
+    assert rpc_refusal(caught.value).code == "RESOURCE_EXHAUSTED"
+
+
+@pytest.mark.usefixtures("untouched")
+@pytest.mark.parametrize(
+    ("data", "files", "field"),
+    [
+        ({"time_budget_s": "soon"}, _photos(2), "time_budget_s"),
+        ({"time_budget_s": "-1"}, _photos(2), "time_budget_s"),
+        ({"time_budget_s": "nan"}, _photos(2), "time_budget_s"),
+        ({"max_gaussians": "1.5"}, _photos(2), "max_gaussians"),
+        ({"name": ["a", "b"]}, _photos(2), "name"),
+        ({"colour": "red"}, _photos(2), "colour"),
+        ({"name": "x"}, [], "Content-Type"),
+    ],
+)
+def test_a_malformed_form_names_its_field(faces: Faces, data: dict[str, object], files: _Files, field: str) -> None:
+    refused = rest_refusal(_post(faces, files, data))
+    assert refused.code == 400 and refused.details["field"] == field
+
+
+@pytest.mark.usefixtures("untouched")
+def test_files_come_under_known_fields_only(faces: Faces) -> None:
+    photo = ("a.jpg", _photo(1))
+    unknown = rest_refusal(faces.rest.post("/v1/scenes", files=[("photo", photo)]))
+    assert unknown.code == 400 and unknown.details["field"] == "photo"
+    two = rest_refusal(faces.rest.post("/v1/scenes", files=[("capture", photo), ("capture", ("b.jpg", _photo(2)))]))
+    assert two.code == 400 and two.details["field"] == "capture"
+    nothing = rest_refusal(faces.rest.post("/v1/scenes", files=[("name", (None, "x"))]))
+    assert nothing.code == 400 and nothing.details["field"] == "files"
+
+
+@pytest.mark.usefixtures("untouched")
+def test_messages_out_of_order_are_malformed(faces: Faces) -> None:
+    header = pb.CreateSceneRequest(header=pb.CreateSceneHeader())
+    file = pb.CreateSceneRequest(file=pb.FileHeader(name="a.jpg"))
+    chunk = pb.CreateSceneRequest(chunk=b"x")
+    announced = pb.CreateSceneRequest(file=pb.FileHeader(name="a.jpg", size_bytes=3))
+    for messages in ([], [file, chunk], [header], [header, chunk], [header, file, header], [header, announced, chunk]):
+        with pytest.raises(grpc.RpcError) as caught:
+            faces.rpc.CreateScene(iter(messages))
+        assert rpc_refusal(caught.value).code == "INVALID_ARGUMENT"
+
+
+@pytest.mark.usefixtures("untouched")
+def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
+    data = b"".join(
+        b'--b\r\nContent-Disposition: form-data; name="images"; filename="%s"\r\n\r\n%s\r\n' % (name.encode(), photo)
+        for name, photo in _photos(3)
+    )
+    head = b"POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
+    for cut in (1, len(data) // 2, len(data)):
+        with socket.create_connection(("127.0.0.1", faces.ports.http)) as connection:
+            connection.sendall(head + b"Content-Length: %d\r\n\r\n" % (len(data) + 7) + data[:cut])
+
+    waiting = threading.Event()
+
+    def messages() -> Iterator[pb.CreateSceneRequest]:
+        yield from _messages(_photos(3))
+        waiting.set()
+        threading.Event().wait(0.3)
+
+    call = faces.rpc.CreateScene.future(messages())
+    assert waiting.wait(10)
+    call.cancel()
+
+
+@pytest.mark.usefixtures("untouched")
+def test_a_deadline_in_mid_upload_leaves_nothing(faces: Faces) -> None:
+    def messages() -> Iterator[pb.CreateSceneRequest]:
+        yield from _messages(_photos(2))
+        threading.Event().wait(1.5)
+
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.CreateScene(messages(), timeout=0.5)
+    assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
