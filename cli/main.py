@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 
 import typer
 
@@ -26,7 +27,7 @@ def serve() -> None:
     from cli.serve import serve as run
 
     log_to_stderr("serve")
-    raise typer.Exit(run(("api", "worker")))
+    raise typer.Exit(run({role: [sys.executable, "-m", "cli.main", role] for role in ("api", "worker")}))
 
 
 @app.command()

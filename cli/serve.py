@@ -6,22 +6,24 @@ import logging
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from workers.lifeline import PARENT_VARIABLE
 
 logger = logging.getLogger(__name__)
 _STEADY_S = 30.0
-_MOST_FAST_FAILURES = 5
+_MOST_FAST_FAILURES = 4
 _DRAIN_S = 30.0
 _POLL_S = 0.2
 
 
-def serve(roles: Sequence[str]) -> int:
-    """Run `fastsplat <role>` for each role until SIGTERM or SIGINT; one that dies is started again.
+def serve(commands: Mapping[str, Sequence[str]]) -> int:
+    """Run one process a role until SIGTERM or SIGINT; one that dies is started again.
+
+    Args:
+        commands: the command line of each role. Its environment names this process in `PARENT_VARIABLE`.
 
     Returns:
         0 after a wanted stop; 1 if a role dies again and again right after its start.
@@ -29,7 +31,7 @@ def serve(roles: Sequence[str]) -> int:
     wanted = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: wanted.set())
-    children = [_Child(role) for role in roles]
+    children = [_Child(role, command) for role, command in commands.items()]
     try:
         while not wanted.wait(_POLL_S):
             if not all(child.keep_alive() for child in children):
@@ -42,8 +44,9 @@ def serve(roles: Sequence[str]) -> int:
 class _Child:
     """One role's process, with what its deaths have taught."""
 
-    def __init__(self, role: str) -> None:
+    def __init__(self, role: str, command: Sequence[str]) -> None:
         self.role = role
+        self._command = command
         self._fast_failures = 0
         self._start_at = 0.0
         self._start()
@@ -60,7 +63,7 @@ class _Child:
             if self._fast_failures >= _MOST_FAST_FAILURES:
                 logger.error("%s ended %d times right after its start; giving up", self.role, self._fast_failures)
                 return False
-            self._start_at = time.monotonic() + min(0.5 * 2**self._fast_failures, 10.0)
+            self._start_at = time.monotonic() + min(0.25 * 2**self._fast_failures, 10.0)
         if time.monotonic() >= self._start_at:
             self._start()
         return True
@@ -68,7 +71,7 @@ class _Child:
     def _start(self) -> None:
         # In a session of its own, so that the terminal's Ctrl-C reaches the supervisor alone and stopping has an order.
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "cli.main", self.role],
+            self._command,
             env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
             start_new_session=True,
         )

@@ -19,8 +19,8 @@ from service.perception.types import Labelling
 from service.query import embed_labels
 from service.query.labels import most_probable_class
 from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from service.splatting import train
 from service.splatting.settings import TrainingSettings
+from service.splatting.train import train
 from service.splatting.types import TrainedSplats
 from workers.protocol import Job, Stages
 from workers.results import checkpoint_folder, stage_seconds

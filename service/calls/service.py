@@ -179,35 +179,31 @@ class SceneService:
         return self._answers.mask_ply(scene_id, text)
 
     def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
-        try:
-            check_request(name, request_id, options, self._settings.store)
-            digest = upload.digest(name, options)
-            earlier = self._store.rows.find_request(request_id, digest)
-            if earlier is not None:
-                remove(upload.folder)
-                return operation_of(earlier)
-            admitted = self._check_files(upload.raw, self._settings.capture).folder
-            if upload.raw != admitted and upload.raw not in admitted.parents:
-                remove(upload.raw)  # unpacked: the archive is not needed any more
-            sync_tree(upload.folder)
-            job = NewJob(
-                scene_id=_new_id(),
-                operation_id=_new_id(),
-                name=name,
-                request_id=request_id,
-                request_digest=digest,
-                upload_id=upload.id,
-                options={
-                    "admitted": str(admitted.relative_to(upload.folder)),
-                    "labels": list(options.labels),
-                    "time_budget_s": options.time_budget_s,
-                    "max_gaussians": options.max_gaussians,
-                },
-            )
-            record, new = self._store.rows.admit(job)
-        except BaseException:
+        check_request(name, request_id, options, self._settings.store)
+        digest = upload.digest(name, options)
+        earlier = self._store.rows.find_request(request_id, digest)
+        if earlier is not None:
             remove(upload.folder)
-            raise
+            return operation_of(earlier)
+        admitted = self._check_files(upload.raw, self._settings.capture).folder
+        if upload.raw != admitted and upload.raw not in admitted.parents:
+            remove(upload.raw)  # unpacked: the archive is not needed any more
+        sync_tree(upload.folder)
+        job = NewJob(
+            scene_id=_new_id(),
+            operation_id=_new_id(),
+            name=name,
+            request_id=request_id,
+            request_digest=digest,
+            upload_id=upload.id,
+            options={
+                "admitted": str(admitted.relative_to(upload.folder)),
+                "labels": list(options.labels),
+                "time_budget_s": options.time_budget_s,
+                "max_gaussians": options.max_gaussians,
+            },
+        )
+        record, new = self._store.rows.admit(job)
         if not new:
             remove(upload.folder)
         return operation_of(record)

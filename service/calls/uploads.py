@@ -117,10 +117,13 @@ class UploadSession:
                 )
             return self._admit(self, name, request_id, options)
         except OSError as error:
+            remove(self.folder)
             raise _disk_error(error, "files") from error
+        except BaseException:
+            remove(self.folder)
+            raise
         finally:
             self._open = False
-            self._digests.clear()
 
     def abort(self) -> None:
         """Forget all that came. Does nothing after a commit."""

@@ -79,17 +79,6 @@ def sync_tree(folder: Path) -> None:
     sync_folder(folder.parent)
 
 
-def write_durably(path: Path, data: bytes) -> None:
-    """Replace the file at `path` so that a reader sees the old bytes or the new ones, also after a power cut."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with beside.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
-    sync_folder(path.parent)
-
-
 def sync_folder(folder: Path) -> None:
     """Make what was created in, renamed into or removed from a folder survive a power cut."""
     _sync(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -9,7 +9,8 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from service.common.errors import InvalidInputError, ResourceError
+from service.common.errors import InvalidInputError
+from service.store.errors import DatabaseError
 from service.store.schema import metadata
 
 _BUSY_MS = 30_000
@@ -69,9 +70,5 @@ def _create_tables(engine: Engine, tries: int = 5) -> None:
             return
         except DBAPIError as error:
             if not remaining:
-                raise ResourceError(
-                    f"the database does not answer: {type(error.orig).__name__}",
-                    field="database_url",
-                    hint="Check that the database runs, and that the data folder is writable and has space.",
-                ) from error
+                raise DatabaseError(f"the database does not answer ({type(error.orig).__name__})") from error
             time.sleep(0.2)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from service.common.errors import ConflictError, NotFoundError
+from service.store.errors import DatabaseError
 from service.store.records import NewJob, OperationRecord, SceneRecord
 from service.store.schema import operations, scenes
 
@@ -17,11 +20,14 @@ _LISTED = [column for column in scenes.c if column.name != "cameras"]
 
 
 class Rows:
-    """Scenes and operations in one database; every method is one transaction and safe from any thread."""
+    """Scenes and operations in one database; every method is one transaction and safe from any thread.
+
+    All of them raise `DatabaseError` when the database does not answer.
+    """
 
     def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._reading = engine.execution_options(read_only=True)
+        self._writing = partial(_transaction, engine)
+        self._reading = partial(_transaction, engine.execution_options(read_only=True))
 
     def admit(self, job: NewJob) -> tuple[OperationRecord, bool]:
         """Make a scene and its queued operation, or find the one that this request id made before.
@@ -43,7 +49,7 @@ class Rows:
             "options": dict(job.options), "stages": [], "created_at": now, "updated_at": now,
         }  # fmt: skip
         try:
-            with self._engine.begin() as connection:
+            with self._writing() as connection:
                 connection.execute(insert(operations).values(operation))
                 connection.execute(insert(scenes).values(scene))
                 return _operation(connection, job.operation_id), True
@@ -61,7 +67,7 @@ class Rows:
         """
         if not request_id:
             return None
-        with self._reading.connect() as connection:
+        with self._reading() as connection:
             row = connection.execute(select(operations).where(operations.c.request_id == request_id)).mappings().first()
         if row is None:
             return None
@@ -79,7 +85,7 @@ class Rows:
         Raises:
             NotFoundError: there is none of that id.
         """
-        with self._reading.connect() as connection:
+        with self._reading() as connection:
             return _operation(connection, operation_id)
 
     def scene(self, scene_id: str) -> SceneRecord:
@@ -88,7 +94,7 @@ class Rows:
         Raises:
             NotFoundError: there is none of that id.
         """
-        with self._reading.connect() as connection:
+        with self._reading() as connection:
             row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
         if row is None:
             raise NotFoundError(
@@ -103,13 +109,13 @@ class Rows:
             created, scene_id = after
             same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
             query = query.where(or_(scenes.c.created_at < created, same_time))
-        with self._reading.connect() as connection:
+        with self._reading() as connection:
             return [SceneRecord(**row, cameras=()) for row in connection.execute(query).mappings()]
 
     def ready_scene_ids(self) -> Sequence[str]:
         """Ids of all READY scenes, newest first."""
         query = select(scenes.c.id).where(scenes.c.state == "READY")
-        with self._reading.connect() as connection:
+        with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 
     def cancel(self, operation_id: str) -> OperationRecord:
@@ -118,7 +124,7 @@ class Rows:
         Raises:
             NotFoundError: there is none of that id.
         """
-        with self._engine.begin() as connection:
+        with self._writing() as connection:
             before = _operation(connection, operation_id)
             _stop(connection, before)
             return _operation(connection, operation_id)
@@ -133,13 +139,24 @@ class Rows:
             NotFoundError: there is none of that id.
         """
         record = self.scene(scene_id)
-        with self._engine.begin() as connection:
+        with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise NotFoundError(f"no scene {scene_id!r}", field="scene")
             _stop(connection, _operation(connection, record.operation_id))
             here = operations.c.id == record.operation_id
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
             return _operation(connection, record.operation_id)
+
+
+@contextmanager
+def _transaction(engine: Engine) -> Iterator[Connection]:
+    try:
+        with engine.begin() as connection:
+            yield connection
+    except IntegrityError:
+        raise
+    except SQLAlchemyError as error:
+        raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
 
 
 def _stop(connection: Connection, operation: OperationRecord) -> None:

@@ -1,0 +1,111 @@
+"""`fastsplat serve`: all run, all stop; what dies comes back, unless it is hopeless."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+_SERVE = """
+import sys
+from cli.logs import log_to_stderr
+from cli.serve import serve
+log_to_stderr("serve")
+children = {name: [sys.executable, name, sys.argv[1]] for name in sys.argv[2:]}
+sys.exit(serve(children))
+"""
+_STEADY = """
+import os, pathlib, signal, sys, time
+from workers.lifeline import PARENT_VARIABLE, die_with_parent
+here = pathlib.Path(sys.argv[1]) / pathlib.Path(__file__).stem
+def leave(*_):
+    here.with_suffix(".stopped").touch()
+    sys.exit(0)
+signal.signal(signal.SIGTERM, leave)
+die_with_parent(int(os.environ[PARENT_VARIABLE]))
+with here.with_suffix(".pids").open("a") as file:
+    file.write(f"{os.getpid()}\\n")
+time.sleep(600)
+"""
+
+
+def wait_for(what: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 30
+    while not what():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+class Serving:
+    """One supervisor over scripts in a folder."""
+
+    def __init__(self, folder: Path, **scripts: str) -> None:
+        self.folder = folder
+        for name, text in scripts.items():
+            (folder / f"{name}.py").write_text(text)
+        paths = [str(folder / f"{name}.py") for name in scripts]
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _SERVE, str(folder), *paths], env={**os.environ, "PYTHONPATH": str(ROOT)}
+        )
+
+    def pids(self, name: str) -> list[int]:
+        path = self.folder / f"{name}.pids"
+        return [int(line) for line in path.read_text().split()] if path.exists() else []
+
+
+@pytest.fixture
+def serving(tmp_path: Path) -> Iterator[Callable[..., Serving]]:
+    made: list[Serving] = []
+
+    def make(**scripts: str) -> Serving:
+        made.append(Serving(tmp_path, **scripts))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.process.kill()
+        each.process.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_stops_all_in_good_order(serving, number):
+    served = serving(one=_STEADY, two=_STEADY)
+    wait_for(lambda: served.pids("one") and served.pids("two"))
+    served.process.send_signal(number)
+    assert served.process.wait(timeout=30) == 0
+    assert (served.folder / "one.stopped").exists() and (served.folder / "two.stopped").exists()
+
+
+def test_what_dies_is_started_again(serving):
+    served = serving(one=_STEADY, two=_STEADY)
+    wait_for(lambda: served.pids("one") and served.pids("two"))
+    os.kill(served.pids("one")[0], signal.SIGKILL)
+    wait_for(lambda: len(served.pids("one")) == 2)
+    assert len(served.pids("two")) == 1 and served.process.poll() is None
+
+
+def test_what_dies_again_and_again_ends_all(serving):
+    served = serving(one=_STEADY, bad="raise SystemExit(3)")
+    assert served.process.wait(timeout=60) == 1
+    assert not any(alive(pid) for pid in served.pids("one"))
+
+
+def test_children_do_not_outlive_a_killed_supervisor(serving):
+    served = serving(one=_STEADY)
+    wait_for(lambda: served.pids("one"))
+    served.process.kill()
+    wait_for(lambda: not alive(served.pids("one")[0]))
