@@ -2,13 +2,62 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class PerceptionSettings(BaseModel):
-    """Which models look at the images, and how sure they must be."""
+    """Which models look at the images, and how sure they must be.
+
+    A model is named as the manifest names it ("picodet_416"), or as "adapter:folder" for a folder of the model
+    directory that no manifest lists ("yolo_world:my_folder").
+    """
 
     model_config = ConfigDict(frozen=True)
 
     text_encoder: str = "minilm_l6_int8"
-    """Name of a text encoder in the model manifest."""
+    """Embeds the dictionary and the questions."""
+    closed_set_detector: str = "picodet_416"
+    """Finds things of a fixed list of kinds."""
+    open_set_detector: str = ""
+    """Finds things by name. Empty: the closed-set detector alone looks at the images."""
+    prompt_encoder: str = ""
+    """Text encoder for an open-set detector that is prompted by embeddings (YOLO-World); must share its space."""
+    segmenter: str = "mobile_sam"
+    """Turns boxes into masks."""
+    threads: int = Field(0, ge=0)
+    """Threads of one model run; 0 lets onnxruntime take all cores."""
+
+    prompt_source: Literal["closed_set", "tags"] = "closed_set"
+    """What an open-set detector looks for when the user names nothing: the kinds that the closed-set detector finds in
+    the capture (the tag list if it finds none), or the tag list at once."""
+    tags: tuple[str, ...] = ()
+    """Replaces the built-in tag list (`service.perception.tags.TAGS`)."""
+    prompts_per_pass: int = Field(1, ge=1)
+    """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
+    scores only the first of several."""
+
+    score_threshold: float = Field(0.5, ge=0, le=1)
+    """A kind of thing is believed to be in the scene when it scores this much in `min_view_share` of the views."""
+    score_floor: float = Field(0.35, ge=0, le=1)
+    """Detections of a kind that is believed to be in the scene count from this score."""
+    min_view_share: float = Field(0.1, ge=0, le=1)
+    """See `score_threshold`. Kinds that the user named need one view only."""
+    min_views: int = Field(2, ge=1)
+    """As `min_view_share`, in views; never more than the capture has."""
+    min_pixels: int = Field(64, ge=1)
+    """Smaller masks are dropped, and so are kinds that hold fewer pixels in the view where they hold most."""
+    same_label_iou: float = Field(0.6, gt=0, le=1)
+    """Boxes of one kind that overlap more are one detection."""
+    rival_iou: float = Field(0.7, gt=0, le=1)
+    """Boxes or masks of two kinds that overlap more are rivals for one thing: the likelier kind keeps it."""
+
+    synonym_cosine: float = Field(1.0, ge=-1, le=1)
+    """Kinds whose names' embeddings are closer are one entry if they also lie in the same place (`synonym_iou`). 1
+    switches the rule off: see `benchmarks/perception/synonyms.py` for the measurement that chose it."""
+    synonym_iou: float = Field(0.5, gt=0, le=1)
+    """Mean overlap of two kinds over the views that show both, before rivals are settled."""
+
+    max_views: int = Field(0, ge=0)
+    """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""

@@ -1,13 +1,18 @@
-"""What the perception room hands on."""
+"""What the perception room hands on, and what its models promise."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from service.common.dictionary import Dictionary
+
+Image = NDArray[np.uint8]
+"""uint8 [H, W, 3] RGB."""
 
 
 @dataclass(frozen=True)
@@ -26,3 +31,73 @@ class Labelling:
         for label_map in self.label_maps:
             assert label_map.ndim == 2 and label_map.dtype == np.uint16
             assert int(label_map.max(initial=0)) <= len(self.dictionary)
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Boxes of one image.
+
+    Attributes:
+        boxes: float32 [K, 4]: x1, y1, x2, y2 in pixels of the image (corners of the image are 0, 0 and W, H).
+        scores: float32 [K], 0..1.
+        labels: K names.
+    """
+
+    boxes: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    labels: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        assert self.boxes.shape == (len(self.labels), 4) and self.boxes.dtype == np.float32
+        assert self.scores.shape == (len(self.labels),) and self.scores.dtype == np.float32
+
+    def take(self, rows: Sequence[int] | NDArray[np.intp]) -> Detections:
+        """The detections of these rows, in this order."""
+        index = np.asarray(rows, dtype=np.intp)
+        return Detections(self.boxes[index], self.scores[index], tuple(self.labels[i] for i in index))
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+class ClosedSetDetector(Protocol):
+    """Finds things of a fixed list of kinds."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All kinds it can know."""
+
+    def detect(self, image: Image, min_score: float) -> Detections:
+        """Things in uint8 [H, W, 3] that score at least `min_score`."""
+
+
+class OpenSetDetector(Protocol):
+    """Finds whatever is named."""
+
+    def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
+        """Things in uint8 [H, W, 3] that score at least `min_score`; their labels are among `prompts`."""
+
+
+class Segmenter(Protocol):
+    """Cuts out what a box shows. `embed` is the slow half and runs once an image."""
+
+    def embed(self, image: Image) -> Any:
+        """What `masks` needs to know of uint8 [H, W, 3]."""
+
+    def masks(self, embedding: Any, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """bool [K, H, W] for float32 [K, 4] boxes (x1, y1, x2, y2 in pixels of the image)."""
+
+
+class TextEncoder(Protocol):
+    """Puts words where their meaning is."""
+
+    @property
+    def name(self) -> str:
+        """The model's name in the settings."""
+
+    @property
+    def sha256(self) -> str:
+        """Of the weights, in hex: embeddings of different hashes must not be compared."""
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        """float32 [B, E] of unit length; a text's row does not depend on the others."""

@@ -1,1 +1,34 @@
+"""Text encoders: words to vectors that lie close when the meanings do."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
+from service.perception.models.files import only_network, only_table
+from service.perception.models.manifest import find_model
+from service.perception.text.clip import ClipTextEncoder
+from service.perception.text.sentence import SentenceEncoder
+from service.perception.text.table import LabelTable
+from service.perception.types import TextEncoder
+
+
+def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncoder:
+    """The text encoder that a setting names ("minilm_l6_int8", or "adapter:folder").
+
+    Args:
+        name: an entry of the manifest, or "clip:my_folder".
+        models: the model directory.
+        threads: threads of one run; 0: all cores.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+    """
+    adapter, inside = find_model(name, "text_encoder")
+    folder = models / inside
+    if adapter == "label_table":
+        return LabelTable(only_table(folder, name=name), name=name)
+    kind = SentenceEncoder if adapter == "sentence" else ClipTextEncoder
+    return kind(only_network(folder, name=name), folder / "tokenizer.json", name=name, threads=threads)
+
+
+__all__ = ["TextEncoder", "open_text_encoder"]

@@ -1,0 +1,54 @@
+"""Detectors: images to named boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from service.common.errors import ModelUnavailableError
+from service.perception.detectors.grounding_dino import GroundingDino
+from service.perception.detectors.picodet import PicoDet
+from service.perception.detectors.yolo_world import YoloWorld
+from service.perception.models.files import only_network
+from service.perception.models.manifest import find_model
+from service.perception.settings import PerceptionSettings
+from service.perception.text import open_text_encoder
+from service.perception.types import ClosedSetDetector, OpenSetDetector
+
+
+def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> ClosedSetDetector:
+    """The detector that `settings.closed_set_detector` names.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+    """
+    name = settings.closed_set_detector
+    _, inside = find_model(name, "closed_set_detector")
+    return PicoDet(only_network(models / inside, name=name), name=name, threads=settings.threads)
+
+
+def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
+    """The detector that `settings.open_set_detector` names.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file, broken contract, no prompt encoder where one is
+            needed.
+    """
+    name = settings.open_set_detector
+    adapter, inside = find_model(name, "open_set_detector")
+    folder = models / inside
+    if adapter == "grounding_dino":
+        return GroundingDino(
+            only_network(folder, name=name),
+            folder / "tokenizer.json",
+            name=name,
+            prompts_per_pass=settings.prompts_per_pass,
+            threads=settings.threads,
+        )
+    if not settings.prompt_encoder:
+        raise ModelUnavailableError(
+            f"model {name} is prompted by embeddings, and no text encoder is set for it",
+            field="perception.prompt_encoder",
+            hint="Set the text encoder the detector was trained with, such as clip_vit_b32_text.",
+        )
+    encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
+    return YoloWorld(only_network(folder, name=name), encoder, name=name, threads=settings.threads)

@@ -1,0 +1,128 @@
+"""GroundingDINO, prompted by label strings. Open set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.errors import InvalidInputError
+from service.perception.boxes import clip_boxes, suppress
+from service.perception.pixels import imagenet_tensor
+from service.perception.runtime import check_contract, open_session
+from service.perception.text.tokens import load_tokenizer
+from service.perception.types import Detections, Image
+
+_MAX_TOKENS = 256
+_NMS_IOU = 0.6
+
+
+class GroundingDino:
+    """`pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits`
+    [1, Q, 256], `pred_boxes` [1, Q, 4] (centre and size, of the whole image = 1).
+
+    The prompt is every phrase in lower case, each ended by a full stop. A phrase's score is the mean of σ(logit) over
+    its tokens (as GLIP and mmdetection do), so that "red cup" needs both words.
+
+    Args:
+        model: the ONNX file.
+        tokenizer: its `tokenizer.json` (BERT's).
+        prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and
+            scores only the first of several; 1 is right for it.
+        name: the model's name, for messages.
+        threads: see `open_session`.
+
+    Raises:
+        ModelUnavailableError: when a file is missing or does not keep this contract.
+    """
+
+    def __init__(self, model: Path, tokenizer: Path, *, name: str, prompts_per_pass: int = 1, threads: int = 0) -> None:
+        self._tokenizer = load_tokenizer(tokenizer, name=name)
+        self._session = open_session(model, name=name, threads=threads)
+        check_contract(
+            self._session,
+            name=name,
+            inputs={
+                "pixel_values": (1, 3, None, None),
+                "pixel_mask": (1, None, None),
+                "input_ids": (1, None),
+                "token_type_ids": (1, None),
+                "attention_mask": (1, None),
+            },
+            outputs={"logits": (1, None, None), "pred_boxes": (1, None, 4)},
+        )
+        shape = {node.name: node.shape for node in self._session.get_inputs()}["pixel_values"]
+        self._side = shape[2] if isinstance(shape[2], int) else 800
+        self._per_pass = prompts_per_pass
+
+    def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
+        """Things in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt of a pass.
+
+        Raises:
+            InvalidInputError: a prompt longer than the model's 256 tokens.
+        """
+        pixels = imagenet_tensor(image, self._side)
+        passes = [
+            self._one_pass(image, pixels, prompts[start : start + self._per_pass], min_score)
+            for start in range(0, len(prompts), self._per_pass)
+        ]
+        if not passes:
+            return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
+        found = Detections(
+            np.concatenate([part.boxes for part in passes]),
+            np.concatenate([part.scores for part in passes]),
+            tuple(label for part in passes for label in part.labels),
+        )
+        return found.take(np.argsort(-found.scores, kind="stable"))
+
+    def _one_pass(
+        self, image: Image, pixels: NDArray[np.float32], prompts: Sequence[str], min_score: float
+    ) -> Detections:
+        height, width = image.shape[:2]
+        ids, spans = self._tokens(prompts)
+        feed = {
+            "pixel_values": pixels,
+            "pixel_mask": np.ones((1, self._side, self._side), np.int64),
+            "input_ids": ids,
+            "token_type_ids": np.zeros_like(ids),
+            "attention_mask": np.ones_like(ids),
+        }
+        logits, centred = self._session.run(["logits", "pred_boxes"], feed)
+        # Positions beyond the prompt hold −inf; exp would warn, so clamp where σ is 0 anyway.
+        token_scores = 1 / (1 + np.exp(-np.clip(logits[0], -60, 60)))
+        scores = np.stack([token_scores[:, span].mean(1) for span in spans], axis=1)
+        best, score = scores.argmax(1), scores.max(1).astype(np.float32)
+        size = np.array([width, height], np.float32)
+        centre, extent = centred[0, :, :2] * size, centred[0, :, 2:] * size
+        boxes = clip_boxes(np.concatenate([centre - extent / 2, centre + extent / 2], axis=1), width, height)
+        rows: list[int] = []
+        for label in range(len(prompts)):
+            group = np.flatnonzero((best == label) & (score >= min_score))
+            rows += group[suppress(boxes[group], score[group], _NMS_IOU)].tolist()
+        return Detections(boxes[rows], score[rows], tuple(prompts[best[row]] for row in rows))
+
+    def _tokens(self, prompts: Sequence[str]) -> tuple[NDArray[np.int64], list[list[int]]]:
+        """int64 [1, T] ids of "cup. red chair." and, per phrase, its token positions (full stops left out)."""
+        text, ranges = "", []
+        for prompt in prompts:
+            phrase = " ".join(prompt.lower().replace(".", " ").split())
+            ranges.append((len(text), len(text) + len(phrase)))
+            text += phrase + ". "
+        encoding = self._tokenizer.encode(text.strip())
+        if len(encoding.ids) > _MAX_TOKENS:
+            raise InvalidInputError(
+                f"the labels {', '.join(prompts)[:100]}… are {len(encoding.ids)} tokens together",
+                field="labels",
+                limit=f"{_MAX_TOKENS} tokens a pass",
+                hint="Use shorter labels, or fewer in one pass (FASTSPLAT_PERCEPTION__PROMPTS_PER_PASS).",
+            )
+        spans = [
+            [i for i, (start, end) in enumerate(encoding.offsets) if start < end and first <= start and end <= last]
+            for first, last in ranges
+        ]
+        for prompt, span in zip(prompts, spans, strict=True):
+            if not span:
+                raise InvalidInputError(f'the label "{prompt}" has no word the detector can read', field="labels")
+        return np.asarray([encoding.ids], np.int64), spans

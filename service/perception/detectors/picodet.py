@@ -1,0 +1,50 @@
+"""PicoDet exported by Paddle, with its non-maximum suppression inside. Closed set: COCO-80."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from service.perception.boxes import clip_boxes
+from service.perception.detectors.coco import COCO_80
+from service.perception.pixels import imagenet_tensor
+from service.perception.runtime import check_contract, open_session
+from service.perception.types import Detections, Image
+
+
+class PicoDet:
+    """`image` [1, 3, S, S] and `scale_factor` [1, 2] → [K, 6]: class, score, x1, y1, x2, y2 in image pixels.
+
+    Raises:
+        ModelUnavailableError: on opening, when the file does not keep this contract.
+    """
+
+    labels = COCO_80
+
+    def __init__(self, model: Path, *, name: str, threads: int = 0) -> None:
+        self._session = open_session(model, name=name, threads=threads)
+        check_contract(
+            self._session,
+            name=name,
+            inputs={"image": (1, 3, None, None), "scale_factor": (1, 2)},
+            outputs=[(None, 6)],
+        )
+        sides = {node.name: node.shape for node in self._session.get_inputs()}["image"][2:]
+        self._side = sides[0] if isinstance(sides[0], int) else 416
+
+    def detect(self, image: Image, min_score: float) -> Detections:
+        """COCO things in uint8 [H, W, 3] that score at least `min_score` (the model itself cuts at about 0.3)."""
+        height, width = image.shape[:2]
+        feed = {
+            "image": imagenet_tensor(image, self._side, cubic=True),
+            "scale_factor": np.array([[self._side / height, self._side / width]], np.float32),
+        }
+        rows = self._session.run(None, feed)[0]
+        # Class -1 pads the fixed number of rows.
+        rows = rows[(rows[:, 0] >= 0) & (rows[:, 1] >= min_score)]
+        return Detections(
+            clip_boxes(rows[:, 2:6], width, height),
+            rows[:, 1].astype(np.float32),
+            tuple(COCO_80[int(row)] for row in rows[:, 0]),
+        )

@@ -1,0 +1,78 @@
+"""YOLO-World style detectors, prompted by label embeddings. Open set, as far as the text encoder's words go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from service.common.errors import ModelUnavailableError
+from service.perception.boxes import clip_boxes, suppress
+from service.perception.pixels import letterboxed
+from service.perception.runtime import check_contract, open_session
+from service.perception.types import Detections, Image, TextEncoder
+
+_NMS_IOU = 0.6  # of boxes with one label; rivals between labels are settled by the caller
+
+
+class YoloWorld:
+    """`images` [1, 3, S, S], `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N], nothing suppressed.
+
+    Args:
+        model: the ONNX file.
+        encoder: embeds prompts in the space the detector was trained with (CLIP ViT-B/32 for the public weights).
+        name: the model's name, for messages.
+        threads: see `open_session`.
+
+    Raises:
+        ModelUnavailableError: when the file does not keep this contract, or the encoder has another width.
+    """
+
+    def __init__(self, model: Path, encoder: TextEncoder, *, name: str, threads: int = 0) -> None:
+        self._session = open_session(model, name=name, threads=threads)
+        check_contract(
+            self._session,
+            name=name,
+            inputs={"images": (1, 3, None, None), "text_embeds": (1, None, None)},
+            outputs={"boxes_xyxy": (1, None, 4), "scores": (1, None, None)},
+        )
+        shapes = {node.name: node.shape for node in self._session.get_inputs()}
+        self._side = shapes["images"][2] if isinstance(shapes["images"][2], int) else 640
+        self._width = shapes["text_embeds"][2]
+        self._encoder = encoder
+        self._name = name
+
+    def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
+        """Things in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt.
+
+        Raises:
+            InvalidInputError: the encoder does not know a prompt (label tables).
+        """
+        height, width = image.shape[:2]
+        tensor, frame = letterboxed(image, self._side)
+        embeddings = self._encoder.encode(prompts)
+        if isinstance(self._width, int) and embeddings.shape[1] != self._width:
+            raise ModelUnavailableError(
+                f"model {self._name} takes embeddings of {self._width} numbers; {self._encoder.name} gives "
+                f"{embeddings.shape[1]}",
+                field="perception.prompt_encoder",
+                hint="Choose the text encoder that the detector was trained with.",
+            )
+        outputs = ["boxes_xyxy", "scores"]
+        boxes, scores = self._session.run(outputs, {"images": tensor, "text_embeds": embeddings[None]})
+        best = scores[0].argmax(1)
+        score = scores[0].max(1).astype(np.float32)
+        rows = np.flatnonzero(score >= min_score)
+        kept = [
+            rows[best[rows] == label][suppress(boxes[0, group], score[group], _NMS_IOU)]
+            for label in np.unique(best[rows])
+            for group in [rows[best[rows] == label]]
+        ]
+        rows = np.concatenate(kept) if kept else np.zeros(0, np.intp)
+        rows = rows[np.argsort(-score[rows], kind="stable")]
+        return Detections(
+            clip_boxes(frame.to_image(boxes[0, rows]), width, height),
+            score[rows],
+            tuple(prompts[label] for label in best[rows]),
+        )

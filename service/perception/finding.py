@@ -1,0 +1,80 @@
+"""Which detector looks for what, over a whole capture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from service.common.dictionary import dictionary_of, label_key
+from service.common.errors import InvalidInputError
+from service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from service.perception.settings import PerceptionSettings
+from service.perception.tags import TAGS
+from service.perception.types import ClosedSetDetector, Detections, Image
+from service.perception.votes import one_name_each, settle
+
+Load = Callable[[int], Image]
+"""Loads the image of a position among the views that perception looks at."""
+
+Seen = Callable[[int, str], None]
+"""Told the number of views done in this pass and a line for people; may raise `CancelledError`."""
+
+
+def find(
+    load: Load, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, seen: Seen
+) -> list[Detections]:
+    """Raw detections of every view, scoring `score_floor` at least, with one name per kind.
+
+    With an open-set detector: prompted by the user's labels, else by what `settings.prompt_source` says. Without:
+    what the closed-set detector finds, of the user's labels only if there are any.
+
+    Raises:
+        InvalidInputError: the closed-set detector cannot know some of the labels; names them.
+        ModelUnavailableError: see the detectors.
+    """
+    names = [entry.label for entry in dictionary_of(labels).entries]
+    if not settings.open_set_detector:
+        closed = open_closed_set_detector(settings, models)
+        _refuse_unknown(names, closed, settings)
+        return _closed_pass(closed, load, count, names, settings, seen)
+    prompts = names or _prompts(load, count, settings, models, seen)
+    detector = open_open_set_detector(settings, models)
+    found = []
+    for view in range(count):
+        found.append(detector.detect(load(view), prompts, settings.score_floor))
+        seen(view + 1, f"looking for {len(prompts)} kinds of things, view {view + 1}/{count}")
+    return one_name_each(found, prompts)
+
+
+def _prompts(load: Load, count: int, settings: PerceptionSettings, models: Path, seen: Seen) -> list[str]:
+    if settings.prompt_source == "closed_set":
+        closed = open_closed_set_detector(settings, models)
+        settled, _ = settle(_closed_pass(closed, load, count, [], settings, seen), settings, named=False)
+        finds = dict.fromkeys(label for view in settled for label in view.labels)
+        if finds:
+            return list(finds)
+    return list(settings.tags or TAGS)
+
+
+def _closed_pass(
+    detector: ClosedSetDetector, load: Load, count: int, names: Sequence[str], settings: PerceptionSettings, seen: Seen
+) -> list[Detections]:
+    wanted = {label_key(name) for name in names}
+    found = []
+    for view in range(count):
+        everything = detector.detect(load(view), settings.score_floor)
+        rows = [i for i, label in enumerate(everything.labels) if not wanted or label_key(label) in wanted]
+        found.append(everything.take(rows))
+        seen(view + 1, f"looking for things, view {view + 1}/{count}")
+    return one_name_each(found, names)
+
+
+def _refuse_unknown(names: Sequence[str], detector: ClosedSetDetector, settings: PerceptionSettings) -> None:
+    known = {label_key(label) for label in detector.labels}
+    unknown = [name for name in names if label_key(name) not in known]
+    if unknown:
+        raise InvalidInputError(
+            f"the closed-set detector {settings.closed_set_detector} cannot know: {', '.join(unknown)}",
+            field="labels",
+            hint="Configure an open-set detector (FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR), or leave these labels out.",
+        )

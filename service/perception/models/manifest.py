@@ -1,0 +1,164 @@
+"""Reading `manifest.toml`."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from service.common.errors import ModelUnavailableError
+
+Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter"]
+Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2"]
+
+_Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+_Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
+
+PERMISSIVE = frozenset({"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0"})
+"""SPDX names of the licences that `pull` accepts unasked."""
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LocalSource(_Frozen):
+    """A file on this machine; a relative path counts from the manifest's folder."""
+
+    kind: Literal["local"]
+    path: Path
+
+
+class HubSource(_Frozen):
+    """A file of a Hugging Face repository. Without a revision here, the caller must give one."""
+
+    kind: Literal["huggingface"]
+    repo: str
+    path: str
+    revision: _Revision | None = None
+
+
+class PackageSource(_Frozen):
+    """A file inside a package on PyPI (wheel or source archive) or npm; `sha256` is the archive's."""
+
+    kind: Literal["pypi", "npm"]
+    package: str
+    version: str
+    path: str
+    sha256: _Sha256
+
+
+Source = Annotated[LocalSource | HubSource | PackageSource, Field(discriminator="kind")]
+
+
+class ModelFile(_Frozen):
+    """One file of a model, or one that a conversion starts from; sources are tried in order."""
+
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    size: int | None = None
+    sha256: _Sha256 | None = None
+    sources: tuple[Source, ...] = ()
+
+
+class Conversion(_Frozen):
+    """How carrier files become model files. The carriers are verified by their sha256; what comes out is not the same
+    to the byte everywhere, so it is verified by its adapter's contract and by a look at a drawn picture."""
+
+    kind: Literal["paddle", "mobile_sam"]
+    carriers: tuple[ModelFile, ...]
+    packages: tuple[Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]+==[0-9.]+$")], ...] = ()
+    """Packages for the conversion alone, installed into a temporary folder; pinned, without what they depend on."""
+
+
+class ModelEntry(_Frozen):
+    """One model.
+
+    Attributes:
+        name: also its folder in the model directory.
+        role: what it is for.
+        adapter: which of the product's adapters drives it.
+        licence: SPDX name of the weights' licence.
+        about: one sentence.
+        default: whether a bare `pull` fetches it.
+        files: what lies in its folder; those without sources come out of `conversion`.
+        conversion: see `Conversion`.
+    """
+
+    name: str
+    role: Role
+    adapter: Adapter
+    licence: str
+    about: str
+    default: bool = False
+    files: tuple[ModelFile, ...]
+    conversion: Conversion | None = None
+
+    @property
+    def permissive(self) -> bool:
+        """Whether the licence is on the permissive list."""
+        return self.licence in PERMISSIVE
+
+
+class _Manifest(_Frozen):
+    model: tuple[ModelEntry, ...]
+
+
+@cache
+def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
+    """All entries of a manifest; None: the built-in one.
+
+    Raises:
+        ModelUnavailableError: the file is not a manifest; says where.
+    """
+    path = path or Path(__file__).parent / "manifest.toml"
+    try:
+        entries = _Manifest.model_validate(tomllib.loads(path.read_text("utf-8"))).model
+    except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:
+        raise ModelUnavailableError(f"{path} is not a model manifest: {error}", field="manifest") from error
+    names = [entry.name for entry in entries]
+    if len(set(names)) != len(names):
+        raise ModelUnavailableError(f"{path} names a model twice", field="manifest")
+    return entries
+
+
+def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
+    """Adapter and folder (inside the model directory) of a model that a setting names.
+
+    `name` is an entry of the manifest, or "adapter:folder" for a folder that no manifest lists.
+
+    Raises:
+        ModelUnavailableError: no such entry, or one of another role.
+    """
+    adapter, separator, folder = name.partition(":")
+    adapters = ROLES[role]
+    if separator:
+        inside = folder not in ("", ".", "..") and "/" not in folder and "\\" not in folder
+        for known in adapters:
+            if known == adapter and inside:
+                return known, PurePosixPath(folder)
+        raise ModelUnavailableError(
+            f'"{name}" names no {role.replace("_", " ")}',
+            field=f"perception.{role}",
+            hint=f"Write adapter:folder with one of the adapters {', '.join(adapters)} and a folder of the models.",
+        )
+    for entry in load_manifest():
+        if entry.name == name and entry.role == role:
+            return entry.adapter, PurePosixPath(entry.name)
+    known_names = ", ".join(entry.name for entry in load_manifest() if entry.role == role)
+    raise ModelUnavailableError(
+        f'the manifest has no {role.replace("_", " ")} called "{name}"',
+        field=f"perception.{role}",
+        hint=f"Choose one of {known_names}, or adapter:folder for your own.",
+    )
+
+
+ROLES: dict[Role, tuple[Adapter, ...]] = {
+    "text_encoder": ("sentence", "clip", "label_table"),
+    "closed_set_detector": ("picodet",),
+    "open_set_detector": ("grounding_dino", "yolo_world"),
+    "segmenter": ("sam1", "sam2"),
+}
+"""Which adapters can play a role."""

@@ -1,0 +1,155 @@
+"""Bringing models into the model directory: fetched, verified, converted, tried, and only then put in place."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.perception.models.convert import convert
+from service.perception.models.manifest import ModelEntry, load_manifest
+from service.perception.models.sources import fetch_file
+from service.perception.models.trial import try_model
+from service.perception.runtime import file_sha256
+
+ModelState = Literal["ready", "unverified", "damaged", "absent"]
+
+_RECEIPT = "pulled.json"
+
+
+@dataclass(frozen=True)
+class Step:
+    """Progress of a pull: `done` of `total` bytes, both 0 where nothing can be counted."""
+
+    model: str
+    what: str
+    done: int = 0
+    total: int = 0
+
+
+def pull(
+    models: Path,
+    names: Sequence[str] = (),
+    *,
+    report: Callable[[Step], None],
+    manifest: Path | None = None,
+    allow_licences: Collection[str] = (),
+    revision: str | None = None,
+) -> None:
+    """Put models into the model directory; those already there and whole are left alone.
+
+    A model appears in one rename, after its files have matched their sha256, its conversion has run, and its adapter
+    has opened it and solved a drawn exercise; a failure leaves nothing behind.
+
+    Args:
+        models: the model directory; made if need be.
+        names: manifest entries; none: the defaults.
+        report: hears every step.
+        manifest: another manifest than the built-in one.
+        allow_licences: SPDX names to accept beyond the permissive ones.
+        revision: commit for Hugging Face repositories that the manifest pins none for.
+
+    Raises:
+        InvalidInputError: an unknown name, or a licence that needs a yes; nothing has been fetched then.
+        ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
+    """
+    source = manifest or Path(__file__).parent / "manifest.toml"
+    entries = {entry.name: entry for entry in load_manifest(source)}
+    wanted = list(names) or [entry.name for entry in entries.values() if entry.default]
+    for name in wanted:
+        if name not in entries:
+            raise InvalidInputError(
+                f'the manifest has no model "{name}"', field="name", hint=f"Choose among {', '.join(entries)}."
+            )
+        entry = entries[name]
+        if not entry.permissive and entry.licence not in allow_licences:
+            raise InvalidInputError(
+                f"model {name} is under {entry.licence}, which is not a permissive licence",
+                field="licence",
+                hint=f"If its terms suit you, repeat with --allow-licence {entry.licence}.",
+            )
+    models.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
+        for name in wanted:
+            if model_state(entries[name], models) == "ready":
+                report(Step(name, "already there"))
+            else:
+                _pull_one(entries[name], models, Path(work), source.parent, revision, report)
+
+
+def model_state(entry: ModelEntry, models: Path) -> ModelState:
+    """What the model directory holds of an entry; reads every file once.
+
+    "unverified": all files are there, and nothing says what their bytes should be (put there by hand).
+    """
+    folder = models / entry.name
+    expected = {file.name: file.sha256 for file in entry.files}
+    if (folder / _RECEIPT).is_file():
+        try:
+            expected |= json.loads((folder / _RECEIPT).read_text("utf-8"))["sha256"]
+        except (ValueError, KeyError, TypeError):
+            return "damaged"
+    present = [name for name in expected if (folder / name).is_file()]
+    if len(present) < len(expected):
+        # A folder filled by hand may use other file names: adapters look for parts, not names.
+        by_hand = folder.is_dir() and any(path.suffix in (".onnx", ".ort", ".npz") for path in folder.iterdir())
+        return "damaged" if present else "unverified" if by_hand else "absent"
+    if any(digest and file_sha256(folder / name) != digest for name, digest in expected.items()):
+        return "damaged"
+    return "ready" if all(expected.values()) else "unverified"
+
+
+def _pull_one(
+    entry: ModelEntry, models: Path, work: Path, base: Path, revision: str | None, report: Callable[[Step], None]
+) -> None:
+    staged = work / "models" / entry.name
+    staged.mkdir(parents=True)
+    carriers = work / f"{entry.name}-carriers"
+    carriers.mkdir()
+    conversion = entry.conversion
+    jobs = [(file, staged) for file in entry.files if file.sources or conversion is None]
+    jobs += [(file, carriers) for file in (conversion.carriers if conversion else ())]
+    for file, folder in jobs:
+        report(Step(entry.name, f"fetching {file.name}"))
+
+        def seen(done: int, total: int, what: str = file.name) -> None:
+            report(Step(entry.name, f"verifying {what}", done, total))
+
+        fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, bytes_seen=seen)
+    if conversion:
+        report(Step(entry.name, f"converting ({conversion.kind})"))
+        convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
+    report(Step(entry.name, "trying it out"))
+    try_model(entry, work / "models")
+    _put_in_place(staged, models / entry.name, entry)
+    report(Step(entry.name, "ready"))
+
+
+def _put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
+    missing = [file.name for file in entry.files if not (staged / file.name).is_file()]
+    if missing:
+        raise ModelUnavailableError(f"model {entry.name}: its conversion made no {', '.join(missing)}")
+    receipt = {
+        "model": entry.name,
+        "licence": entry.licence,
+        "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
+    }
+    (staged / _RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
+    for path in staged.iterdir():
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())
+    aside = staged.parent / f"{entry.name}-before"
+    if target.exists():
+        target.rename(aside)  # goes with the temporary folder
+    try:
+        staged.rename(target)
+    except OSError:
+        if aside.exists():
+            shutil.move(aside, target)
+        raise

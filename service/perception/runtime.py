@@ -1,0 +1,106 @@
+"""Opening models: one onnxruntime session each, held against its contract before anything trusts it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+
+import onnxruntime
+
+from service.common.errors import ModelUnavailableError
+
+Shape = Sequence[int | None]
+"""Sizes; None: any. A size that the model leaves open fits every number."""
+
+
+def open_session(path: Path, *, name: str, threads: int = 0) -> onnxruntime.InferenceSession:
+    """An onnxruntime CPU session of an `.onnx` or `.ort` file; `threads` 0: all cores.
+
+    Raises:
+        ModelUnavailableError: the file is not there or not a model; names the model and the file.
+    """
+    if not path.is_file():
+        raise ModelUnavailableError(
+            f"model {name}: there is no file {path}",
+            field=name,
+            hint=f'Run "fastsplat models pull {name}", or set the model directory (FASTSPLAT_MODELS).',
+        )
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime raises a dozen unrelated types for a file it cannot read
+        raise ModelUnavailableError(
+            f"model {name}: {path.name} is damaged or not an ONNX model ({str(error).splitlines()[0][:200]})",
+            field=name,
+            hint=f'Delete the file and run "fastsplat models pull {name}" again.',
+        ) from error
+
+
+def check_contract(
+    session: onnxruntime.InferenceSession,
+    *,
+    name: str,
+    inputs: Mapping[str, Shape],
+    outputs: Mapping[str, Shape] | Sequence[Shape],
+    optional_inputs: Sequence[str] = (),
+) -> None:
+    """Raise `ModelUnavailableError` unless the session has these inputs (no others) and at least these outputs.
+
+    Args:
+        session: the opened model.
+        name: the model's name, for the message.
+        inputs: shape by input name.
+        outputs: shape by output name; or shapes by position, for exporters that invent names.
+        optional_inputs: inputs that the model may have as well.
+    """
+    found_in = {node.name: _shape(node.shape) for node in session.get_inputs()}
+    found_out = {node.name: _shape(node.shape) for node in session.get_outputs()}
+    wrong = [key for key in inputs if key not in found_in or not _fits(found_in[key], inputs[key])]
+    wrong += [key for key in found_in if key not in inputs and key not in optional_inputs]
+    if isinstance(outputs, Mapping):
+        wrong += [key for key in outputs if key not in found_out or not _fits(found_out[key], outputs[key])]
+        expected_out = _listing(outputs)
+    else:
+        shapes = list(found_out.values())
+        wrong += [
+            f"output {i}" for i, shape in enumerate(outputs) if i >= len(shapes) or not _fits(shapes[i], tuple(shape))
+        ]
+        expected_out = ", ".join(_size(shape) for shape in outputs)
+    if wrong:
+        raise ModelUnavailableError(
+            f"model {name} does not keep its contract at {', '.join(wrong)}: expected {_listing(inputs)} → "
+            f"{expected_out}; found {_listing(found_in)} → {_listing(found_out)}",
+            field=name,
+            hint="Use the model the manifest names, or choose the adapter that fits this one.",
+        )
+
+
+@cache
+def file_sha256(path: Path) -> str:
+    """Hex digest of a file that does not change while the process lives."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _shape(shape: Sequence[object]) -> tuple[int | None, ...]:
+    return tuple(size if isinstance(size, int) else None for size in shape)
+
+
+def _fits(found: Shape, expected: Shape) -> bool:
+    if not found:  # an exporter that states no shape at all
+        return True
+    return len(found) == len(expected) and all(
+        a is None or b is None or a == b for a, b in zip(found, expected, strict=True)
+    )
+
+
+def _size(shape: Shape) -> str:
+    return "[" + ", ".join("?" if size is None else str(size) for size in shape) + "]"
+
+
+def _listing(shapes: Mapping[str, Shape]) -> str:
+    return ", ".join(f"{key} {_size(shape)}" for key, shape in shapes.items())

@@ -1,0 +1,31 @@
+"""Which of a segmenter's proposals to believe."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def choose(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
+    """Index of the proposal to keep.
+
+    Segment-Anything proposes a part, a thing and a group, and predicts each one's IoU. For a box prompt the right one
+    also reaches the box's sides, so proposals are ranked by predicted IoU times the IoU of the mask's own box with the
+    prompt: a part (too small) and a spill (too large) both lose.
+
+    Args:
+        logits: float32 [M, H, W], positive inside.
+        quality: float32 [M], predicted IoU.
+        box: float32 [4], x1, y1, x2, y2 on the same grid.
+    """
+    return int(np.argmax([q * _box_agreement(layer > 0, box) for layer, q in zip(logits, quality, strict=True)]))
+
+
+def _box_agreement(mask: NDArray[np.bool_], box: NDArray[np.float32]) -> float:
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    if not len(columns):
+        return 0.0
+    own = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float32)
+    inner = np.clip(np.minimum(own[2:], box[2:]) - np.maximum(own[:2], box[:2]), 0, None).prod()
+    union = (own[2:] - own[:2]).prod() + np.clip(box[2:] - box[:2], 0, None).prod() - inner
+    return float(inner / max(union, 1e-6))

@@ -1,0 +1,56 @@
+"""A table of ready label embeddings, for detectors that need a text tower nobody wants to run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.dictionary import label_key
+from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.perception.runtime import file_sha256
+
+
+class LabelTable:
+    """An `.npz` of `names` [N] and `embeds` [N, E]. Knows its own labels only, by `label_key`; the first row wins.
+
+    Raises:
+        ModelUnavailableError: on opening, when the file is missing, damaged, or lacks these arrays.
+    """
+
+    def __init__(self, table: Path, *, name: str) -> None:
+        try:
+            with np.load(table, allow_pickle=False) as arrays:
+                names, embeds = arrays["names"], np.asarray(arrays["embeds"], np.float32)
+            if embeds.ndim != 2 or names.shape != embeds.shape[:1] or not np.isfinite(embeds).all():
+                raise ValueError(f"names {names.shape}, embeds {embeds.shape}")
+        except Exception as error:  # zipfile, numpy and the check above raise unrelated types
+            raise ModelUnavailableError(
+                f"model {name}: {table.name} is not a label table with names [N] and finite embeds [N, E] ({error})",
+                field=name,
+                hint="Restore the table's file.",
+            ) from error
+        self._embeds = embeds / np.linalg.norm(embeds, axis=1, keepdims=True)
+        self._rows: dict[str, int] = {}
+        for row, label in enumerate(names):
+            self._rows.setdefault(label_key(str(label)), row)
+        self.name = name
+        self.sha256 = file_sha256(table)
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        """float32 [B, E] of unit length.
+
+        Raises:
+            InvalidInputError: names the texts that the table does not hold.
+        """
+        unknown = [text for text in texts if label_key(text) not in self._rows]
+        if unknown:
+            raise InvalidInputError(
+                f"the label table {self.name} does not know: {', '.join(unknown)}",
+                field="labels",
+                hint="Use other words, or configure a text tower as perception.prompt_encoder.",
+            )
+        rows = [self._rows[label_key(text)] for text in texts]
+        return np.asarray(self._embeds[rows], np.float32)
