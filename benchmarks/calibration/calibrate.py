@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from service.perception.text import TextEncoder, open_text_encoder
 from service.query.calibration import FILE, calibration_key
 from service.query.embeddings import TextCache
-from service.query.relevancy import score
+from service.query.relevancy import entries, score
 from service.query.settings import QuerySettings
 
 HERE = Path(__file__).parent
@@ -92,7 +92,7 @@ def measure(encoder: TextEncoder, templates: Sequence[str], negatives: Sequence[
     against = cache.embed(negatives)
     by_pair: dict[str, list[float]] = {"similarity": [], "relevancy": []}
     for pair in pairs:
-        found = score(cache.embed([pair.label]), cache.embed([pair.query]), against, 1.0)
+        found = score(entries(cache.embed([pair.label]), against), cache.embed([pair.query]), 1.0)
         by_pair["similarity"].append(float(found.similarity[0, 0]))
         by_pair["relevancy"].append(float(found.margin[0, 0]))
     return {name: _figures(name, pairs, np.array(values), scenes, cache, against) for name, values in by_pair.items()}
@@ -116,7 +116,7 @@ def _figures(
     best_absent: list[float] = []
     wrong: list[str] = []
     for scene, (labels, questions) in scenes.items():
-        scores = score(cache.embed(labels), cache.embed([q.query for q in questions]), negatives, 1.0)
+        scores = score(entries(cache.embed(labels), negatives), cache.embed([q.query for q in questions]), 1.0)
         rows = scores.similarity if name == "similarity" else scores.margin
         for question, row in zip(questions, rows, strict=True):
             top, passes = labels[int(row.argmax())], bool(row.max() >= related_from)

@@ -16,7 +16,7 @@ from service.query.embeddings import TextCache, embed_labels
 from service.query.explain import explain
 from service.query.labels import most_probable_class
 from service.query.names import candidate_names, check_texts, noun_phrase
-from service.query.relevancy import score
+from service.query.relevancy import Entries, entries, score
 from service.query.settings import QuerySettings
 from service.query.types import Answer, Mask2D, Match, Verdict
 from service.scene.types import Scene
@@ -52,8 +52,7 @@ class SceneIndex:
         self.settings = settings
         self._encoder = encoder
         self._cache = TextCache(encoder, settings.templates, settings.cached_texts)
-        self._negatives = self._cache.embed(settings.negatives)
-        self._labels = self._label_embeddings()
+        self._entries = self._embed_entries()
         self._thresholds = self._choose_thresholds()
         self._classes = most_probable_class(scene.gaussians.codes, scene.head)
         self._counts: list[int] = np.bincount(self._classes, minlength=len(scene.dictionary) + 1).tolist()
@@ -130,7 +129,7 @@ class SceneIndex:
         return self._renderer_for(posed).label_map(posed)
 
     def _answer(self, text: str, query: NDArray[np.float32]) -> Answer:
-        scores = score(self._labels, query[None], self._negatives, self.settings.temperature)
+        scores = score(self._entries, query[None], self.settings.temperature)
         similarity, margin, relevancy = scores.similarity[0], scores.margin[0], scores.relevancy[0]
         primary, second = (similarity, margin) if self.settings.score == "similarity" else (margin, similarity)
         named = self._named(text)
@@ -143,7 +142,7 @@ class SceneIndex:
                 order.tolist(),
                 relevancy[order].tolist(),
                 similarity[order].tolist(),
-                scores.nearest_negative[order].tolist(),
+                self._entries.nearest_negative[order].tolist(),
                 chosen[order].tolist(),
                 strict=True,
             )
@@ -179,17 +178,18 @@ class SceneIndex:
             )
         return answer.relevant_ids
 
-    def _label_embeddings(self) -> NDArray[np.float32]:
+    def _embed_entries(self) -> Entries:
+        negatives = self._cache.embed(self.settings.negatives)
         scene, encoder = self.scene, self._encoder
         same = scene.text_encoder == (encoder.name, encoder.sha256) and scene.label_templates == self.settings.templates
         labels = scene.label_embeddings if same else embed_labels(scene.dictionary, encoder, self.settings.templates)
-        if len(labels) and labels.shape[1] != self._negatives.shape[1]:
+        if len(labels) and labels.shape[1] != negatives.shape[1]:
             raise ModelUnavailableError(
-                f"text encoder {encoder.name} gives {self._negatives.shape[1]} numbers, not {labels.shape[1]}",
+                f"text encoder {encoder.name} gives {negatives.shape[1]} numbers, not {labels.shape[1]}",
                 field="text_encoder",
                 hint="Put back the encoder that the scene was made with.",
             )
-        return np.ascontiguousarray(labels)
+        return entries(np.ascontiguousarray(labels), negatives)
 
     def _choose_thresholds(self) -> Thresholds | None:
         chosen = self.settings

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from service.common.camera import PosedCamera
 from service.common.dictionary import Dictionary, DictionaryEntry
 from service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from service.query import QuerySettings, SceneIndex
@@ -25,8 +27,8 @@ LEANING = {
 
 
 @pytest.fixture
-def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings) -> SceneIndex:
-    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)  # type: ignore[arg-type]
+def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings) -> SceneIndex:
+    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)
 
 
 @pytest.mark.parametrize("text", ["mug", "Mugs", "the mug", "Where is the mug?", "mug on the table", "MUG"])
@@ -48,20 +50,20 @@ def test_between_the_thresholds_is_related(index: SceneIndex) -> None:
     assert answer.matches[0].similarity == pytest.approx(0.8, abs=1e-6)
 
 
-def test_below_is_absent_and_every_mask_is_empty(index: SceneIndex, front: object) -> None:
+def test_below_is_absent_and_every_mask_is_empty(index: SceneIndex, front: PosedCamera) -> None:
     (answer,) = index.ask(["cloud"])
     assert answer.verdict == "absent" and answer.relevant_ids == ()
     assert not index.mask3d(answer).any()
-    assert not index.mask2d(answer, front).mask.any()  # type: ignore[arg-type]
+    assert not index.mask2d(answer, front).mask.any()
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
 def test_answers_rank_everything_best_first(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings, score: str
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, score: str
 ) -> None:
     labels = [f"word {i}x" for i in range(60)]
     settings = plain.model_copy(update={"score": score, "threshold": 0.2})
-    index = SceneIndex(make_scene(labels), drawn_encoder(), settings)  # type: ignore[arg-type]
+    index = SceneIndex(make_scene(labels), drawn_encoder(), settings)
     for answer in index.ask(["alpha", "beta", "word 7x", "🧸", "茶壶"]):
         assert sorted(match.label_id for match in answer.matches) == list(range(1, 61))
         flags = [match.relevant for match in answer.matches]
@@ -77,10 +79,10 @@ def test_answers_rank_everything_best_first(
 
 
 def test_the_order_of_negatives_does_not_matter(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     turned = plain.model_copy(update={"negatives": plain.negatives[::-1]})
-    answers = [SceneIndex(make_scene(), drawn_encoder(), s).ask(["cup", "mug"]) for s in (plain, turned)]  # type: ignore[arg-type]
+    answers = [SceneIndex(make_scene(), drawn_encoder(), s).ask(["cup", "mug"]) for s in (plain, turned)]
     assert answers[0] == answers[1]
 
 
@@ -91,13 +93,13 @@ def test_a_batch_is_its_parts(index: SceneIndex) -> None:
 
 @pytest.mark.parametrize("temperature", [0.0, 1e6])
 def test_temperature_moves_relevancy_but_no_verdict(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings, temperature: float
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, temperature: float
 ) -> None:
     texts = ["cup", "tumbler", "cloud", "the bed", "object"]
     for score in ("similarity", "relevancy"):
         base = plain.model_copy(update={"score": score, "threshold": 0.1})
         hot = base.model_copy(update={"temperature": temperature})
-        a, b = (SceneIndex(make_scene(), drawn_encoder(LEANING), s).ask(texts) for s in (base, hot))  # type: ignore[arg-type]
+        a, b = (SceneIndex(make_scene(), drawn_encoder(LEANING), s).ask(texts) for s in (base, hot))
         assert [x.verdict for x in a] == [x.verdict for x in b]
         assert [[m.label for m in x.matches] for x in a] == [[m.label for m in x.matches] for x in b]
 
@@ -108,27 +110,25 @@ def test_a_query_equal_to_a_negative_is_never_above_one_half(index: SceneIndex) 
 
 
 def test_no_labels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings, front: object
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
 ) -> None:
-    index = SceneIndex(make_scene(()), drawn_encoder(), plain)  # type: ignore[arg-type]
+    index = SceneIndex(make_scene(()), drawn_encoder(), plain)
     (answer,) = index.ask(["mug"])
     assert answer.verdict == "absent" and answer.matches == () and "no labels" in answer.explanation
-    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()  # type: ignore[arg-type]
+    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
-def test_one_label(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
-) -> None:
-    index = SceneIndex(make_scene(("茶壶",)), drawn_encoder(), plain)  # type: ignore[arg-type]
+def test_one_label(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings) -> None:
+    index = SceneIndex(make_scene(("茶壶",)), drawn_encoder(), plain)
     assert index.ask(["茶壶"])[0].verdict == "exact"
     assert index.ask(["🧸"])[0].verdict == "absent"
 
 
 def test_ten_thousand_labels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     labels = [f"thing {i}x" for i in range(9_998)] + ["🧸", "чайник"]
-    index = SceneIndex(make_scene(labels, code=4), drawn_encoder(), plain)  # type: ignore[arg-type]
+    index = SceneIndex(make_scene(labels, code=4), drawn_encoder(), plain)
     answers = index.ask(["thing 77x", "🧸", "Чайник"])
     assert [answer.matches[0].label_id for answer in answers] == [78, 9_999, 10_000]
     assert all(answer.verdict == "exact" and len(answer.matches) == 10_000 for answer in answers)
@@ -136,16 +136,16 @@ def test_ten_thousand_labels(
 
 
 def test_an_alias_names_its_entry(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     entries = (DictionaryEntry("mug", ("coffee cup",)), DictionaryEntry("spoon"), DictionaryEntry("bed"))
     scene = replace(make_scene(), dictionary=Dictionary(entries))
-    (answer,) = SceneIndex(scene, drawn_encoder(), plain).ask(["the coffee cups"])  # type: ignore[arg-type]
+    (answer,) = SceneIndex(scene, drawn_encoder(), plain).ask(["the coffee cups"])
     assert answer.verdict == "exact" and answer.relevant_ids == (1,)
 
 
 def test_counts_and_masks_agree_with_the_softmax(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     rng = np.random.default_rng(0)
     scene = make_scene([f"l{i}x" for i in range(30)], per_label=20, code=5)
@@ -154,7 +154,7 @@ def test_counts_and_masks_agree_with_the_softmax(
     scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes))
     logits = codes.astype(np.float64) @ head.weight.T.astype(np.float64) + head.bias
     probability = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
-    index = SceneIndex(scene, drawn_encoder(), plain)  # type: ignore[arg-type]
+    index = SceneIndex(scene, drawn_encoder(), plain)
     np.testing.assert_array_equal(index.gaussian_classes, probability.argmax(axis=1))
     (answer,) = index.ask(["l3x"])
     np.testing.assert_array_equal(index.mask3d(answer), probability.argmax(axis=1) == 4)
@@ -172,20 +172,20 @@ def test_classes_of_many_gaussians_do_not_depend_on_the_pieces() -> None:
 
 
 def test_a_scene_where_no_gaussian_was_labelled(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     scene = make_scene()
     codes = np.zeros_like(scene.gaussians.codes)
-    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), drawn_encoder(), plain)  # type: ignore[arg-type]
+    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), drawn_encoder(), plain)
     (answer,) = index.ask(["mug"])
     assert answer.verdict == "exact" and answer.matches[0].gaussian_count == 0
     assert "no Gaussian" in answer.explanation and not index.mask3d(answer).any()
 
 
 def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object]
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any]
 ) -> None:
-    index = SceneIndex(make_scene(), drawn_encoder(LEANING), QuerySettings(backend="reference"))  # type: ignore[arg-type]
+    index = SceneIndex(make_scene(), drawn_encoder(LEANING), QuerySettings(backend="reference"))
     assert not index.calibrated
     named, near = index.ask(["mug", "tumbler"])
     assert named.verdict == "exact"
@@ -193,7 +193,7 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
 
 
 def test_stored_label_embeddings_serve_their_own_encoder_and_templates(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     stored = np.eye(3, 16, dtype=np.float32)
     own = replace(make_scene(), label_embeddings=stored, text_encoder=("drawn", "0" * 64))
@@ -203,37 +203,37 @@ def test_stored_label_embeddings_serve_their_own_encoder_and_templates(
         (own, plain.model_copy(update={"templates": ("a {}",)}), True),
     ):
         encoder = drawn_encoder()
-        SceneIndex(scene, encoder, settings)  # type: ignore[arg-type]
-        assert any("mug" in text for text in encoder.seen) == embedded  # type: ignore[attr-defined]
+        SceneIndex(scene, encoder, settings)
+        assert any("mug" in text for text in encoder.seen) == embedded
 
 
 def test_texts_are_embedded_once(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     encoder = drawn_encoder()
-    index = SceneIndex(make_scene(), encoder, plain.model_copy(update={"cached_texts": 2}))  # type: ignore[arg-type]
-    encoder.seen.clear()  # type: ignore[attr-defined]
+    index = SceneIndex(make_scene(), encoder, plain.model_copy(update={"cached_texts": 2}))
+    encoder.seen.clear()
     index.ask(["cup", "the cup", "cup"])
     index.ask(["cup", "jar"])
-    assert encoder.seen == ["cup", "jar"]  # type: ignore[attr-defined]
+    assert encoder.seen == ["cup", "jar"]
     index.ask(["tin"])
     index.ask(["cup"])
-    assert encoder.seen == ["cup", "jar", "tin", "cup"]  # type: ignore[attr-defined]
+    assert encoder.seen == ["cup", "jar", "tin", "cup"]
 
 
 def test_an_encoder_of_another_size_is_refused(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     scene = replace(make_scene(), label_embeddings=np.eye(3, 5, dtype=np.float32), text_encoder=("drawn", "0" * 64))
     with pytest.raises(ModelUnavailableError):
-        SceneIndex(scene, drawn_encoder(), plain)  # type: ignore[arg-type]
+        SceneIndex(scene, drawn_encoder(), plain)
 
 
 def test_an_encoder_of_nan_is_refused(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
     with pytest.raises(ModelUnavailableError):
-        SceneIndex(make_scene(), drawn_encoder({"object": [np.nan]}), plain)  # type: ignore[arg-type]
+        SceneIndex(make_scene(), drawn_encoder({"object": [np.nan]}), plain)
 
 
 def test_bad_texts_reach_no_encoder(index: SceneIndex) -> None:
@@ -246,15 +246,15 @@ def test_bad_texts_reach_no_encoder(index: SceneIndex) -> None:
 def test_an_answer_of_another_scene_is_refused(
     index: SceneIndex,
     make_scene: Callable[..., Scene],
-    drawn_encoder: Callable[..., object],
+    drawn_encoder: Callable[..., Any],
     plain: QuerySettings,
-    front: object,
+    front: PosedCamera,
 ) -> None:
-    (foreign,) = SceneIndex(make_scene([f"l{i}x" for i in range(9)]), drawn_encoder(), plain).ask(["l8x"])  # type: ignore[arg-type]
+    (foreign,) = SceneIndex(make_scene([f"l{i}x" for i in range(9)]), drawn_encoder(), plain).ask(["l8x"])
     with pytest.raises(InvalidInputError):
         index.mask3d(foreign)
     with pytest.raises(InvalidInputError):
-        index.mask2d(foreign, front)  # type: ignore[arg-type]
+        index.mask2d(foreign, front)
 
 
 @pytest.mark.parametrize(
@@ -268,6 +268,6 @@ def test_an_answer_of_another_scene_is_refused(
         {"templates": ("{} {}",)},
     ],
 )
-def test_wrong_settings_are_refused(wrong: dict[str, object]) -> None:
+def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 - pydantic's message names the field
-        QuerySettings(**wrong)  # type: ignore[arg-type]
+        QuerySettings(**wrong)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.query.relevancy import score
+from service.query.relevancy import Scores, entries
+from service.query.relevancy import score as score_entries
 
 
 def unit(count: int, seed: int, size: int = 12) -> np.ndarray:
     vectors = np.random.default_rng(seed).standard_normal((count, size))
     return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+
+
+def score(labels: np.ndarray, queries: np.ndarray, negatives: np.ndarray, temperature: float) -> Scores:
+    return score_entries(entries(labels, negatives), queries, temperature)
 
 
 def test_it_is_the_smallest_pairwise_softmax() -> None:
@@ -23,7 +28,7 @@ def test_it_is_the_smallest_pairwise_softmax() -> None:
                 for negative in negatives.astype(np.float64)
             ]
             assert found.relevancy[q, n] == pytest.approx(min(pairs), abs=1e-5)
-            assert found.nearest_negative[n] == int(np.argmin(pairs))
+            assert entries(labels, negatives).nearest_negative[n] == int(np.argmin(pairs))
 
 
 def test_the_order_of_negatives_does_not_matter() -> None:
@@ -31,7 +36,9 @@ def test_the_order_of_negatives_does_not_matter() -> None:
     turned = score(labels, queries, negatives[::-1], 10.0)
     found = score(labels, queries, negatives, 10.0)
     np.testing.assert_allclose(found.relevancy, turned.relevancy, atol=1e-12)
-    np.testing.assert_array_equal(found.nearest_negative, 3 - turned.nearest_negative)
+    np.testing.assert_array_equal(
+        entries(labels, negatives).nearest_negative, 3 - entries(labels, negatives[::-1]).nearest_negative
+    )
 
 
 def test_another_negative_never_raises_it() -> None:
@@ -65,4 +72,4 @@ def test_a_query_equal_to_a_negative_is_never_above_one_half() -> None:
 
 def test_no_entries() -> None:
     found = score(np.zeros((0, 0), dtype=np.float32), unit(3, 1), unit(4, 2), 10.0)
-    assert found.relevancy.shape == (3, 0) and found.nearest_negative.shape == (0,)
+    assert found.relevancy.shape == (3, 0)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ LEANING = {"mug": [1.0], "cup": [0.8, 0.6], "spoon": [0.7, -0.1, 0.7], "bed": [0
 
 
 @pytest.fixture
-def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings) -> SceneIndex:
-    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)  # type: ignore[arg-type]
+def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings) -> SceneIndex:
+    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)
 
 
 def pixel_of(index: SceneIndex, row: int, posed: PosedCamera) -> tuple[int, int]:
@@ -89,11 +90,11 @@ def test_depth_is_the_distance_along_the_view(index: SceneIndex, front: PosedCam
 
 
 def test_a_higher_alpha_only_removes_pixels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings, front: PosedCamera
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
 ) -> None:
     before: np.ndarray | None = None
     for alpha in (0.1, 0.5, 0.9, 1.0):
-        index = SceneIndex(make_scene(), drawn_encoder(LEANING), plain.model_copy(update={"alpha_min": alpha}))  # type: ignore[arg-type]
+        index = SceneIndex(make_scene(), drawn_encoder(LEANING), plain.model_copy(update={"alpha_min": alpha}))
         mask = index.mask2d(index.ask(["mug"])[0], front).mask
         assert before is None or not (mask & ~before).any()
         before = mask
@@ -101,11 +102,11 @@ def test_a_higher_alpha_only_removes_pixels(
 
 
 def test_no_gaussians_at_all(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., object], plain: QuerySettings, front: PosedCamera
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
 ) -> None:
     scene = make_scene()
     none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
-    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, **none)), drawn_encoder(LEANING), plain)  # type: ignore[arg-type]
+    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, **none)), drawn_encoder(LEANING), plain)
     (answer,) = index.ask(["mug"])
     assert index.mask3d(answer).shape == (0,) and not index.mask2d(answer, front).mask.any()
 
@@ -118,8 +119,11 @@ def test_size_is_bounded(index: SceneIndex) -> None:
             use(posed)
 
 
-def test_asking_loads_no_renderer() -> None:
-    script = (
-        "import sys, service.query, service.settings; sys.exit('torch' in sys.modules or 'onnxruntime' in sys.modules)"
-    )
+def test_the_room_opens_without_torch_or_onnxruntime() -> None:
+    script = "import sys, service.query; sys.exit('torch' in sys.modules or 'onnxruntime' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+def test_asking_renders_nothing(index: SceneIndex) -> None:
+    index.mask3d(index.ask(["mug", "cup", "cloud"])[0])
+    assert index._renderer is None
