@@ -16,8 +16,9 @@ from service.splatting.views import TrainingView
 
 _MAX_AUTO_SIZE = 13
 _HEAD_SCALE = 6.0
-_TRIPLES_UP_TO = 64
-_STARTS, _STEPS = 4, 150
+_TRIPLES_UP_TO, _PAIRS_UP_TO = 64, 512
+_GHOST_PAIRS = 2_000
+_STARTS, _STEPS = 6, 100
 
 
 def code_size(labels: int, wanted: Literal["auto"] | int) -> int:
@@ -40,38 +41,37 @@ def separated_codes(classes: int, size: int, seed: int) -> Tensor:
     """float32 [classes, size]: unit vectors such that no midpoint of two is nearer to a third than to the two.
 
     For a, b and any third c the margin is (1 + a·b) − (a·c + b·c); its soft minimum over all triples is maximised,
-    or, beyond 64 classes, the soft maximum of a·b over pairs is minimised. The best of a few random starts.
+    or, beyond 64 classes, the soft maximum of a·b over pairs is minimised. The best of a few random starts; beyond
+    512 classes a random start alone, which no 13 numbers could improve on much.
     """
-    generator = torch.Generator().manual_seed(seed)
-    starts = [torch.randn(classes, size, generator=generator) for _ in range(_STARTS)]
-    if classes == 1 or size == 0:
-        return torch.nn.functional.normalize(starts[0], dim=1)
-    return min((_spread(start) for start in starts), key=lambda found: found[0])[1]
+    random = np.random.default_rng((seed, 5))
+    starts = [random.normal(size=(classes, size)) for _ in range(_STARTS if classes <= _TRIPLES_UP_TO // 2 else 1)]
+    if classes == 1 or size == 0 or classes > _PAIRS_UP_TO:
+        codes = starts[0] / np.maximum(np.linalg.norm(starts[0], axis=1, keepdims=True), 1e-12)
+    else:
+        codes = min((_spread(start) for start in starts), key=lambda found: found[0])[1]
+    return torch.from_numpy(codes.astype(np.float32))
 
 
-def _spread(codes: Tensor) -> tuple[float, Tensor]:
-    """The final crowding, and the codes [classes, size] that gradient descent reached from `codes`."""
-    classes = len(codes)
-    codes = codes.clone().requires_grad_()
-    optimizer = torch.optim.Adam([codes], lr=0.05)
-    first, second = torch.triu_indices(classes, classes, 1)
-    pairs = torch.arange(len(first))
-    third = torch.ones(len(first), classes, dtype=torch.bool)
-    third[pairs, first] = third[pairs, second] = False
-    loss = torch.zeros(())
-    with torch.enable_grad():
-        for _ in range(_STEPS):
-            unit = torch.nn.functional.normalize(codes, dim=1)
-            cosine = unit @ unit.T
-            crowding = cosine[first, second]
-            if 2 < classes <= _TRIPLES_UP_TO:
-                ghost = cosine[first] + cosine[second] - (1 + crowding)[:, None]
-                crowding = torch.cat([ghost[third], crowding - 1])
-            loss = torch.logsumexp(30 * crowding, 0) / 30
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-    return loss.item(), torch.nn.functional.normalize(codes.detach(), dim=1)
+def _spread(codes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Gradient descent on the sphere from `codes`: the largest crowding in the end, and the unit vectors."""
+    same = np.eye(len(codes), dtype=np.bool_)
+    triples = 2 < len(codes) <= _TRIPLES_UP_TO
+    excluded = same[:, None, :] | same[None, :, :] | same[:, :, None] if triples else same
+    worst = 0.0
+    for step in range(_STEPS):
+        codes = codes / np.linalg.norm(codes, axis=1, keepdims=True)
+        cosine = codes @ codes.T
+        crowding = cosine[:, None, :] + cosine[None, :, :] - (1 + cosine[:, :, None]) if triples else cosine
+        crowding = np.where(excluded, -np.inf, crowding)
+        worst = float(crowding.max())
+        share = np.exp(30 * (crowding - worst))
+        share /= share.sum()
+        to_cosine = share.sum(axis=1) + share.sum(axis=0) - share.sum(axis=2) if triples else share
+        gradient = (to_cosine + to_cosine.T) @ codes
+        gradient -= (gradient * codes).sum(axis=1, keepdims=True) * codes
+        codes = codes - 0.3 * (1 - step / _STEPS) * gradient / max(float(np.abs(gradient).max()), 1e-12)
+    return worst, codes / np.linalg.norm(codes, axis=1, keepdims=True)
 
 
 def start_head(codes: Tensor) -> tuple[Tensor, Tensor]:
@@ -107,6 +107,8 @@ def class_weights(classes: int, undetected: float) -> Tensor:
 def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:
     """Share of pairs of present labels between whose mean codes a third class wins, 0..1; 0 with fewer than 2.
 
+    Beyond 2,000 pairs a random 2,000 of them are looked at.
+
     Args:
         codes: [G, D]. opacities: [G], weigh the mean. weight: [N + 1, D]. bias: [N + 1].
     """
@@ -119,6 +121,9 @@ def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) 
         return 0.0
     means = total[present] / mass[present, None]
     first, second = torch.triu_indices(len(present), len(present), 1)
+    if len(first) > _GHOST_PAIRS:
+        some = torch.randperm(len(first), generator=torch.Generator().manual_seed(0))[:_GHOST_PAIRS]
+        first, second = first[some], second[some]
     ghosts = torch.zeros(len(first), dtype=torch.bool)
     for share in torch.linspace(0.05, 0.95, 19):
         blend = means[first] * (1 - share) + means[second] * share

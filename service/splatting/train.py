@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,7 +71,20 @@ def train(
         raise InvalidInputError(
             f"{len(labelling.label_maps)} label maps for {len(capture.views)} views", field="labelling.label_maps"
         )
-    return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
+    with _one_torch_thread():
+        return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """The kernels have threads of their own. Torch's would make sums depend on their number, and its small loops slow
+    where other processes compete for the cores."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def quick() -> Callable[..., TrainingSettings]:
             "time_budget_s": None,
             "max_gaussians": 250,
             "evaluations": 0,
-            "backend": "reference",
+            "backend": "cpu",
         }
         return TrainingSettings(**(defaults | changes))
 

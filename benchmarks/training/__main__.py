@@ -1,0 +1,109 @@
+"""Trains a data set for a given time; writes PSNR against seconds as JSON and as a picture.
+
+    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--every 5] [--out benchmarks/results]
+
+DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
+the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way excluded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from benchmarks.training.data import load_posed_folder
+from service.common.progress import ProgressEvent
+from service.evaluation import evaluate_views
+from service.splatting.settings import TrainingSettings
+from service.splatting.train import train
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--seconds", type=float, default=240.0)
+    parser.add_argument("--gaussians", type=int, default=40_000)
+    parser.add_argument("--every", type=int, default=5, help="one view in so many is held out")
+    parser.add_argument("--evaluations", type=int, default=24)
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    options = parser.parse_args()
+    settings = TrainingSettings.model_validate(
+        {
+            "time_budget_s": options.seconds,
+            "max_gaussians": options.gaussians,
+            "held_out_every": options.every,
+            "evaluations": options.evaluations,
+            "iterations": 10**7,
+            **{name: json.loads(value) for name, value in (item.split("=", 1) for item in options.set)},
+        }
+    )
+    result = _measure(options.data, settings)
+    name = f"training_{options.data.resolve().name}_{options.seconds:.0f}s"
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    _draw(result, options.out / f"{name}.png")
+    print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
+
+
+def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
+    capture, labelling = load_posed_folder(folder)
+    curve: list[dict[str, float]] = []
+
+    def listen(event: ProgressEvent) -> None:
+        psnr = event.metrics.get("psnr")
+        if psnr is not None and (not curve or curve[-1]["psnr"] != psnr):
+            names = ("elapsed_s", "iteration", "gaussians", "loss", "psnr")
+            curve.append({key: round(event.metrics[key], 5) for key in names})
+            print("  ".join(f"{key} {value:g}" for key, value in curve[-1].items()), flush=True)
+
+    load_before, cpu_before = os.getloadavg()[0], time.process_time()
+    trained = train(capture, labelling, settings, listen)
+    cpu = time.process_time() - cpu_before
+    report = evaluate_views(
+        trained.gaussians, trained.head, capture, labelling, trained.held_out,
+        max_side=settings.max_side, backend=settings.backend,
+    )  # fmt: skip
+    return {
+        "data": folder.resolve().name,
+        "machine": f"{platform.machine()}, {os.cpu_count()} CPUs",
+        "date": time.strftime("%Y-%m-%d"),
+        "load_average_before": round(load_before, 2),
+        "cpu_seconds": round(cpu, 1),
+        "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+        **{key: round(value, 4) for key, value in trained.quality.items()},
+        "mean_iou": round(report.mean_iou, 4),
+        "iou": {label: round(value, 3) for label, value in report.iou.items()},
+        "curve": curve,
+        "settings": settings.model_dump(mode="json"),
+    }
+
+
+def _draw(result: dict[str, Any], path: Path) -> None:
+    figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
+    axes.plot([point["elapsed_s"] for point in result["curve"]], [point["psnr"] for point in result["curve"]], "o-")
+    axes.set_xlabel("seconds of training")
+    axes.set_ylabel("PSNR on held-out views, dB")
+    axes.set_title(
+        f"{result['data']}: {result['psnr']:.2f} dB, SSIM {result['ssim']:.3f}, mIoU {result['mean_iou']:.3f}, "
+        f"{result['gaussians']:.0f} Gaussians",
+        fontsize="medium",
+    )
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
