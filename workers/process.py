@@ -92,6 +92,7 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
+    environment.pop("FASTSPLAT_DATABASE_URL", None)  # a trainer reads strangers' data and needs no database
     if job.settings.jobs.threads_per_job:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)
     with log.open("ab") as stderr:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from service.calls.translate import options_of
+from service.common.errors import ResourceError
 from service.common.progress import STAGES, ProgressEvent
 from service.settings import Settings
 from service.store import Store
@@ -77,7 +78,10 @@ class Supervisor:
         """
         while stage not in self._done:
             if self._trainer is None:
-                self._trainer = TrainerProcess(self._job(), self._stages, self._log())
+                try:
+                    self._trainer = TrainerProcess(self._job(), self._stages, self._log())
+                except OSError as error:
+                    return {"outcome": "failed", "error": self._no_start(error, stage)}
                 logger.info(
                     "job %s attempt %d pid %d", self._claim.operation.id, self._claim.attempt, self._trainer.pid
                 )
@@ -153,6 +157,14 @@ class Supervisor:
             raise FencedError(self._claim.operation.id)
         self._claim = claim
         return None
+
+    def _no_start(self, error: OSError, stage: str) -> Mapping[str, Any]:
+        problem = ResourceError(
+            f"the trainer cannot be started: {error.strerror}",
+            field="data_dir",
+            hint="Free disk space and memory on the server, then post the capture again.",
+        )
+        return error_to_json(problem, stage)
 
     def _take(self, event: Event) -> None:
         now = time.monotonic()

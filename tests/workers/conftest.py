@@ -7,10 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from sqlalchemy import create_engine, make_url
 
 from service.calls import SceneService, open_service
 from service.calls.types import Operation, SceneOptions
@@ -32,8 +34,10 @@ run(load_settings(), "fake_stages:FAKES")
 class House:
     """One data folder with a service and the workers that a test starts."""
 
-    def __init__(self, folder: Path) -> None:
-        self.settings = Settings(data_dir=folder / "data", jobs=JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0))
+    def __init__(self, folder: Path, database_url: str) -> None:
+        self.settings = Settings(
+            data_dir=folder / "data", database_url=database_url, jobs=JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0)
+        )
         self.service: SceneService = open_service(self.settings, _admit)
         self._workers: list[subprocess.Popen[bytes]] = []
 
@@ -43,6 +47,7 @@ class House:
         environment = {
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(self.settings.data_dir),
+            "FASTSPLAT_DATABASE_URL": self.settings.database_url,
             "FASTSPLAT_JOBS__POLL_S": str(jobs.poll_s),
             "FASTSPLAT_JOBS__BEAT_S": str(jobs.beat_s),
             "FASTSPLAT_JOBS__STALE_S": str(jobs.stale_s),
@@ -114,8 +119,26 @@ def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> Iterator[House]:
+def database_url() -> Iterator[str]:
+    """SQLite, or a database of its own on the PostgreSQL server that FASTSPLAT_TEST_POSTGRES names."""
+    server = os.environ.get("FASTSPLAT_TEST_POSTGRES", "")
+    if not server:
+        yield ""
+        return
+    url = make_url(server).set(drivername="postgresql+psycopg")
+    name = f"test_{uuid.uuid4().hex}"
+    admin = create_engine(url, isolation_level="AUTOCOMMIT")
+    with admin.connect() as connection:
+        connection.exec_driver_sql(f"CREATE DATABASE {name}")
+    yield url.set(database=name).render_as_string(hide_password=False)
+    with admin.connect() as connection:
+        connection.exec_driver_sql(f"DROP DATABASE {name} WITH (FORCE)")
+    admin.dispose()
+
+
+@pytest.fixture
+def house(tmp_path: Path, database_url: str) -> Iterator[House]:
     """A fresh data folder; its workers are gone when the test ends."""
-    house = House(tmp_path)
+    house = House(tmp_path, database_url)
     yield house
     house.close()
