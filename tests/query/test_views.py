@@ -127,3 +127,17 @@ def test_the_room_opens_without_torch_or_onnxruntime() -> None:
 def test_asking_renders_nothing(index: SceneIndex) -> None:
     index.mask3d(index.ask(["mug", "cup", "cloud"])[0])
     assert index._renderer is None
+
+
+def test_the_fast_backend_gives_the_same_answers(
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
+) -> None:
+    scene = make_scene(per_label=5)
+    oracle = SceneIndex(scene, drawn_encoder(LEANING), plain)
+    fast = SceneIndex(scene, drawn_encoder(LEANING), plain.model_copy(update={"backend": "cpu"}))
+    (answer,) = oracle.ask(["cup"])
+    a, b = oracle.mask2d(answer, front), fast.mask2d(answer, front)
+    assert (a.mask != b.mask).mean() < 0.002  # float32 may tip a pixel that stands on the edge
+    np.testing.assert_allclose(a.relevancy, b.relevancy, atol=2e-3)
+    assert np.abs(a.rgb.astype(int) - b.rgb.astype(int)).max() <= 2
+    np.testing.assert_allclose(oracle.depth(front), fast.depth(front), atol=1e-2, rtol=1e-3)
