@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import fastapi_offline
 from fastapi import FastAPI
+from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
@@ -17,6 +19,9 @@ from service.calls.service import SceneService
 from service.settings import Settings
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
+_SWAGGER = (
+    Path(fastapi_offline.__file__).parent / "static"
+)  # FastAPI's own page wants a CDN, and a robot's LAN has none
 _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
 _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
 
@@ -42,7 +47,7 @@ def create_app(service: SceneService, settings: Settings, threads: Threads | Non
         threads: where blocking calls run, to share them with another face; its owner closes it.
     """
     threads = threads or Threads()
-    app = _App(title="FAST-Splat scene service", version="v1", description=_DESCRIPTION, redoc_url=None)
+    app = _App(title="FAST-Splat scene service", version="v1", description=_DESCRIPTION, docs_url=None, redoc_url=None)
     app.add_middleware(OuterLayer)
     problems.install(app)
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
@@ -53,5 +58,16 @@ def create_app(service: SceneService, settings: Settings, threads: Threads | Non
     async def page() -> Response:
         return FileResponse(_WEB / "index.html", headers={"Content-Security-Policy": _PAGE_POLICY})
 
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> Response:
+        return get_swagger_ui_html(
+            openapi_url="/openapi.json",
+            title=app.title,
+            swagger_js_url="/docs-files/swagger-ui-bundle.js",
+            swagger_css_url="/docs-files/swagger-ui.css",
+            swagger_favicon_url="/web/icon.svg",
+        )
+
+    app.mount("/docs-files", StaticFiles(directory=_SWAGGER), name="docs-files")
     app.mount("/web", StaticFiles(directory=_WEB), name="web")
     return app

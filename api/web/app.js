@@ -6,6 +6,7 @@ const PICTURES = { rgb: "the view", overlay: "the answer", relevancy: "relevancy
 
 let current = null; // id of the scene on show
 let shown = ""; // id and state of the scene as last drawn
+let listed = ""; // the scenes as last drawn
 let asked = 0; // counts questions: a late answer to an older one is dropped
 
 /** A new element with text (never markup: names come from users) and attributes. */
@@ -45,6 +46,9 @@ async function attempt(action) {
 
 async function listScenes() {
   const { scenes } = await call("/v1/scenes?page_size=100");
+  const key = JSON.stringify([current, scenes]);
+  if (key === listed) return; // drawing anew would take the keyboard's focus away
+  listed = key;
   byId("no-scenes").hidden = scenes.length > 0;
   byId("scenes").replaceChildren(
     ...scenes.map((scene) => {

@@ -60,6 +60,14 @@ def test_the_page_and_its_files_come_from_here_alone(faces: Faces) -> None:
         assert link.startswith("/") and faces.rest.get(link).status_code == 200
 
 
+def test_the_api_description_needs_no_other_host(faces: Faces) -> None:
+    page = faces.rest.get("/docs")
+    links = re.findall(r"""(?:src|href)=["']([^"']+)["']""", page.text)
+    assert len(links) >= 2
+    for link in (*links, "/openapi.json"):
+        assert link.startswith("/") and faces.rest.get(link).status_code == 200
+
+
 def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, faces: Faces) -> None:
     for field, port in (("http_port", faces.ports.http), ("grpc_port", faces.ports.grpc)):
         settings = Settings(**{"http_port": 0, "grpc_port": 0, field: port})
