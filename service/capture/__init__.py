@@ -1,1 +1,24 @@
+"""Uploads to captures: photos, videos, COLMAP models and transforms.json in; undistorted posed views out.
 
+The names below load what they need (image codecs, COLMAP) only when they are first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from service.capture.build import build_capture, load_image
+    from service.capture.files import load_capture
+    from service.capture.upload import admit_upload
+
+__all__ = ["admit_upload", "build_capture", "load_capture", "load_image"]
+
+_HOMES = {"admit_upload": "upload", "build_capture": "build", "load_capture": "files", "load_image": "build"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

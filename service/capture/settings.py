@@ -18,3 +18,27 @@ class CaptureSettings(BaseModel):
     max_images: int = 2_000
     max_side: int = 1_600
     """Images are reduced to this many pixels on the longer side before anything else looks at them."""
+
+    max_json_bytes: int = 16 * 2**20
+    max_model_points: int = 5_000_000
+    """Sparse points read from a COLMAP model or a PLY file."""
+    max_video_frames_read: int = 36_000
+    video_frames: int = 80
+    """Frames kept of a video: the sharpest of so many equal intervals."""
+
+    sfm_memory_bytes: int = 8 * 2**30
+    """Address space of the child process that runs structure from motion."""
+    sfm_seconds: int = 4 * 3600
+    sfm_threads: int = 0
+    """Threads for features and matching; 0: one a core. The mapper runs on one, which makes its result repeatable."""
+    sfm_max_side: int = 1_200
+    """Features are looked for at no more than this many pixels on the longer side."""
+    sfm_features: int = 4_096
+    """Features an image."""
+    exhaustive_images: int = 30
+    """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
+    pairs_per_image: int = 20
+    min_points: int = 50
+    """A reconstruction with fewer points is refused."""
+    min_registered_share: float = 0.2
+    """A reconstruction that places a smaller share of the images is refused."""

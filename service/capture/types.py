@@ -15,6 +15,28 @@ from service.common.dictionary import Dictionary
 Scale = Literal["METRIC", "ARBITRARY"]
 
 
+Source = Literal["images", "video", "colmap", "nerfstudio"]
+
+
+@dataclass(frozen=True)
+class AdmittedUpload:
+    """An upload that was checked and unpacked; its folder is all that `build_capture` needs.
+
+    Attributes:
+        folder: where it lies, beside the raw upload.
+        source: how it will be read.
+        images: images in it; 0 for a video, whose frames are chosen later.
+        has_labels: whether label maps came with it, so that no detector will run.
+        warnings: what was left aside, as sentences for people.
+    """
+
+    folder: Path
+    source: Source
+    images: int
+    has_labels: bool = False
+    warnings: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class View:
     """One registered image: upright, undistorted, RGB, of exactly the camera's size.
@@ -57,7 +79,7 @@ class CaptureReport:
         warnings: sentences for people.
     """
 
-    source: Literal["images", "video", "colmap", "nerfstudio"]
+    source: Source
     images: int
     unregistered: tuple[str, ...] = ()
     models: tuple[int, ...] = ()
@@ -76,6 +98,7 @@ class Capture:
         scale: whether scene units are metres.
         report: see `CaptureReport`.
         given_labels: label maps from the user, if any.
+        test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.
     """
 
     views: tuple[View, ...]
@@ -84,6 +107,7 @@ class Capture:
     scale: Scale
     report: CaptureReport
     given_labels: GivenLabels | None = field(default=None)
+    test_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         assert self.points.ndim == 2 and self.points.shape[1] == 3 and self.points.dtype == np.float32

@@ -1,0 +1,269 @@
+"""Unpacks archives from strangers. Every bound is counted while reading; what a header claims is never believed."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import stat
+import struct
+import tarfile
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from service.capture.names import is_litter, safe_parts
+from service.capture.settings import CaptureSettings
+from service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+
+_CHUNK = 1 << 20
+_RATIO_FREE_BYTES = 4 << 20  # a small archive may shrink as well as it likes
+_DIRECTORY_BYTES_PER_ENTRY = 1_024
+_UNSUPPORTED = (".7z", ".rar", ".tar.xz", ".txz", ".tar.bz2", ".tbz2", ".tar.zst", ".gz", ".xz", ".bz2", ".zst")
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    tarfile.TarError,
+    gzip.BadGzipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    NotImplementedError,
+)
+
+
+def is_archive(path: Path) -> bool:
+    """Whether the file is a zip, tar or tar.gz by its first bytes.
+
+    Raises:
+        InvalidInputError: it is named like an archive but is none of a supported kind.
+    """
+    with path.open("rb") as file:
+        head = file.read(512)
+    if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b")) or head[257:262] == b"ustar":
+        return True
+    if path.name.lower().endswith((".zip", ".tar", ".tgz", *_UNSUPPORTED)):
+        raise InvalidInputError(
+            f"{path.name} is not a readable archive", field=path.name, hint="Send a zip, tar or tar.gz file."
+        )
+    return False
+
+
+def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
+    """Write the archive's files below `into`, an empty folder; leftovers of operating systems are passed over.
+
+    Raises:
+        UnsafeArchiveError: an entry leaves its folder, is a link, device or other special file, shares its name or its
+            bytes with another, or the archive swells beyond `max_compression_ratio`.
+        LimitExceededError: more entries or bytes than the settings allow.
+        InvalidInputError: the archive is damaged, encrypted, or of an unsupported kind.
+    """
+    writer = _Writer(archive, into, settings)
+    try:
+        with archive.open("rb") as file:
+            zipped = file.read(2) == b"PK"
+        if zipped:
+            _unpack_zip(archive, writer, settings)
+        else:
+            _unpack_tar(archive, writer, settings)
+    except _DAMAGE as error:
+        raise InvalidInputError(
+            f"{archive.name} is damaged or cut short: {error}", field=archive.name, hint="Pack and send it again."
+        ) from error
+
+
+class _Writer:
+    """Writes entries one after the other and keeps the counts."""
+
+    def __init__(self, archive: Path, into: Path, settings: CaptureSettings) -> None:
+        self._archive, self._into, self._settings = archive.name, into, settings
+        self._compressed = archive.stat().st_size
+        self._names: set[tuple[str, ...]] = set()
+        self._entries = 0
+        self._bytes = 0
+
+    def count_entry(self) -> None:
+        self._entries += 1
+        if self._entries > self._settings.max_entries:
+            raise _too_many_entries(self._archive, self._settings)
+
+    def count_bytes(self, size: int) -> None:
+        self._bytes += size
+        if self._bytes > self._settings.max_unpacked_bytes:
+            raise LimitExceededError(
+                f"{self._archive} unpacks to more than {self._settings.max_unpacked_bytes} bytes",
+                field=self._archive,
+                limit=f"{self._settings.max_unpacked_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UNPACKED_BYTES)",
+                hint="Send fewer or smaller images.",
+            )
+        ratio = self._settings.max_compression_ratio
+        if self._bytes > _RATIO_FREE_BYTES and self._bytes > ratio * self._compressed:
+            raise UnsafeArchiveError(
+                f"{self._archive} swells to more than {ratio} times its size: a decompression bomb",
+                field=self._archive,
+                limit=f"{ratio} times (FASTSPLAT_CAPTURE__MAX_COMPRESSION_RATIO)",
+                hint="Send the images as they are.",
+            )
+
+    def write(self, name: str, read: Callable[[int], bytes]) -> None:
+        parts = safe_parts(name, archive=self._archive)
+        if parts in self._names:
+            raise UnsafeArchiveError(
+                f"{self._archive}: two entries are called {name!r}", field=name, hint="Give every file its own name."
+            )
+        self._names.add(parts)
+        if is_litter(parts):
+            return
+        target = self._into.joinpath(*parts)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with target.open("xb") as file:
+                while chunk := read(_CHUNK):
+                    file.write(chunk)
+        except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
+            raise UnsafeArchiveError(
+                f"{self._archive}: {name!r} is a file and a folder at once", field=name, hint="Pack the folder again."
+            ) from error
+
+    def counted(self, read: Callable[[int], bytes]) -> Callable[[int], bytes]:
+        def reading(size: int) -> bytes:
+            data = read(size)
+            self.count_bytes(len(data))
+            return data
+
+        return reading
+
+
+def _unpack_zip(archive: Path, writer: _Writer, settings: CaptureSettings) -> None:
+    _check_zip_directory(archive, settings)
+    with archive.open("rb") as raw, zipfile.ZipFile(raw) as opened:
+        entries = opened.infolist()
+        for entry in entries:
+            writer.count_entry()
+            _check_zip_entry(entry, archive.name)
+        _check_zip_overlap(raw, entries, archive.name)
+        for entry in entries:
+            if entry.is_dir():
+                safe_parts(entry.filename, archive=archive.name)
+                continue
+            with opened.open(entry) as stream:
+                writer.write(entry.filename, writer.counted(stream.read))
+
+
+def _check_zip_directory(archive: Path, settings: CaptureSettings) -> None:
+    """Bound the central directory before `zipfile` reads all of it into memory."""
+    with archive.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        tail_at = max(0, size - (1 << 16) - 22)
+        file.seek(tail_at)
+        tail = file.read()
+        at = tail.rfind(b"PK\x05\x06")
+        if at < 0 or len(tail) - at < 22:
+            raise zipfile.BadZipFile("no central directory")
+        directory_bytes = struct.unpack_from("<I", tail, at + 12)[0]
+        if directory_bytes == 0xFFFFFFFF:
+            directory_bytes = tail_at + at  # zip64: no larger than all that lies before its end
+    if directory_bytes > min(settings.max_entries * _DIRECTORY_BYTES_PER_ENTRY, size):
+        raise _too_many_entries(archive.name, settings)
+
+
+def _check_zip_entry(entry: zipfile.ZipInfo, archive: str) -> None:
+    mode = entry.external_attr >> 16
+    if stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR):
+        raise _special(archive, entry.filename)
+    if entry.flag_bits & 0x1:
+        raise InvalidInputError(
+            f"{archive}: {entry.filename!r} is encrypted", field=entry.filename, hint="Send it without a password."
+        )
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise InvalidInputError(
+            f"{archive}: {entry.filename!r} is packed by method {entry.compress_type}",
+            field=entry.filename,
+            hint="Pack with deflate, every zip program's default.",
+        )
+
+
+def _check_zip_overlap(raw: BinaryIO, entries: list[zipfile.ZipInfo], archive: str) -> None:
+    """Two entries that share bytes let a small file unpack to any size (https://www.bamsoftware.com/hacks/zipbomb)."""
+    end = 0
+    for entry in sorted(entries, key=lambda item: item.header_offset):
+        raw.seek(entry.header_offset)
+        header = raw.read(30)
+        if len(header) < 30 or header[:4] != b"PK\x03\x04":
+            raise zipfile.BadZipFile(f"no local header for {entry.filename!r}")
+        if entry.header_offset < end:
+            raise UnsafeArchiveError(
+                f"{archive}: {entry.filename!r} overlaps another entry, as decompression bombs do",
+                field=entry.filename,
+                hint="Pack the folder again.",
+            )
+        name_bytes, extra_bytes = struct.unpack_from("<HH", header, 26)
+        end = entry.header_offset + 30 + name_bytes + extra_bytes + entry.compress_size
+
+
+def _unpack_tar(archive: Path, writer: _Writer, settings: CaptureSettings) -> None:
+    with archive.open("rb") as raw:
+        zipped = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        source: BinaryIO = gzip.GzipFile(fileobj=raw) if zipped else raw  # type: ignore[assignment]
+        forward = _Forward(source, archive.name, writer.count_bytes)
+        with tarfile.TarFile(fileobj=forward, mode="r") as opened:  # type: ignore[arg-type]
+            for member in opened:
+                writer.count_entry()
+                if member.isdir():
+                    if member.name != ".":
+                        safe_parts(member.name, archive=archive.name)
+                    continue
+                stream = opened.extractfile(member) if member.isreg() and not member.issparse() else None
+                if stream is None:
+                    raise _special(archive.name, member.name)
+                writer.write(member.name, stream.read)
+
+
+class _Forward:
+    """A stream that only moves forward and counts what it gives; `tarfile` needs no more of a file.
+
+    `tarfile` reads an extended header in one go and believes the size it claims, so a large single read is refused.
+    """
+
+    def __init__(self, source: BinaryIO, archive: str, count: Callable[[int], None]) -> None:
+        self._source, self._archive, self._count = source, archive, count
+        self._at = 0
+
+    def read(self, size: int) -> bytes:
+        if size > _CHUNK:
+            raise UnsafeArchiveError(
+                f"{self._archive} has an extended header of {size} bytes", field=self._archive, limit=f"{_CHUNK} bytes"
+            )
+        data = self._source.read(size)
+        self._at += len(data)
+        self._count(len(data))
+        return data
+
+    def tell(self) -> int:
+        return self._at
+
+    def seek(self, position: int) -> int:
+        if position < self._at:
+            raise tarfile.ReadError("the archive points backwards")
+        while self._at < position and self.read(min(_CHUNK, position - self._at)):
+            pass
+        return self._at
+
+
+def _special(archive: str, name: str) -> UnsafeArchiveError:
+    return UnsafeArchiveError(
+        f"{archive}: {name!r} is a link, a device or another special file",
+        field=name,
+        hint="Pack plain files only; replace links by what they point to.",
+    )
+
+
+def _too_many_entries(archive: str, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"{archive} holds more than {settings.max_entries} entries",
+        field=archive,
+        limit=f"{settings.max_entries} entries (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+        hint="Send fewer images.",
+    )

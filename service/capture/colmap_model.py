@@ -1,0 +1,285 @@
+"""Reads a COLMAP model, binary or text (https://colmap.github.io/format.html), believing no count in it.
+
+A model of 158 bytes can make a trusting reader allocate gigabytes, and a cut-off one can pass with zero intrinsics; so
+every read here is bounded by what the file really holds, and every number is checked.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.capture.given import GivenPhoto, GivenPoses
+from service.capture.lens import Lens, check_lens, model_names, parameter_count
+from service.capture.settings import CaptureSettings
+from service.common.camera import check_rigid
+from service.common.errors import InvalidInputError, LimitExceededError
+
+_MAX_NAME_BYTES = 1_024
+_POINT_HEAD = struct.Struct("<Q3d3BdQ")
+
+_Pose = tuple[str, int, tuple[float, ...]]  # image name, camera id, qw qx qy qz tx ty tz
+_Point = tuple[tuple[float, ...], tuple[int, ...], float]  # position, colour, error in pixels
+
+
+def model_suffix(folder: Path) -> str | None:
+    """ ".bin" or ".txt" when the folder holds a model in that form (binary first), else None."""
+    for suffix in (".bin", ".txt"):
+        if all((folder / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
+            return suffix
+    return None
+
+
+def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) -> GivenPoses:
+    """Cameras, poses and points of a model; points3D may be missing.
+
+    Args:
+        root: the upload's folder.
+        model: the model's folder, relative to `root`.
+        images: the images' folder, relative to `root`; the model's image names are relative to it.
+
+    Raises:
+        InvalidInputError: cut short, a camera, pose or point that is none, an image that is missing or leaves the
+            upload. The message names the file.
+        LimitExceededError: more images or points than the settings allow.
+    """
+    folder = root / model
+    suffix = model_suffix(folder)
+    assert suffix is not None
+    name = {part: f"{model}/{part}{suffix}".removeprefix("./") for part in ("cameras", "images", "points3D")}
+    binary = suffix == ".bin"
+    cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
+    lenses = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
+    for camera_id, lens in lenses.items():
+        check_lens(lens, field=f"{name['cameras']}: camera {camera_id}")
+    photos = [
+        _photo(root, images, pose, lenses, name["images"])
+        for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings)
+    ]
+    names = {photo.name for photo in photos}
+    if not photos or len(names) != len(photos):
+        problem = "two images share a name" if photos else "no image has a pose"
+        raise InvalidInputError(f"{name['images']}: {problem}", field=name["images"], hint="Export the model again.")
+    positions: list[tuple[float, ...]] = []
+    colors: list[tuple[int, ...]] = []
+    errors: list[float] = []
+    if points_path.is_file():
+        for position, color, error in (_binary_points if binary else _text_points)(points_path, name["points3D"]):
+            if len(positions) >= settings.max_model_points:
+                raise _too_many_points(name["points3D"], settings)
+            positions.append(position)
+            colors.append(color)
+            errors.append(error)
+    points = np.array(positions, dtype=np.float32).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise InvalidInputError(f"{name['points3D']} has NaN or infinite positions", field=name["points3D"])
+    known = [error for error in errors if np.isfinite(error) and error >= 0]
+    return GivenPoses(
+        photos=tuple(sorted(photos, key=lambda photo: photo.name)),
+        points=points,
+        point_colors=np.array(colors, dtype=np.uint8).reshape(-1, 3),
+        mean_reprojection_error_px=float(np.mean(known)) if known else 0.0,
+    )
+
+
+def _photo(root: Path, images: str, pose: _Pose, lenses: dict[int, Lens], field: str) -> GivenPhoto:
+    image_name, camera_id, numbers = pose
+    where = f"{field}: {image_name}"
+    if camera_id not in lenses:
+        raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field)
+    if not np.isfinite(numbers).all():
+        raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field)
+    quaternion = np.array(numbers[:4])
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > 1e-2:
+        raise InvalidInputError(f"{where} has a quaternion of length {length:.4g}, expected 1", field=field)
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = _rotation(quaternion / length)
+    camera_from_world[:3, 3] = numbers[4:]
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = camera_from_world[:3, :3].T
+    world_from_camera[:3, 3] = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+    check_rigid(world_from_camera, field=where)
+    return GivenPhoto(image_name, inside(root, images, image_name, field), lenses[camera_id], world_from_camera)
+
+
+def inside(root: Path, folder: str, name: str, field: str) -> str:
+    """The path, relative to `root`, of a file that a document names relative to `folder`.
+
+    Raises:
+        InvalidInputError: it is not there, or not below `root`.
+    """
+    resolved = (root / folder / name).resolve() if "\0" not in name else root
+    if not resolved.is_relative_to(root.resolve()) or not resolved.is_file():
+        raise InvalidInputError(
+            f"{field} names the file {name[:200]!r}, which the upload does not hold",
+            field=field,
+            hint="Send every image that has a pose, under the name the poses use.",
+        )
+    return resolved.relative_to(root.resolve()).as_posix()
+
+
+def _rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pose]:
+    for count, pose in enumerate(poses, 1):
+        if count > settings.max_images:
+            raise LimitExceededError(
+                "the COLMAP model has more images than this server accepts",
+                field="images",
+                limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
+                hint="Send fewer images.",
+            )
+        yield pose
+
+
+def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"{field} has more points than this server accepts",
+        field=field,
+        limit=f"{settings.max_model_points} points (FASTSPLAT_CAPTURE__MAX_MODEL_POINTS)",
+        hint="Send a sparse model.",
+    )
+
+
+class _Binary:
+    """Reads that never ask for more than the file has left."""
+
+    def __init__(self, file: BinaryIO, size: int, field: str) -> None:
+        self._file, self._left, self._field = file, size, field
+
+    def take(self, form: struct.Struct) -> tuple[float, ...]:
+        return form.unpack(self._read(form.size))
+
+    def count(self, least_bytes: int) -> int:
+        """A count of things of at least so many bytes each."""
+        (number,) = _U64.unpack(self._read(8))
+        if number * least_bytes > self._left:
+            self.fail(f"claims {number} entries, but is too short for them")
+        return int(number)
+
+    def skip(self, size: int) -> None:
+        if size > self._left:
+            self.fail("is cut short")
+        self._file.seek(size, 1)
+        self._left -= size
+
+    def name(self) -> str:
+        letters = bytearray()
+        while (letter := self._read(1)) != b"\0":
+            letters += letter
+            if len(letters) > _MAX_NAME_BYTES:
+                self.fail(f"has an image name longer than {_MAX_NAME_BYTES} bytes")
+        try:
+            return letters.decode()
+        except UnicodeDecodeError:
+            self.fail("has an image name that is not UTF-8")
+
+    def fail(self, problem: str) -> NoReturn:
+        raise InvalidInputError(f"{self._field} {problem}", field=self._field, hint="Export the model again.")
+
+    def _read(self, size: int) -> bytes:
+        data = self._file.read(size) if size <= self._left else b""
+        if len(data) < size:
+            self.fail("is cut short")
+        self._left -= size
+        return data
+
+
+_U64 = struct.Struct("<Q")
+_CAMERA_HEAD = struct.Struct("<IiQQ")
+_IMAGE_HEAD = struct.Struct("<I7dI")
+
+
+def _binary_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_CAMERA_HEAD.size)):
+            camera_id, model_id, width, height = (int(value) for value in reader.take(_CAMERA_HEAD))
+            model = model_names().get(model_id)
+            if model is None:
+                reader.fail(f"has a camera of the model {model_id}, which is unknown or spherical")
+            params = reader.take(struct.Struct(f"<{parameter_count(model)}d"))
+            yield camera_id, Lens(model, width, height, params)
+
+
+def _binary_images(path: Path, field: str) -> Iterator[_Pose]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_IMAGE_HEAD.size + 9)):
+            head = reader.take(_IMAGE_HEAD)
+            name = reader.name()
+            reader.skip(24 * reader.count(24))
+            yield name, int(head[8]), head[1:8]
+
+
+def _binary_points(path: Path, field: str) -> Iterator[_Point]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_POINT_HEAD.size)):
+            head = reader.take(_POINT_HEAD)
+            track = int(head[8])
+            reader.skip(8 * track)
+            yield head[1:4], tuple(int(value) for value in head[4:7]), head[7]
+
+
+def _lines(path: Path, field: str) -> Iterator[list[str]]:
+    """Words of each line; a comment or an empty line has none."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            for line in file:
+                yield [] if line.startswith("#") else line.split()
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(f"{field} is not text", field=field, hint="Export the model again.") from error
+
+
+def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
+    for words in _lines(path, field):
+        if words:
+            try:
+                yield int(words[0]), Lens(words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:])))
+            except (ValueError, IndexError) as error:
+                raise _bad_line(field, words) from error
+
+
+def _text_images(path: Path, field: str) -> Iterator[_Pose]:
+    lines = _lines(path, field)
+    for words in lines:
+        if words:
+            try:
+                yield " ".join(words[9:]), int(words[8]), tuple(map(float, words[1:8]))
+            except (ValueError, IndexError) as error:
+                raise _bad_line(field, words) from error
+            next(lines, None)  # the observations, which may be an empty line
+
+
+def _text_points(path: Path, field: str) -> Iterator[_Point]:
+    for words in _lines(path, field):
+        if words:
+            try:
+                color = tuple(int(word) for word in words[4:7])
+                if len(words) < 8 or not all(0 <= value <= 255 for value in color):
+                    raise ValueError
+                yield tuple(map(float, words[1:4])), color, float(words[7])
+            except ValueError as error:
+                raise _bad_line(field, words) from error
+
+
+def _bad_line(field: str, words: list[str]) -> InvalidInputError:
+    return InvalidInputError(
+        f"{field} has the line {' '.join(words)[:80]!r}", field=field, hint="Export the model again."
+    )

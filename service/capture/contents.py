@@ -1,0 +1,142 @@
+"""What kind of capture a folder of files is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from service.capture.colmap_model import model_suffix
+from service.capture.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from service.capture.names import is_litter
+from service.capture.types import Source
+from service.common.errors import InvalidInputError
+
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
+_NOT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
+_IMAGES = "images"
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A capture's parts, as paths relative to its folder.
+
+    Attributes:
+        source: how to read it.
+        images: candidates, sorted; all of them for images alone, else a superset of what the poses name.
+        poses: transforms.json or the COLMAP model's folder, or "".
+        image_folder: what a COLMAP model's image names are relative to.
+        video: the video, or "".
+        labels: labels.json, or "".
+        label_maps: the files below labels/, by path without extension.
+        warnings: what was left aside.
+    """
+
+    source: Source
+    images: tuple[str, ...]
+    poses: str = ""
+    image_folder: str = "."
+    video: str = ""
+    labels: str = ""
+    label_maps: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def classify(root: Path) -> Contents:
+    """Poses win over images, a transforms.json over a COLMAP model, what lies higher over what lies deeper.
+
+    Raises:
+        InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
+    """
+    files = _files(root)
+    labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
+    maps = tuple(
+        p for p in files if "labels" in PurePosixPath(p).parts[:-1] and p.lower().endswith((".png", ".tif", ".tiff"))
+    )
+    images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
+    transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
+    if transforms:
+        return Contents("nerfstudio", images, transforms, labels=labels, label_maps=maps)
+    folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
+    models = sorted(
+        (f for f in folders if model_suffix(root / f)), key=lambda folder: (len(PurePosixPath(folder).parts), folder)
+    )
+    if models:
+        spare = [f"{len(models)} COLMAP models were sent; {models[0]} was used."] if len(models) > 1 else []
+        return Contents(
+            "colmap",
+            images,
+            models[0],
+            _image_folder(root, models[0]),
+            labels=labels,
+            label_maps=maps,
+            warnings=tuple(spare),
+        )
+    photos = _photos(images)
+    videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
+    _refuse_unsupported(files)
+    if not photos and len(videos) == 1:
+        return Contents("video", (), video=videos[0])
+    if len(videos) > 1 and not photos:
+        raise InvalidInputError(
+            f"the upload holds {len(videos)} videos", field=videos[1], hint="Send one video a scene."
+        )
+    if not photos:
+        raise InvalidInputError(
+            "the upload holds no images",
+            field="files",
+            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, or one video.",
+        )
+    used = {*photos, *maps, labels}
+    left = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+    warnings = (f"{len(left)} files beside the photos were left aside, e.g. {left[0]}.",) if left else ()
+    return Contents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
+
+
+def common_folder(paths: Iterable[str]) -> str:
+    """The deepest folder that holds all paths; "." if that is the root."""
+    parts = [PurePosixPath(path).parts[:-1] for path in paths]
+    shared = []
+    for column in zip(*parts, strict=False):
+        if len(set(column)) > 1:
+            break
+        shared.append(column[0])
+    return "/".join(shared) or "."
+
+
+def _files(root: Path) -> list[str]:
+    found = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
+    return [path.as_posix() for path in found if not is_litter(path.parts)]
+
+
+def _photos(images: tuple[str, ...]) -> tuple[str, ...]:
+    """Without masks and the like; nerfstudio's reduced copies (images_2, images_4) count only without originals."""
+    photos = [path for path in images if not _NOT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
+    originals = [path for path in photos if _IMAGES in PurePosixPath(path).parts[:-1]]
+    return tuple(originals or photos)
+
+
+def _image_folder(root: Path, model: str) -> str:
+    """The `images` folder beside the model or above it; else the capture's root."""
+    for parent in (PurePosixPath(model), *PurePosixPath(model).parents):
+        if (root / parent / _IMAGES).is_dir():
+            return (parent / _IMAGES).as_posix()
+    return "."
+
+
+def _refuse_unsupported(files: list[str]) -> None:
+    for path in files:
+        if _suffix(path) in UNSUPPORTED_SUFFIXES:
+            raise InvalidInputError(
+                f"{path}: {_suffix(path)[1:].upper()} images are not supported",
+                field=path,
+                hint="Export the photos as JPEG (phones: 'most compatible').",
+            )
+
+
+def _shallowest(paths: Iterable[str]) -> str:
+    return min(paths, key=lambda path: (len(PurePosixPath(path).parts), path), default="")
+
+
+def _suffix(path: str) -> str:
+    return PurePosixPath(path).suffix.lower()

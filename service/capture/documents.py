@@ -1,0 +1,48 @@
+"""JSON from strangers, bounded in size and depth."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from service.capture.settings import CaptureSettings
+from service.common.errors import InvalidInputError, LimitExceededError
+
+_MAX_DEPTH = 32
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
+_BRACKET = re.compile(r"[\[\]{}]")
+
+
+def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
+    """Raises `InvalidInputError` when it is no JSON or nested too deeply, `LimitExceededError` when it is too large."""
+    if path.stat().st_size > settings.max_json_bytes:
+        raise LimitExceededError(
+            f"{name} has {path.stat().st_size} bytes",
+            field=name,
+            limit=f"{settings.max_json_bytes} bytes (FASTSPLAT_CAPTURE__MAX_JSON_BYTES)",
+            hint="Send poses only, not measurements.",
+        )
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if _depth(text) > _MAX_DEPTH:
+            raise RecursionError
+        return json.loads(text)
+    except RecursionError as error:
+        raise InvalidInputError(
+            f"{name} is nested too deeply", field=name, limit=f"{_MAX_DEPTH} levels", hint="Flatten it."
+        ) from error
+    except ValueError as error:
+        raise InvalidInputError(
+            f"{name} is not JSON: {error}", field=name, hint="Check it with a JSON tool."
+        ) from error
+
+
+def _depth(text: str) -> int:
+    """Deepest nesting of brackets outside strings."""
+    deepest = depth = 0
+    for bracket in _BRACKET.findall(_STRING.sub("", text)):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    return deepest

@@ -1,0 +1,111 @@
+"""A capture on disk: `capture.json`, `points.safetensors` and the views' files; paths in it are relative."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import load_file, save_file
+
+from service.capture.types import Capture, CaptureReport, GivenLabels, View
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import Dictionary, DictionaryEntry
+from service.common.errors import InvalidInputError, NotFoundError
+
+_VERSION = 1
+_CAPTURE = "capture.json"
+_POINTS = "points.safetensors"
+
+
+def save_capture(capture: Capture, folder: Path) -> None:
+    """Write everything but the views' own files, which lie below `folder` already."""
+    save_file({"points": capture.points, "point_colors": capture.point_colors}, folder / _POINTS)
+    given = capture.given_labels
+    document: dict[str, Any] = {
+        "version": _VERSION,
+        "scale": capture.scale,
+        "report": asdict(capture.report),
+        "test_names": capture.test_names,
+        "views": [_view_to_json(view, folder) for view in capture.views],
+        "given_labels": None
+        if given is None
+        else {
+            "entries": [asdict(entry) for entry in given.dictionary.entries],
+            "maps": [_relative(path, folder) for path in given.map_paths],
+        },
+    }
+    (folder / _CAPTURE).write_text(json.dumps(document))
+
+
+def holds_capture(folder: Path) -> bool:
+    """Whether a capture was written there."""
+    return (folder / _CAPTURE).is_file()
+
+
+def load_capture(out_dir: Path) -> Capture:
+    """Read what `build_capture` wrote to `out_dir`.
+
+    Raises:
+        NotFoundError: there is no capture.
+        InvalidInputError: it is of another version, or damaged.
+    """
+    path = out_dir / _CAPTURE
+    if not path.is_file():
+        raise NotFoundError(f"{out_dir} holds no capture", field="capture", hint="Build it from the upload again.")
+    try:
+        document = json.loads(path.read_text())
+        if document["version"] != _VERSION:
+            raise InvalidInputError(
+                f"{path} has version {document['version']}, expected {_VERSION}",
+                field="capture",
+                hint="Build it again.",
+            )
+        arrays = load_file(out_dir / _POINTS)
+        return Capture(
+            views=tuple(_view_from_json(view, out_dir) for view in document["views"]),
+            points=arrays["points"],
+            point_colors=arrays["point_colors"],
+            scale=document["scale"],
+            report=_report(document["report"]),
+            given_labels=_given_labels(document["given_labels"], out_dir),
+            test_names=tuple(document["test_names"]),
+        )
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise InvalidInputError(
+            f"{path} is damaged: {error}", field="capture", hint="Build it from the upload again."
+        ) from error
+
+
+def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
+    return {
+        "name": view.posed.name,
+        "camera": asdict(view.posed.camera),
+        "world_from_camera": view.posed.world_from_camera.tolist(),
+        "image": _relative(view.image_path, folder),
+        "valid": _relative(view.valid_path, folder),
+    }
+
+
+def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
+    pose = np.array(stored["world_from_camera"], dtype=np.float64)
+    posed = PosedCamera(Camera(**stored["camera"]), pose, stored["name"])
+    return View(posed, folder / stored["image"], None if stored["valid"] is None else folder / stored["valid"])
+
+
+def _report(stored: dict[str, Any]) -> CaptureReport:
+    tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
+    return CaptureReport(**{**stored, **tuples})
+
+
+def _given_labels(stored: dict[str, Any] | None, folder: Path) -> GivenLabels | None:
+    if stored is None:
+        return None
+    entries = tuple(DictionaryEntry(**{**entry, "aliases": tuple(entry["aliases"])}) for entry in stored["entries"])
+    return GivenLabels(Dictionary(entries), tuple(None if path is None else folder / path for path in stored["maps"]))
+
+
+def _relative(path: Path | None, folder: Path) -> str | None:
+    return None if path is None else path.relative_to(folder).as_posix()

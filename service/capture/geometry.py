@@ -1,0 +1,159 @@
+"""Is a reconstruction to be trusted? Its own residual does not tell, so these are asked as well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.errors import ReconstructionError
+
+_MIN_ANGLE_DEG = 1.5
+_MIN_FLATNESS = 1e-3
+_MAX_DEPTH_TO_BASELINE = 200.0
+_FOCAL_RANGE = (0.25, 12.0)  # of the longer side: 127° to 5° of view
+_MIN_PAIR_MATCHES = 30
+_CONTRADICTION_PX = 8.0
+_CONTRADICTING_SHARE = 0.15
+_FEW_REGISTERED = 0.8
+_PHOTO_HINT = (
+    "Walk around the scene while photographing: neighbouring photos should overlap by two thirds and be taken from "
+    "different places, in focus, of things with texture."
+)
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What structure from motion found, as arrays.
+
+    Attributes:
+        world_from_camera: float64 [N, 4, 4] of the registered images.
+        focal_shares: float64 [N], focal length over the longer side.
+        points: float64 [P, 3].
+        angles_deg: float64 [P], widest angle between the rays that see a point.
+        images: how many images there were.
+        models: sizes of all disconnected reconstructions, largest first; this one is the first.
+    """
+
+    world_from_camera: NDArray[np.float64]
+    focal_shares: NDArray[np.float64]
+    points: NDArray[np.float64]
+    angles_deg: NDArray[np.float64]
+    images: int
+    models: tuple[int, ...]
+
+
+def judge(found: Reconstruction, *, min_points: int, min_registered_share: float) -> list[str]:
+    """Warnings, as sentences for people, about a reconstruction that can be used.
+
+    Raises:
+        ReconstructionError: it cannot: too few images or points, cameras that hardly moved, an absurd focal length,
+            points that collapsed into a plane or into the cameras.
+    """
+    registered, points = len(found.world_from_camera), len(found.points)
+    if registered < max(2, min_registered_share * found.images):
+        raise ReconstructionError(
+            f"only {registered} of {found.images} images could be placed",
+            limit=f"a share of {min_registered_share:g} (FASTSPLAT_CAPTURE__MIN_REGISTERED_SHARE)",
+            hint=_PHOTO_HINT,
+        )
+    if points < min_points:
+        raise ReconstructionError(
+            f"only {points} points are seen alike by several images",
+            limit=f"{min_points} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
+            hint=_PHOTO_HINT,
+        )
+    _refuse_degenerate(found)
+    warnings = []
+    if len(found.models) > 1:
+        sizes = ", ".join(str(size) for size in found.models)
+        warnings.append(
+            f"The photos fall into {len(found.models)} groups that share no view ({sizes} images); "
+            "the largest was kept. Photos that bridge them would join them."
+        )
+    if registered < _FEW_REGISTERED * found.images:
+        warnings.append(f"Only {registered} of {found.images} images could be placed; the others are not used.")
+    return warnings
+
+
+def _refuse_degenerate(found: Reconstruction) -> None:
+    low, high = _FOCAL_RANGE
+    if ((found.focal_shares < low) | (found.focal_shares > high)).any():
+        worst = found.focal_shares[np.argmax(np.abs(np.log(found.focal_shares)))]
+        raise ReconstructionError(
+            f"the focal length came out as {worst:.3g} times the image's longer side, which no lens has",
+            limit=f"{low} to {high} times",
+            hint=_PHOTO_HINT,
+        )
+    centres = found.world_from_camera[:, :3, 3]
+    travel = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
+    depth = float(np.median(depths(found.world_from_camera, found.points)))
+    if np.median(found.angles_deg) < _MIN_ANGLE_DEG or not 0 < depth < _MAX_DEPTH_TO_BASELINE * travel:
+        raise ReconstructionError(
+            "the camera hardly moved: depth cannot be told from photos that only turn in place",
+            limit=f"a median angle of {_MIN_ANGLE_DEG}° between rays",
+            hint=_PHOTO_HINT,
+        )
+    low_end, high_end = np.percentile(found.points, [5, 95], axis=0)
+    core = found.points[((found.points >= low_end) & (found.points <= high_end)).all(axis=1)]
+    spread = np.linalg.svd(core - core.mean(axis=0), compute_uv=False) if len(core) > 3 else np.ones(3)
+    if spread[2] < _MIN_FLATNESS * spread[0]:
+        raise ReconstructionError(
+            "all points collapsed into one plane or line: depth cannot be trusted",
+            limit=f"a thickness of {_MIN_FLATNESS:g} of the width",
+            hint=_PHOTO_HINT,
+        )
+
+
+def depths(world_from_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """float64 [N, P]: z of every point in every camera's frame."""
+    forward = world_from_camera[:, :3, 2]
+    return np.asarray(forward @ points.T - (forward * world_from_camera[:, :3, 3]).sum(axis=1, keepdims=True))
+
+
+def widest_angle_deg(centres: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+    """Widest angle at `point` [3] between the rays to the cameras at `centres` [K, 3]."""
+    rays = centres - point
+    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+    return float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1.0, 1.0))))
+
+
+def epipolar_error_px(
+    rays1: NDArray[np.float64], rays2: NDArray[np.float64], camera2_from_camera1: NDArray[np.float64], focal: float
+) -> NDArray[np.float64]:
+    """float64 [M]: Sampson distances in pixels of matched normalised image points under a relative pose.
+
+    Hartley & Zisserman, Multiple View Geometry, eq. 11.9 (its square root).
+
+    Args:
+        rays1, rays2: float64 [M, 2], (x/z, y/z).
+        camera2_from_camera1: float64 [4, 4].
+        focal: pixels; converts the distance.
+    """
+    tx, ty, tz = camera2_from_camera1[:3, 3]
+    essential = np.array([[0, -tz, ty], [tz, 0, -tx], [-ty, tx, 0]]) @ camera2_from_camera1[:3, :3]
+    x1 = np.column_stack([rays1, np.ones(len(rays1))])
+    x2 = np.column_stack([rays2, np.ones(len(rays2))])
+    line2, line1 = x1 @ essential.T, x2 @ essential
+    gradient = (line2[:, :2] ** 2).sum(axis=1) + (line1[:, :2] ** 2).sum(axis=1)
+    return np.asarray(focal * np.abs((x2 * line2).sum(axis=1)) / np.sqrt(np.maximum(gradient, 1e-18)))
+
+
+def contradiction_warning(matches: list[int], errors_px: list[float]) -> list[str]:
+    """A warning when too many pairs match strongly but contradict the poses found: things that repeat.
+
+    A texture or an object that repeats lets a pair agree on a geometry of its own that is off by a whole tile.
+
+    Args:
+        matches: verified matches of each pair of registered images.
+        errors_px: median distance of each pair's matches to the epipolar lines of the poses found.
+    """
+    strong = [error for count, error in zip(matches, errors_px, strict=True) if count >= _MIN_PAIR_MATCHES]
+    wrong = sum(error > _CONTRADICTION_PX for error in strong)
+    if not strong or wrong <= _CONTRADICTING_SHARE * len(strong):
+        return []
+    return [
+        f"{wrong} of {len(strong)} image pairs that match well contradict the camera poses found: something in the "
+        "scene repeats (tiles, wallpaper, twin objects), and the geometry may be off by a whole repeat."
+    ]

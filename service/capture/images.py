@@ -1,0 +1,215 @@
+"""Photos as strangers send them: checked from the header on, decoded to the last row, turned upright."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, UnidentifiedImageError
+
+from service.capture.settings import CaptureSettings
+from service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
+UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
+Image.init()  # registers all decoders, of which only these are ever tried:
+_FORMATS = ("JPEG", "MPO", "PNG", "WEBP", "TIFF", "BMP")
+_MIRRORED = frozenset({2, 4, 5, 7})
+_SWAPPED = frozenset({5, 6, 7, 8})
+_ROTATIONS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to quarter turns clockwise that make it upright
+_Number = TypeVar("_Number", np.uint8, np.uint16)
+
+
+@dataclass(frozen=True)
+class PhotoInfo:
+    """What an image's header says.
+
+    Attributes:
+        path: relative to the upload, with forward slashes.
+        width, height: of the pixels as stored, before the orientation is obeyed.
+        orientation: EXIF orientation, 1..8; 1 is upright.
+        lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
+        focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
+    """
+
+    path: str
+    width: int
+    height: int
+    orientation: int
+    lens: str
+    focal_35mm: float
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """(width, height) once the orientation is obeyed."""
+        return (self.height, self.width) if self.orientation in _SWAPPED else (self.width, self.height)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether obeying the orientation mirrors the image."""
+        return self.orientation in _MIRRORED
+
+    @property
+    def quarter_turns(self) -> int:
+        """Clockwise quarter turns that make the stored pixels upright, for an image that is not mirrored."""
+        return _ROTATIONS.get(self.orientation, 0)
+
+
+def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
+    """Read the header, then decode every row (coarsely where the format can: it still reads all bytes).
+
+    Raises:
+        CorruptImageError: no image of a supported format, or cut short.
+        LimitExceededError: more pixels than `max_image_pixels`; found from the header, before decoding.
+    """
+    with _open(root / name, name, settings) as image:
+        info = _info(image, name)
+        image.draft("RGB", (max(1, image.width // 8), max(1, image.height // 8)))
+        _decode(image, name)
+    return info
+
+
+def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
+    """The header alone; the pixels may still be damaged. Raises as `check_image`."""
+    with _open(root / name, name, settings) as image:
+        return _info(image, name)
+
+
+def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3], upright. 16-bit values keep their upper byte; what is transparent turns black.
+
+    Black, because a scene is trained before black: where the photo shows nothing, the scene learns nothing.
+    """
+    return turn(load_stored(root, info.path, settings), info.orientation)
+
+
+def load_stored(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] as stored, its orientation not yet obeyed; else as `load_upright`."""
+    with _open(root / name, name, settings) as image:
+        _decode(image, name)
+        return _rgb(image, name)
+
+
+def turn(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
+    """Obey an EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
+    turned = {
+        1: lambda p: p,
+        2: lambda p: p[:, ::-1],
+        3: lambda p: p[::-1, ::-1],
+        4: lambda p: p[::-1],
+        5: lambda p: p.swapaxes(0, 1),
+        6: lambda p: np.rot90(p, -1),
+        7: lambda p: p[::-1, ::-1].swapaxes(0, 1),
+        8: lambda p: np.rot90(p, 1),
+    }[orientation](pixels)
+    return np.ascontiguousarray(turned)
+
+
+def open_map(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint16]:
+    """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, or as palette indices.
+
+    Raises:
+        InvalidInputError: it has colours instead of ids.
+        CorruptImageError, LimitExceededError: as `check_image`.
+    """
+    with _open(root / name, name, settings) as image:
+        _decode(image, name)
+        if image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
+            raise InvalidInputError(
+                f"{name} has colours ({image.mode}) where one label id a pixel is expected",
+                field=name,
+                hint="Save label maps as 8- or 16-bit grey PNG.",
+            )
+        values = np.asarray(image)
+    if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
+        raise InvalidInputError(f"{name} has label ids outside 0..65535", field=name)
+    return values.astype(np.uint16)
+
+
+def save_rgb(pixels: NDArray[np.uint8], path: Path) -> None:
+    """Write uint8 [H, W, 3] in the format of the path's suffix: PNG without loss, JPEG with very little."""
+    image = Image.fromarray(pixels)
+    if path.suffix == ".png":
+        image.save(path, compress_level=1)
+    else:
+        image.save(path, quality=95, subsampling=0)
+
+
+def load_rgb(path: Path) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] of an image that this service wrote."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
+    try:
+        image = Image.open(path, formats=_FORMATS)
+    except Image.DecompressionBombError as error:
+        raise _too_many_pixels(name, "far too many", settings) from error
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
+        raise CorruptImageError(
+            f"{name} is not an image this service can read",
+            field=name,
+            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF or BMP.",
+        ) from error
+    if image.width * image.height > settings.max_image_pixels:
+        image.close()
+        raise _too_many_pixels(name, f"{image.width}×{image.height}", settings)
+    return image
+
+
+def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"{name} has {size} pixels",
+        field=name,
+        limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
+        hint="Send a smaller version.",
+    )
+
+
+def _decode(image: Image.Image, name: str) -> None:
+    try:
+        image.load()
+    except (OSError, ValueError, SyntaxError, EOFError, IndexError, Image.DecompressionBombError) as error:
+        raise CorruptImageError(
+            f"{name} is cut short or damaged: {error}", field=name, hint="Copy it again from the camera, or remove it."
+        ) from error
+
+
+def _info(image: Image.Image, name: str) -> PhotoInfo:
+    try:
+        exif = image.getexif()
+        detail = exif.get_ifd(ExifTags.IFD.Exif)
+        orientation = exif.get(ExifTags.Base.Orientation, 1)
+        focal = float(detail.get(ExifTags.Base.FocalLengthIn35mmFilm, 0) or 0)
+        maker = [str(exif.get(tag, "")).strip("\0 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
+    except Exception:  # a mangled EXIF block says nothing about the pixels, and Pillow raises a dozen types for it
+        orientation, focal, maker = 1, 0.0, ["", ""]
+    if orientation not in range(1, 9):
+        orientation = 1
+    if not 5.0 <= focal <= 2_000.0:
+        focal = 0.0
+    lens = "/".join([*maker, f"{focal:g}"])
+    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal)
+
+
+def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
+    if image.mode in ("I;16", "I;16B", "I;16L", "I"):
+        wide = np.asarray(image).astype(np.int64)
+        if wide.min() < 0 or wide.max() > 65535:
+            raise CorruptImageError(f"{name} has grey values outside 0..65535", field=name, hint="Save it as 8 bits.")
+        grey = (wide >> 8).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2)
+    if image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info:
+        rgba = image.convert("RGBA")
+        black = Image.new("RGBA", rgba.size, (0, 0, 0, 255))
+        return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
+    try:
+        return np.asarray(image.convert("RGB"))
+    except ValueError as error:
+        raise CorruptImageError(
+            f"{name} has a colour mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
+        ) from error

@@ -1,0 +1,119 @@
+"""Runs work on strangers' data that third-party C++ does, in a child process with a memory limit.
+
+What dies there is one request, not the service. The child tells its progress line by line and leaves its result as a
+file; see `service.capture.child` for the other side.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from service.capture.settings import CaptureSettings
+from service.common import errors
+from service.common.errors import FastSplatError, ReconstructionError, ResourceError
+
+Task = Literal["probe", "frames", "reconstruct", "triangulate"]
+Listener = Callable[[float, str], None]
+"""Receives the share of the task that is done, and a line for people; may raise to stop it."""
+
+_HEARTBEAT_S = 2.0
+_MEMORY_SIGNS = ("bad_alloc", "memory", "mmap", "alloc")
+
+
+def run_isolated(
+    task: Task, request: dict[str, Any], folder: Path, settings: CaptureSettings, listen: Listener
+) -> dict[str, Any]:
+    """Run one task of `service.capture.child` in `folder`, an empty folder of its own, and return its result.
+
+    Raises:
+        FastSplatError: the typed error that the task raised.
+        ResourceError: it hit its memory limit or time limit.
+        ReconstructionError: the child died of something else.
+        CancelledError: whatever `listen` raised; the child is gone by then.
+    """
+    limits = {"memory_bytes": settings.sfm_memory_bytes}
+    (folder / "request.json").write_text(json.dumps({**request, **limits}))
+    with (folder / "log.txt").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "service.capture.child", task, str(folder)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            env={
+                **os.environ,
+                "OMP_WAIT_POLICY": "passive",
+                "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
+            },
+        )
+    try:
+        _follow(process, settings, listen)
+        status = process.wait()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+    return _result(task, status, folder, settings)
+
+
+def _follow(process: subprocess.Popen[bytes], settings: CaptureSettings, listen: Listener) -> None:
+    """Pass progress on until the child closes its output; repeat the last when it is silent, so that one can cancel."""
+    assert process.stdout is not None
+    deadline = time.monotonic() + settings.sfm_seconds
+    descriptor = process.stdout.fileno()
+    waiting, last = b"", (0.0, "starting")
+    with selectors.DefaultSelector() as selector:
+        selector.register(descriptor, selectors.EVENT_READ)
+        while True:
+            if time.monotonic() > deadline:
+                raise ResourceError(
+                    "finding camera poses took too long",
+                    limit=f"{settings.sfm_seconds} s (FASTSPLAT_CAPTURE__SFM_SECONDS)",
+                    hint="Send fewer images.",
+                )
+            if selector.select(_HEARTBEAT_S):
+                chunk = os.read(descriptor, 1 << 16)
+                if not chunk:
+                    return
+                *lines, waiting = (waiting + chunk).split(b"\n")
+                for line in lines:
+                    fraction, message = json.loads(line)
+                    last = (float(fraction), str(message))
+                    listen(*last)
+            else:
+                listen(*last)
+
+
+def _result(task: Task, status: int, folder: Path, settings: CaptureSettings) -> dict[str, Any]:
+    path = folder / "result.json"
+    if status == 0 and path.is_file():
+        result: dict[str, Any] = json.loads(path.read_text())
+        if "error" not in result:
+            return result
+        raised: dict[str, str] = result["error"]
+        kind = getattr(errors, raised.pop("type"))
+        assert issubclass(kind, FastSplatError)
+        raise kind(raised.pop("message"), **raised)
+    log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
+    end = " ".join(log[-8:]).lower()
+    if status == -signal.SIGKILL or any(sign in end for sign in _MEMORY_SIGNS):
+        raise ResourceError(
+            "finding camera poses needs more memory than it may have",
+            limit=f"{settings.sfm_memory_bytes} bytes (FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES)",
+            hint="Send fewer or smaller images, or raise the limit.",
+        )
+    cause = f"signal {-status}" if status < 0 else f"status {status}"
+    raise ReconstructionError(
+        f"the {task} process died of {cause}: {log[-1][:300] if log else 'no message'}",
+        hint="Leave out images that are unlike the others, and try again.",
+    )

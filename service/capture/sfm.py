@@ -1,0 +1,301 @@
+"""Structure from motion by COLMAP. Runs in the child process of `service.capture.isolation` only.
+
+Repeatable: images enter the database in the order given, every random choice has a seed, and the mapper, whose sums
+depend on how threads share them, runs on one thread.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from service.capture import geometry, pairs
+from service.common.errors import ReconstructionError
+
+Tell = Callable[[float, str], None]
+
+_SEED = 0
+_IMAGES_A_STEP = 8
+_PAIRS_A_STEP = 48
+_FEATURES_UNTIL, _MATCHED_AT, _MAPPED_AT = 0.45, 0.8, 0.98
+_MIN_FEATURES = 50
+
+
+def reconstruct(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
+    """Poses, lenses and points of images alone.
+
+    Args:
+        request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one lens a group, focal
+            length in pixels or 0 if unknown; "ordered" whether neighbours in the list are neighbours in time; and all
+            settings.
+        folder: where the database and "points.npz" (points, colors) go.
+        tell: receives progress.
+
+    Returns:
+        "poses": {file: world_from_camera rows}, "lenses": {file: [model, width, height, params]}, "models", "error_px"
+        and "warnings".
+
+    Raises:
+        ReconstructionError: no usable geometry; see `geometry.judge`.
+    """
+    pycolmap.set_random_seed(_SEED)
+    database = folder / "features.db"
+    images = Path(request["image_folder"])
+    files = [image["file"] for image in request["images"]]
+    _register(database, images, request["images"])
+    _extract_and_match(database, images, files, request, folder, tell)
+    tell(_MATCHED_AT, "placing cameras")
+    models = _map(database, images, folder, len(files), tell)
+    if not models:
+        raise ReconstructionError(
+            "no two images see the same thing from different places",
+            hint="Send photos of one scene that overlap by two thirds, taken from different places.",
+        )
+    best = models[0]
+    found = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
+    warnings = geometry.judge(
+        found, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
+    )
+    warnings += _contradictions(best, database)
+    tell(1.0, f"{best.num_reg_images()} of {len(files)} images placed")
+    _save_points(best, folder)
+    by_id = {image.name: image for image in best.images.values() if image.has_pose}
+    return {
+        "poses": {name: _world_from_camera(image).tolist() for name, image in by_id.items()},
+        "lenses": {name: _lens(image.camera) for name, image in by_id.items()},
+        "models": list(found.models),
+        "error_px": best.compute_mean_reprojection_error(),
+        "warnings": warnings,
+    }
+
+
+def triangulate(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
+    """Points of undistorted images with known poses.
+
+    Args:
+        request: as in `reconstruct`, each image with "camera": [width, height, fx, fy, cx, cy] and "camera_from_world":
+            [4, 4] rows.
+        folder, tell: as in `reconstruct`.
+
+    Returns:
+        "points": how many, "error_px".
+
+    Raises:
+        ReconstructionError: too few points agree with the poses.
+    """
+    pycolmap.set_random_seed(_SEED)
+    database = folder / "features.db"
+    images = Path(request["image_folder"])
+    listed = request["images"]
+    files = [image["file"] for image in listed]
+    _register(database, images, [{**image, "group": index, "focal": 0} for index, image in enumerate(listed)])
+    posed = _known_poses(database, listed)
+    _extract_and_match(database, images, files, request, folder, tell)
+    tell(_MATCHED_AT, "triangulating points")
+    output = folder / "model"
+    output.mkdir()
+    result = pycolmap.triangulate_points(posed, database, images, output, options=_mapper_options())
+    if result.num_points3D() < request["min_points"]:
+        raise ReconstructionError(
+            f"only {result.num_points3D()} points agree with the poses given",
+            limit=f"{request['min_points']} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
+            hint="Check the convention of the poses (axes, world-from-camera) and the intrinsics, or send points.",
+        )
+    _save_points(result, folder)
+    tell(1.0, f"{result.num_points3D()} points triangulated")
+    return {"points": result.num_points3D(), "error_px": result.compute_mean_reprojection_error()}
+
+
+def _register(database: Path, images: Path, listed: list[dict[str, Any]]) -> None:
+    """Write images and lenses to the database, a lens a group, ids in the order of the list."""
+    pycolmap.Database.open(database).close()
+    groups = defaultdict(list)
+    for image in listed:
+        groups[image["group"]].append(image)
+    for group in groups.values():
+        options = pycolmap.ImageReaderOptions()
+        options.camera_model = "SIMPLE_RADIAL"
+        if group[0]["focal"]:
+            options.camera_params = f"{group[0]['focal']},{group[0]['width'] / 2},{group[0]['height'] / 2},0"
+        names = [image["file"] for image in group]
+        pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, image_names=names, options=options)
+
+
+def _extract_and_match(
+    database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, tell: Tell
+) -> None:
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.max_image_size = request["sfm_max_side"]
+    extraction.num_threads = matching_threads = request["sfm_threads"] or os.cpu_count() or 1
+    extraction.sift.max_num_features = request["sfm_features"]
+    for start in range(0, len(files), _IMAGES_A_STEP):
+        tell(_FEATURES_UNTIL * start / len(files), f"finding features {start}/{len(files)}")
+        step = files[start : start + _IMAGES_A_STEP]
+        pycolmap.extract_features(
+            database, images, image_names=step, extraction_options=extraction, device=pycolmap.Device.cpu
+        )
+    tell(_FEATURES_UNTIL, "choosing image pairs")
+    chosen = _choose(database, files, request)
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = matching_threads
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = _SEED
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = folder / "pairs.txt"
+    for start in range(0, len(chosen), _PAIRS_A_STEP):
+        share = start / len(chosen)
+        tell(_FEATURES_UNTIL + (_MATCHED_AT - _FEATURES_UNTIL) * share, f"matching image pairs {start}/{len(chosen)}")
+        step_pairs = chosen[start : start + _PAIRS_A_STEP]
+        (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
+        pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def _choose(database: Path, files: list[str], request: dict[str, Any]) -> list[tuple[int, int]]:
+    with pycolmap.Database.open(database) as opened:
+        ids = {image.name: image.image_id for image in opened.read_all_images()}
+        counts = [opened.num_keypoints_for_image(ids[file]) for file in files]
+        if max(counts) < _MIN_FEATURES:
+            raise ReconstructionError(
+                f"the images have hardly any texture: at most {max(counts)} features in one",
+                limit=f"{_MIN_FEATURES} features",
+                hint="Send sharp photos of things with texture; blank walls alone cannot be reconstructed.",
+            )
+        if len(files) <= request["exhaustive_images"]:
+            scores = np.zeros((len(files), len(files)), np.int32)
+        else:
+            probed = [_probes(opened, ids[file], len(files)) for file in files]
+            scores = pairs.probe_scores(probed)
+    return pairs.choose_pairs(
+        scores,
+        exhaustive_images=request["exhaustive_images"],
+        pairs_per_image=request["pairs_per_image"],
+        ordered=request["ordered"],
+    )
+
+
+def _probes(opened: pycolmap.Database, image_id: int, images: int) -> NDArray[np.float32]:
+    if opened.num_keypoints_for_image(image_id) == 0:
+        return np.zeros((0, 128), np.float32)
+    keypoints = np.asarray(opened.read_keypoints(image_id))  # x, y and an affine shape whose columns have the scale
+    scales = np.hypot(keypoints[:, 2], keypoints[:, 4])
+    return pairs.probes(np.asarray(opened.read_descriptors(image_id).data), scales, images)
+
+
+def _mapper_options() -> pycolmap.IncrementalPipelineOptions:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = _SEED
+    options.min_model_size = 2
+    options.max_num_models = 10
+    return options
+
+
+def _map(database: Path, images: Path, folder: Path, count: int, tell: Tell) -> list[pycolmap.Reconstruction]:
+    """All disconnected models, largest first."""
+    placed = 2
+
+    def one_more() -> None:
+        nonlocal placed
+        placed += 1
+        share = min(1.0, placed / count)
+        tell(_MATCHED_AT + (_MAPPED_AT - _MATCHED_AT) * share, f"placing cameras {min(placed, count)}/{count}")
+
+    output = folder / "models"
+    output.mkdir()
+    models = pycolmap.incremental_mapping(
+        database, images, output, options=_mapper_options(), next_image_callback=one_more
+    )
+    return sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+
+
+def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...]) -> geometry.Reconstruction:
+    posed = [image for image in model.images.values() if image.has_pose]
+    centres = {image.image_id: np.asarray(image.projection_center()) for image in posed}
+    angles = [
+        geometry.widest_angle_deg(np.stack([centres[element.image_id] for element in point.track.elements]), point.xyz)
+        for point in model.points3D.values()
+    ]
+    return geometry.Reconstruction(
+        world_from_camera=np.stack([_world_from_camera(image) for image in posed]),
+        focal_shares=np.array(
+            [image.camera.mean_focal_length() / max(image.camera.width, image.camera.height) for image in posed]
+        ),
+        points=np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3),
+        angles_deg=np.array(angles),
+        images=images,
+        models=models,
+    )
+
+
+def _contradictions(model: pycolmap.Reconstruction, database: Path) -> list[str]:
+    """Compare every verified pair of placed images with the poses found."""
+    placed = {image.image_id: image for image in model.images.values() if image.has_pose}
+    counts, errors = [], []
+    with pycolmap.Database.open(database) as opened:
+        rays = {}
+        for image_id, image in placed.items():
+            pixels = np.asarray(opened.read_keypoints(image_id))[:, :2].astype(np.float64)
+            rays[image_id] = np.asarray(image.camera.cam_from_img(pixels))
+        pair_ids, verified = opened.read_two_view_geometries()
+        for pair_id, pair in zip(pair_ids, verified, strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            matches = np.asarray(pair.inlier_matches)
+            if len(matches) == 0 or first not in placed or second not in placed:
+                continue
+            relative = np.linalg.inv(_world_from_camera(placed[second])) @ _world_from_camera(placed[first])
+            errors_px = geometry.epipolar_error_px(
+                rays[first][matches[:, 0]],
+                rays[second][matches[:, 1]],
+                relative,
+                placed[first].camera.mean_focal_length(),
+            )
+            counts.append(len(matches))
+            errors.append(float(np.nanmedian(errors_px)))
+    return geometry.contradiction_warning(counts, errors)
+
+
+def _known_poses(database: Path, listed: list[dict[str, Any]]) -> pycolmap.Reconstruction:
+    """A model of the given poses, under the database's ids; the database's lenses become the given ones."""
+    posed = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as opened:
+        stored = {image.name: image for image in opened.read_all_images()}
+        for image in listed:
+            row = stored[image["file"]]
+            width, height, *params = image["camera"]
+            camera = pycolmap.Camera(
+                camera_id=row.camera_id, model="PINHOLE", width=width, height=height, params=np.array(params)
+            )
+            camera.has_prior_focal_length = True
+            opened.update_camera(camera)
+            posed.add_camera_with_trivial_rig(camera)
+            pose = pycolmap.Rigid3d(np.array(image["camera_from_world"])[:3])
+            posed.add_image_with_trivial_frame(
+                pycolmap.Image(name=image["file"], camera_id=row.camera_id, image_id=row.image_id), pose
+            )
+    return posed
+
+
+def _world_from_camera(image: pycolmap.Image) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3] = image.cam_from_world().inverse().matrix()
+    return pose
+
+
+def _lens(camera: pycolmap.Camera) -> list[Any]:
+    return [camera.model.name, camera.width, camera.height, [float(value) for value in camera.params]]
+
+
+def _save_points(model: pycolmap.Reconstruction, folder: Path) -> None:
+    points = np.array([point.xyz for point in model.points3D.values()], dtype=np.float64).reshape(-1, 3)
+    colors = np.array([point.color for point in model.points3D.values()], dtype=np.uint8).reshape(-1, 3)
+    # A feature with two orientations gives the same point twice.
+    _, first = np.unique(points.astype(np.float32), axis=0, return_index=True)
+    kept = np.sort(first)
+    np.savez(folder / "points.npz", points=points[kept], colors=colors[kept])

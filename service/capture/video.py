@@ -1,0 +1,115 @@
+"""Frames of a video. Runs in the child process of `service.capture.isolation` only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.errors import InvalidInputError, LimitExceededError
+
+_SHARPNESS_SIDE = 480
+_MIN_FRAMES = 2
+
+
+def probe(request: dict[str, Any]) -> dict[str, Any]:
+    """Whether the file "video", called "name", is a video: {"width", "height"} of its first frame.
+
+    Raises:
+        InvalidInputError: its first frame cannot be decoded.
+        LimitExceededError: its frames have more than "max_image_pixels" pixels.
+    """
+    first = next(_frames(request), None)
+    if first is None:
+        raise _unreadable(request)
+    return {"width": first.shape[1], "height": first.shape[0]}
+
+
+def extract(request: dict[str, Any], tell: Callable[[float, str], None]) -> dict[str, Any]:
+    """Write the sharpest frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png.
+
+    Sharpness is the variance of the Laplacian at a fixed size. Frames are upright and at most "max_side" pixels on the
+    longer side; the file name is the frame's number in the video.
+
+    Returns:
+        {"files": names in time order, "read": frames in the video}.
+
+    Raises:
+        InvalidInputError: fewer than two frames can be decoded.
+        LimitExceededError: more than "max_video_frames_read" frames, or frames larger than "max_image_pixels".
+    """
+    sharpness = []
+    for number, frame in enumerate(_frames(request)):
+        sharpness.append(_sharpness(frame))
+        if number % 50 == 0:
+            tell(0.5, f"looking for sharp frames {number}")
+    if len(sharpness) < _MIN_FRAMES:
+        raise _unreadable(request)
+    chosen = sharpest_per_interval(np.array(sharpness), request["video_frames"])
+    files = []
+    for number, frame in enumerate(_frames(request)):
+        if number in chosen:
+            files.append(f"frame_{number:06d}.png")
+            cv2.imwrite(str(Path(request["folder"]) / files[-1]), _reduced(frame, request["max_side"]))
+            tell(0.5 + 0.5 * len(files) / len(chosen), f"writing frames {len(files)}/{len(chosen)}")
+    return {"files": files, "read": len(sharpness)}
+
+
+def sharpest_per_interval(sharpness: NDArray[np.float64], intervals: int) -> set[int]:
+    """Index of the largest value in each of up to `intervals` equal parts of `sharpness` [F]."""
+    parts = np.array_split(np.arange(len(sharpness)), min(intervals, len(sharpness)))
+    return {int(part[np.argmax(sharpness[part])]) for part in parts}
+
+
+def _frames(request: dict[str, Any]) -> Iterator[NDArray[np.uint8]]:
+    """uint8 [H, W, 3] BGR, turned as the file's metadata say."""
+    capture = cv2.VideoCapture(request["video"])
+    try:
+        count = 0
+        while True:
+            read, frame = capture.read()
+            if not read:
+                return
+            if frame.shape[0] * frame.shape[1] > request["max_image_pixels"]:
+                raise LimitExceededError(
+                    f"{request['name']} has frames of {frame.shape[1]}×{frame.shape[0]} pixels",
+                    field=request["name"],
+                    limit=f"{request['max_image_pixels']} pixels a frame (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
+                    hint="Send a smaller version.",
+                )
+            count += 1
+            if count > request["max_video_frames_read"]:
+                raise LimitExceededError(
+                    f"{request['name']} is too long",
+                    field=request["name"],
+                    limit=f"{request['max_video_frames_read']} frames (FASTSPLAT_CAPTURE__MAX_VIDEO_FRAMES_READ)",
+                    hint="Cut it to the walk around the scene.",
+                )
+            yield np.asarray(frame, dtype=np.uint8)
+    finally:
+        capture.release()
+
+
+def _sharpness(frame: NDArray[np.uint8]) -> float:
+    grey = cv2.cvtColor(_reduced(frame, _SHARPNESS_SIDE), cv2.COLOR_BGR2GRAY)
+    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+
+
+def _reduced(frame: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
+    scale = max_side / max(frame.shape[:2])
+    if scale >= 1:
+        return frame
+    size = (max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale)))
+    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _unreadable(request: dict[str, Any]) -> InvalidInputError:
+    return InvalidInputError(
+        f"{request['name']} has no frames that can be decoded",
+        field=request["name"],
+        hint="Send an MP4 (H.264), MOV, WebM, MKV or AVI file of at least two frames.",
+    )
