@@ -13,7 +13,7 @@ from service.query.types import Mask2D
 from service.scene.types import F32, Scene
 from service.splatting.raster import Rendering, Splats, rasterize, sh_to_rgb
 
-_CHUNK_LOGITS = 4 << 20
+_CHUNK_LOGITS = 1 << 18
 
 
 class Renderer:
@@ -78,12 +78,15 @@ class Renderer:
         flat = codes.reshape(height * width, -1)[:, : self._weight.shape[1]].to(self._weight.dtype)
         classes = torch.zeros(len(flat), dtype=torch.int64, device=self._device)
         expected = torch.zeros(len(flat), dtype=self._weight.dtype, device=self._device)
-        rows = max(1, _CHUNK_LOGITS // len(self._bias))
-        for start in range(0, len(flat), rows):
-            logits = torch.addmm(self._bias, flat[start : start + rows], self._weight.T)
-            classes[start : start + rows] = logits.argmax(dim=1)
+        columns = max(1, _CHUNK_LOGITS // len(self._bias))
+        for start in range(0, len(flat), columns):
+            piece = slice(start, start + columns)
+            # Classes down, pixels across: reductions over the few classes then run along whole cache lines.
+            logits = torch.addmm(self._bias[:, None], self._weight, flat[piece].T)
+            best, classes[piece] = logits.max(dim=0)
             if relevancy is not None:
-                expected[start : start + rows] = torch.softmax(logits, dim=1) @ relevancy
+                weights = logits.sub_(best).exp_()
+                expected[piece] = (relevancy @ weights) / weights.sum(dim=0)
         return classes.reshape(height, width), expected.reshape(height, width)
 
     def _rasterize(self, posed: PosedCamera, features: Tensor) -> Rendering:
