@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+import os
 import socket
 import struct
 import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import grpc
@@ -81,16 +82,17 @@ def _refused_by_both(faces: Faces, files: _Files) -> tuple[Refusal, Refusal]:
 
 
 @pytest.fixture
-def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> Iterator[Callable[[], None]]:
+def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> Iterator[None]:
     """Afterwards no file, scene or operation may be there that was not there before."""
 
     def state() -> tuple[set[Path], list[str]]:
         folders = (api_settings.data_dir / kind for kind in ("uploads", "jobs", "scenes"))
-        files = {path for folder in folders for path in folder.rglob("*")}
+        walks = (walk for folder in folders for walk in os.walk(folder))
+        files = {Path(root, name) for root, inner, names in walks for name in inner + names}
         return files, [scene.id for scene in service.list_scenes(500, "")[0]]
 
     before = state()
-    yield lambda: None
+    yield
     deadline = threading.Event()
     for _ in range(100):  # a connection that was cut is noticed a moment later
         if state() == before:
