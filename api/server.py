@@ -108,10 +108,14 @@ class _Server(uvicorn.Server):
 def _listen(host: str, port: int) -> socket.socket:
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family, backlog=2048)
+        listener = socket.create_server((host, port), family=family, backlog=2048)
     except OSError as error:
         raise ResourceError(
             f"HTTP cannot listen on {host}:{port}: {error.strerror}",
             field="http_port",
             hint="Set FASTSPLAT_HTTP_PORT to a free port.",
         ) from error
+    # Connections inherit this. asyncio sets it only where it opened the listener itself, and without it every answer
+    # waits 40 ms for the client's delayed acknowledgement of its head.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener

@@ -6,6 +6,7 @@ import asyncio
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,7 +17,7 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from api.server import serve
+from api.server import _listen, serve
 from service.calls.service import SceneService
 from service.common.errors import ResourceError
 from service.settings import Settings
@@ -74,6 +75,13 @@ def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, 
         with pytest.raises(ResourceError) as caught:
             asyncio.run(serve(service, settings, asyncio.Event()))
         assert caught.value.field == field
+
+
+def test_answers_do_not_wait_for_acknowledgements() -> None:
+    with _listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
+        accepted, _ = listener.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_slow_calls_hold_up_nobody(api_settings: Settings) -> None:
