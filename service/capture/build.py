@@ -202,7 +202,7 @@ class _Build:
             pixels=reduce(load_upright(self.files, photo, self.settings), size),
             way=turned(way, turns, width, height),
             world_from_camera=turned_pose(given.world_from_camera, turns),
-            lossless=photo.path.lower().endswith(".png"),
+            lossless=photo.path.lower().endswith(".png") or (way.map_xy is None and size == photo.upright_size),
             ids=self._ids(photo, table, size),
             mask=mask,
         )

@@ -16,7 +16,7 @@ from service.common.errors import CorruptImageError, InvalidInputError, LimitExc
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
 UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
 Image.init()  # registers all decoders, of which only these are ever tried:
-_FORMATS = ("JPEG", "MPO", "PNG", "WEBP", "TIFF", "BMP")
+_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 _MIRRORED = frozenset({2, 4, 5, 7})
 _SWAPPED = frozenset({5, 6, 7, 8})
 _ROTATIONS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to quarter turns clockwise that make it upright

@@ -25,6 +25,11 @@ Task = Literal["probe", "frames", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]
 """Receives the share of the task that is done, and a line for people; may raise to stop it."""
 
+_ENVIRONMENT = {
+    "OMP_WAIT_POLICY": "passive",
+    "OPENBLAS_NUM_THREADS": "1",  # its products here are small, and its threads would spin beside the matcher's
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
+}
 _HEARTBEAT_S = 2.0
 _MEMORY_SIGNS = ("bad_alloc", "memory", "mmap", "alloc")
 

@@ -1,0 +1,74 @@
+"""Small real uploads, and the law every refusal obeys: a typed error, and nothing left behind."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.capture.settings import CaptureSettings
+from service.common.errors import FastSplatError
+
+Upload = Callable[[dict[str, bytes]], Path]
+Refused = Callable[..., AbstractContextManager[None]]
+
+
+@pytest.fixture
+def settings() -> CaptureSettings:
+    return CaptureSettings(max_unpacked_bytes=64 << 20, max_entries=200, sfm_threads=2)
+
+
+@pytest.fixture
+def upload(tmp_path: Path) -> Upload:
+    """Writes files into a fresh upload folder."""
+
+    def write(files: dict[str, bytes]) -> Path:
+        folder = tmp_path / "place" / "upload"
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        return folder
+
+    return write
+
+
+@pytest.fixture
+def refused(tmp_path: Path) -> Refused:
+    """A block that must raise `kind`, mention every one of `said`, offer help, and leave the disk as it was."""
+
+    @contextmanager
+    def check(kind: type[FastSplatError], *said: str) -> Iterator[None]:
+        before = sorted(tmp_path.rglob("*"))
+        with pytest.raises(kind) as caught:
+            yield
+        error = caught.value
+        text = " ".join([error.message, error.field, error.limit])
+        assert type(error) is kind
+        for part in said:
+            assert part in text
+        assert error.hint or error.limit
+        assert sorted(tmp_path.rglob("*")) == before
+
+    return check
+
+
+@pytest.fixture
+def photo() -> Callable[..., bytes]:
+    """An encoded image with texture; the seed makes it unlike others."""
+
+    def encode(seed: int = 0, size: tuple[int, int] = (64, 48), form: str = "JPEG", **options: object) -> bytes:
+        rng = np.random.default_rng(seed)
+        coarse = rng.integers(0, 256, (size[1] // 4, size[0] // 4, 3), dtype=np.uint8)
+        image = Image.fromarray(coarse).resize(size)
+        stream = io.BytesIO()
+        image.save(stream, form, **options)
+        return stream.getvalue()
+
+    return encode

@@ -1,0 +1,103 @@
+"""Photos: orientation, modes, limits."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageOps
+
+from service.capture import admit_upload
+from service.capture.images import check_image, load_upright, open_map
+from service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_orientation_is_obeyed(orientation: int, tmp_path: Path, settings, photo) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    (tmp_path / "a.png").write_bytes(photo(3, (40, 24), "PNG", exif=exif))
+    with Image.open(tmp_path / "a.png") as image:
+        expected = np.asarray(ImageOps.exif_transpose(image))
+    info = check_image(tmp_path, "a.png", settings)
+    pixels = load_upright(tmp_path, info, settings)
+    assert info.orientation == orientation
+    assert info.upright_size == pixels.shape[1::-1]
+    np.testing.assert_array_equal(pixels, expected)
+    if not info.mirrored:
+        with Image.open(tmp_path / "a.png") as image:
+            np.testing.assert_array_equal(np.rot90(np.asarray(image), -info.quarter_turns), expected)
+
+
+def _saved(array: np.ndarray, path: Path, mode: str | None = None) -> Path:
+    image = Image.fromarray(array)
+    (image if mode is None else image.convert(mode)).save(path)
+    return path
+
+
+def test_every_mode_becomes_rgb(tmp_path: Path, settings) -> None:
+    grey = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    color = np.stack([grey, grey[::-1], grey.T], axis=-1)
+    expected = {
+        "grey.png": (_saved(grey, tmp_path / "grey.png"), np.repeat(grey[..., None], 3, 2)),
+        "deep.png": (_saved(grey.astype(np.uint16) << 8 | 77, tmp_path / "deep.png"), np.repeat(grey[..., None], 3, 2)),
+        "rgb.bmp": (_saved(color, tmp_path / "rgb.bmp"), color),
+        "rgb.tif": (_saved(color, tmp_path / "rgb.tif"), color),
+        "one.png": (_saved(grey, tmp_path / "one.png", "1"), None),
+        "palette.png": (_saved(color, tmp_path / "palette.png", "P"), None),
+        "cmyk.jpg": (_saved(color, tmp_path / "cmyk.jpg", "CMYK"), None),
+        "rgb.webp": (_saved(color, tmp_path / "rgb.webp"), None),
+    }
+    for name, (_, pixels) in expected.items():
+        loaded = load_upright(tmp_path, check_image(tmp_path, name, settings), settings)
+        assert loaded.shape == (16, 16, 3)
+        assert loaded.dtype == np.uint8
+        if pixels is not None:
+            np.testing.assert_array_equal(loaded, pixels)
+
+
+def test_transparent_is_black(tmp_path: Path, settings) -> None:
+    rgba = np.full((8, 8, 4), 200, np.uint8)
+    rgba[:4, :, 3] = 0
+    rgba[4:, :, 3] = 255
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    loaded = load_upright(tmp_path, check_image(tmp_path, "a.png", settings), settings)
+    assert (loaded[:4] == 0).all() and (loaded[4:] == 200).all()
+
+
+@pytest.mark.parametrize("form", ["JPEG", "PNG", "WEBP", "TIFF"])
+def test_cut_short_is_found_wherever_the_cut_is(form: str, upload, settings, refused, photo) -> None:
+    whole = photo(1, (256, 192), form)
+    for share in (0.3, 0.6, 0.9):
+        folder = upload({"good.jpg": photo(2), "cut.jpg": whole[: int(len(whole) * share)]})
+        with refused(CorruptImageError, "cut.jpg"):
+            admit_upload(folder, settings)
+
+
+def test_text_called_jpg(upload, settings, refused, photo) -> None:
+    folder = upload({"good.jpg": photo(2), "notes.jpg": b"these are my holiday notes"})
+    with refused(CorruptImageError, "notes.jpg"):
+        admit_upload(folder, settings)
+
+
+def test_huge_image_is_refused_by_its_header(upload, settings, refused, photo) -> None:
+    stream = io.BytesIO()
+    Image.new("1", (30_000, 30_000)).save(stream, "PNG")
+    folder = upload({"good.jpg": photo(2), "huge.png": stream.getvalue()})
+    with refused(LimitExceededError, "huge.png", "MAX_IMAGE_PIXELS"):
+        admit_upload(folder, settings)
+
+
+def test_pixel_limit_is_the_setting(upload, settings, refused, photo) -> None:
+    folder = upload({"a.jpg": photo(1, (64, 48)), "b.jpg": photo(2, (80, 48))})
+    assert admit_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48})).images == 2
+    with refused(LimitExceededError, "b.jpg", "80×48"):
+        admit_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48 - 1}))
+
+
+def test_map_with_colours(tmp_path: Path, settings, photo) -> None:
+    (tmp_path / "m.png").write_bytes(photo(1, form="PNG"))
+    with pytest.raises(InvalidInputError, match=r"m\.png"):
+        open_map(tmp_path, "m.png", settings)
