@@ -32,7 +32,7 @@ def _questions(scene_id: str, count: int) -> list[QueryRequest]:
     cameras = [*(turned(angle) for angle in (-0.5, -0.2, 0.1, 0.4)), _AWAY]
     requests = []
     for number in range(count):
-        drawn = frozenset(rng.sample(["mask2d", "mask3d"], rng.randrange(3)) if number % 4 == 0 else [])
+        drawn = frozenset(rng.sample(["mask2d", "mask3d"], rng.randrange(3)) if number % 8 == 0 else [])
         texts = tuple(rng.choices(_WORDS, k=rng.choice([1, 1, 1, 2, 3])))
         texts = tuple(rng.choice([text, text.upper(), f" {text} ", f"{text}s"]) for text in texts)
         posed = "mask2d" in drawn
