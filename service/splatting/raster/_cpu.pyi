@@ -1,7 +1,7 @@
 from typing import Any
 
-class TooManyPairs(RuntimeError): ...
-class Cancelled(RuntimeError): ...
+class TooManyPairs(RuntimeError): ...  # noqa: N818
+class Cancelled(RuntimeError): ...  # noqa: N818
 
 class Frame:
     culled_non_finite: int

@@ -7,14 +7,17 @@
 namespace FS_NS {
 using namespace fs;
 
-// Moments and depth into total, features straight into their row of the output.
+// Column by column over the pairs of one Gaussian: moments and depth into total, features into their row of the output.
 static inline void add_sums(const FinishJob& job, uint32_t rank, float* total, float* features) {
-  const int64_t channels = job.in.channels;
-  for (int i = 0; i <= MOMENTS; i++) total[i] = 0;
-  for (int64_t s = job.slot_start[rank]; s < job.slot_start[rank + 1]; s++) {
-    const float* sums = job.sums + s * job.sum_stride;
-    for (int i = 0; i <= MOMENTS; i++) total[i] += sums[i];
-    for (int64_t i = 0; i < channels; i++) features[i] += sums[MOMENTS + 1 + i];
+  const int64_t begin = job.slot_start[rank], end = job.slot_start[rank + 1], stride = job.sum_stride;
+  const int64_t wanted = MOMENTS + 1 + job.in.channels;
+  for (int64_t at = 0; at < wanted; at += W) {
+    vf acc = zero();
+    for (int64_t s = begin; s < end; s++) acc = acc + load(job.sums + s * stride + at);
+    float column[W];
+    storeu(column, acc);
+    for (int64_t i = 0; i < W && at + i < wanted; i++)
+      (at + i <= MOMENTS ? total[at + i] : features[at + i - MOMENTS - 1]) = column[i];
   }
 }
 
@@ -86,24 +89,28 @@ void finish(const FinishJob& job, int64_t begin, int64_t end, int64_t physical, 
   float total[DW][MOMENTS + 1];
   for (int64_t start = 0; start < visible; start += DW) {
     const int lanes = visible - start < DW ? (int)(visible - start) : DW;
+    for (int64_t l = start + DW; l < start + 2 * DW && l < visible; l++) {
+      const uint32_t rank = job.rank_of[physical + l];
+      const int64_t last = job.slot_start[rank + 1] * job.sum_stride;
+      int64_t at = job.slot_start[rank] * job.sum_stride;
+      for (int lines = 0; at < last && lines < 8; at += 16, lines++) __builtin_prefetch(job.sums + at);
+    }
+    int32_t ids[DW];
+    for (int l = 0; l < lanes; l++) ids[l] = job.projected[physical + start + l].id;
     Geometry s;
+    load_geometry(job.in, ids, lanes, s);
     vd m[MOMENTS], depth = vd{};
-    for (int l = 0; l < DW; l++) {
-      const bool use = l < lanes;
-      const Projected& p = job.projected[physical + start + (use ? l : 0)];
-      const int64_t g = p.id;
-      if (use) add_sums(job, job.rank_of[physical + start + l], total[l], job.out.features + g * channels);
-      for (int i = 0; i < MOMENTS; i++) m[i][l] = use ? total[l][i] : 0.0;
-      depth[l] = use ? total[l][MOMENTS] : 0.0;
-      for (int i = 0; i < 3; i++) s.mean[i][l] = job.in.means[g * 3 + i];
-      for (int i = 0; i < 3; i++) s.scale[i][l] = job.in.scales[g * 3 + i];
-      for (int i = 0; i < 4; i++) s.quat[i][l] = job.in.quats[g * 4 + i];
+    for (vd& x : m) x = vd{};
+    for (int l = 0; l < lanes; l++) {
+      add_sums(job, job.rank_of[physical + start + l], total[l], job.out.features + (int64_t)ids[l] * channels);
+      for (int i = 0; i < MOMENTS; i++) m[i][l] = total[l][i];
+      depth[l] = total[l][MOMENTS];
     }
     project_geometry(job.view, s);
     vd d_mean[3], d_quat[4], d_scale[3];
     chain(job.view, s, m, depth, d_mean, d_quat, d_scale);
     for (int l = 0; l < lanes; l++) {
-      const int64_t g = job.projected[physical + start + l].id;
+      const int64_t g = ids[l];
       for (int i = 0; i < 3; i++) job.out.means[g * 3 + i] = bounded(d_mean[i][l]);
       for (int i = 0; i < 4; i++) job.out.quats[g * 4 + i] = bounded(d_quat[i][l]);
       for (int i = 0; i < 3; i++) job.out.scales[g * 3 + i] = bounded(d_scale[i][l]);

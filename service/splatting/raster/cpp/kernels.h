@@ -39,11 +39,13 @@ struct Pairs {  // output of one chunk of Gaussians, in the order of depth
   int32_t* tile;
   uint64_t* blocks;
   int64_t count, capacity;
+  float log_alpha_min;  // base 2
 };
 
 struct TileJob {
   View view;
   int32_t tiles_x, tiles_y;
+  float log_alpha_min;   // base 2
   const float* records;  // by depth rank: x, y (doubles), a, b, c, log_opacity, depth, features, zeros
   int64_t stride;        // floats
   const int64_t* tile_start;   // [tiles + 1]

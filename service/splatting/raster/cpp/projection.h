@@ -19,16 +19,13 @@ struct Geometry {
   vd a, b, c, det, u, v;                  // 2D covariance with eps2d, its determinant, the mean in pixels
 };
 
-// Lanes that are not `good` get a harmless Gaussian.
-FS_INLINE void load_geometry(const fs::Inputs& in, int64_t start, const bool* good, int lanes, Geometry& s) {
+// Rows ids[0..lanes); spare lanes repeat the first.
+FS_INLINE void load_geometry(const fs::Inputs& in, const int32_t* ids, int lanes, Geometry& s) {
   for (int l = 0; l < DW; l++) {
-    const bool use = l < lanes && good[l];
-    const int64_t g = use ? start + l : 0;
-    for (int i = 0; i < 3; i++) {
-      s.mean[i][l] = use ? in.means[g * 3 + i] : 0.0;
-      s.scale[i][l] = use ? in.scales[g * 3 + i] : 1.0;
-    }
-    for (int i = 0; i < 4; i++) s.quat[i][l] = use ? in.quats[g * 4 + i] : 1.0;
+    const int64_t g = ids[l < lanes ? l : 0];
+    for (int i = 0; i < 3; i++) s.mean[i][l] = in.means[g * 3 + i];
+    for (int i = 0; i < 3; i++) s.scale[i][l] = in.scales[g * 3 + i];
+    for (int i = 0; i < 4; i++) s.quat[i][l] = in.quats[g * 4 + i];
   }
 }
 
@@ -51,8 +48,7 @@ FS_INLINE void project_geometry(const fs::View& view, Geometry& s) {
   s.x = r[0] * s.mean[0] + r[1] * s.mean[1] + r[2] * s.mean[2] + t[0];
   s.y = r[3] * s.mean[0] + r[4] * s.mean[1] + r[5] * s.mean[2] + t[1];
   s.z = r[6] * s.mean[0] + r[7] * s.mean[1] + r[8] * s.mean[2] + t[2];
-  const vd depth = s.z != 0 ? s.z : set1d(1.0), rz = 1.0 / depth;  // lanes not in use only
-  s.z = depth;
+  const vd rz = 1.0 / s.z;
   const double margin_x = 0.15 * view.width / view.fx, margin_y = 0.15 * view.height / view.fy;
   const double low_x = -view.cx / view.fx - margin_x, high_x = (view.width - view.cx) / view.fx + margin_x;
   const double low_y = -view.cy / view.fy - margin_y, high_y = (view.height - view.cy) / view.fy + margin_y;

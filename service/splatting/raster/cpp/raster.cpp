@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <mutex>
@@ -29,6 +30,8 @@ class Timer {
   std::chrono::steady_clock::time_point start_;
 };
 
+float log_alpha_min(const View& view) { return std::log2((float)view.alpha_min); }
+
 }  // namespace
 
 Buffer::~Buffer() { std::free(memory_); }
@@ -44,6 +47,13 @@ void* Buffer::ensure(int64_t bytes) {
     }
   }
   return memory_;
+}
+
+Workspace::~Workspace() {
+  for (Pairs& list : lists) {
+    std::free(list.tile);
+    std::free(list.blocks);
+  }
 }
 
 Frame::Frame() {
@@ -158,16 +168,12 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
   int64_t* tile_start = space_->tile_start.get<int64_t>(tiles + 1);
   const int64_t parts = visible < 2048 ? 1 : call.threads * 2;
   uint32_t* counts = space_->counts.get<uint32_t>(parts * tiles);
-  std::vector<Pairs> lists(parts, Pairs{});
-  struct Release {
-    std::vector<Pairs>& lists;
-    ~Release() {
-      for (Pairs& list : lists) {
-        std::free(list.tile);
-        std::free(list.blocks);
-      }
-    }
-  } release{lists};
+  std::vector<Pairs>& lists = space_->lists;
+  if ((int64_t)lists.size() < parts) lists.resize(parts, Pairs{});
+  for (Pairs& list : lists) {
+    list.count = 0;
+    list.log_alpha_min = log_alpha_min(view_);
+  }
   std::atomic<int64_t> total{0};
   std::atomic<bool> failed{false}, exhausted{false};
 
@@ -176,6 +182,8 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
     uint32_t* mine = counts + part * tiles;
     std::memset(mine, 0, tiles * sizeof(uint32_t));
     for (int64_t rank = visible * part / parts; rank < visible * (part + 1) / parts; rank++) {
+      if (rank + 16 < visible) __builtin_prefetch(&projected[order[rank + 16]]);
+      if (rank + 8 < visible) __builtin_prefetch(in.features + (int64_t)projected[order[rank + 8]].id * channels_);
       const Projected& p = projected[order[rank]];
       rank_of[order[rank]] = (uint32_t)rank;
       float* record = records + rank * stride_;
@@ -250,6 +258,7 @@ TileJob Frame::job() const {
   const int64_t tiles = (int64_t)tiles_x_ * tiles_y_;
   TileJob job{};
   job.view = view_;
+  job.log_alpha_min = log_alpha_min(view_);
   job.tiles_x = tiles_x_;
   job.tiles_y = tiles_y_;
   job.records = space_->records.data<float>();

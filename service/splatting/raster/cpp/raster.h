@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <vector>
 
 #include "kernels.h"
 
@@ -31,6 +32,10 @@ class Buffer {
 };
 
 struct Workspace {
+  Workspace() = default;
+  Workspace(const Workspace&) = delete;
+  ~Workspace();
+  std::vector<Pairs> lists;  // malloc'ed arrays
   Buffer projected, visible_in_chunk, bad_in_chunk, keys[2], order[2], histogram, rank_of, records, slot_start, counts, tile_start,
       pair_rank, pair_blocks, pair_slot, tile_used, final_t, stop, sums;
 };

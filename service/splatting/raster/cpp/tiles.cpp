@@ -10,22 +10,27 @@ constexpr int BLOCKS = TILE * TILE / W;
 constexpr int COLUMNS = TILE / 4;
 constexpr int PIXELS = TILE * TILE;
 
-// Offsets of each lane's pixel centre from the tile's first pixel centre.
-struct Grid {
-  alignas(64) float x[PIXELS], y[PIXELS];
-  constexpr Grid() : x(), y() {
-    for (int b = 0; b < BLOCKS; b++)
-      for (int l = 0; l < W; l++) {
-        x[b * W + l] = (float)((b % COLUMNS) * 4 + l % 4);
-        y[b * W + l] = (float)((b / COLUMNS) * BLOCK_H + l / 4);
-      }
-  }
+// Everything about one block in one place: a single base register reaches all of it. x and y are the offsets of each
+// lane's pixel centre from the tile's first one.
+template <int K>
+struct alignas(64) Block {
+  float x[W], y[W], remaining[W], other[W], extra[W], values[K][W];
+  int32_t stop[W];
 };
-static constexpr Grid grid;
 
-FS_INLINE int index_of(int x, int y) {
-  return ((y / BLOCK_H) * COLUMNS + x / 4) * W + (y % BLOCK_H) * 4 + x % 4;
+template <int K>
+FS_INLINE void start_blocks(Block<K>* blocks) {
+  for (int b = 0; b < BLOCKS; b++) {
+    std::memset(&blocks[b], 0, sizeof blocks[b]);
+    for (int l = 0; l < W; l++) {
+      blocks[b].x[l] = (float)((b % COLUMNS) * 4 + l % 4);
+      blocks[b].y[l] = (float)((b / COLUMNS) * BLOCK_H + l / 4);
+    }
+  }
 }
+
+FS_INLINE int block_of(int x, int y) { return (y / BLOCK_H) * COLUMNS + x / 4; }
+FS_INLINE int lane_of(int x, int y) { return (y % BLOCK_H) * 4 + x % 4; }
 
 // One Gaussian as seen from one tile.
 struct Ellipse {
@@ -38,13 +43,20 @@ struct Ellipse {
     return {set1(record[4]), set1(record[5]), set1(record[6]), set1((float)(a * dx + b * dy)), set1((float)(c * dy)),
             set1(record[7])};
   }
-  FS_INLINE vf exponent(const Ellipse& e, int at, vf& u, vf& v) {
-    const vf y = load(grid.y + at);
-    u = fma(e.a, load(grid.x + at), fma(e.b, y, e.u));
+  template <int K>
+  FS_INLINE vf exponent(const Ellipse& e, const Block<K>& block, vf& u, vf& v) {
+    const vf y = load(block.y);
+    u = fma(e.a, load(block.x), fma(e.b, y, e.u));
     v = fma(e.c, y, e.v);
     return fnma(u, u, fnma(v, v, e.log_opacity));
   }
 };
+
+// Records of one tile lie far apart in memory; asking for them early hides the way to the outer caches.
+constexpr int64_t AHEAD = 8;
+FS_INLINE void prefetch(const float* p, int64_t floats) {
+  for (int64_t i = 0; i < floats; i += 16) __builtin_prefetch(p + i);
+}
 
 struct Tile {
   int x0, y0, width, height;  // pixels inside the image
@@ -69,156 +81,168 @@ FS_INLINE Tile tile_of(const TileJob& job, int32_t tile) {
 FS_INLINE vf negative(vf a) { return vabs(a) * set1(-1.0f); }
 
 // Pixels start transparent, those outside the image finished. A finished pixel keeps its transmittance with a minus
-// sign: every test "what would remain is above the limit" then fails by itself.
-FS_INLINE void start_pixels(const Tile& t, float* remaining, int32_t* stop) {
+// sign: every test "what would remain is above the limit" then fails by itself. Returns the blocks with open pixels.
+template <int K>
+FS_INLINE uint64_t start_pixels(const Tile& t, Block<K>* blocks) {
+  start_blocks(blocks);
+  uint64_t open = 0;
   for (int y = 0; y < TILE; y++)
     for (int x = 0; x < TILE; x++) {
-      const int i = index_of(x, y);
+      const int b = block_of(x, y), l = lane_of(x, y);
       const bool inside = x < t.width && y < t.height;
-      remaining[i] = inside ? 1.0f : -1.0f;
-      stop[i] = inside ? INT32_MAX : 0;
+      blocks[b].remaining[l] = inside ? 1.0f : -1.0f;
+      blocks[b].stop[l] = inside ? INT32_MAX : 0;
+      open |= (uint64_t)inside << b;
     }
-}
-
-FS_INLINE uint64_t open_blocks(const float* remaining) {
-  uint64_t open = 0;
-  for (int b = 0; b < BLOCKS; b++) open |= (uint64_t)any(gt(load(remaining + b * W), zero())) << b;
   return open;
 }
 
 template <int K>
 static void forward_group(const TileJob& job, int32_t tile) {
   const Tile t = tile_of(job, tile);
-  alignas(64) float sums[K][PIXELS];
-  alignas(64) float median[PIXELS];
-  float* remaining = job.final_t + (int64_t)tile * PIXELS;
-  int32_t* stop = job.stop + (int64_t)tile * PIXELS;
-  for (int k = 0; k < K; k++)
-    for (int i = 0; i < PIXELS; i += W) store(sums[k] + i, zero());
-  for (int i = 0; i < PIXELS; i += W) store(median + i, zero());
-  start_pixels(t, remaining, stop);
-  uint64_t open = open_blocks(remaining);
-  const vf log_min = set1(std::log2((float)job.view.alpha_min)), alpha_max = set1((float)job.view.alpha_max);
+  Block<K> blocks[BLOCKS];  // other: median depth
+  uint64_t open = start_pixels(t, blocks);
+  const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
   const vf t_min = set1((float)job.view.transmittance_min), half = set1(0.5f);
   const int offset = job.first ? GEOMETRY : GEOMETRY + 1 + job.channel_begin;
   int64_t i = 0;
   for (; i < t.count && open; i++) {
+    if (i + AHEAD < t.count) prefetch(job.records + (int64_t)job.pair_rank[t.begin + i + AHEAD] * job.stride, job.stride);
     const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    const float* features = record + offset;
     const Ellipse e = Ellipse::from(record, t.left, t.top);
-    uint64_t used = 0;
-    for (uint64_t blocks = job.pair_blocks[t.begin + i] & open; blocks; blocks &= blocks - 1) {
-      const int block = __builtin_ctzll(blocks), at = block * W;
+    const uint64_t used = job.pair_blocks[t.begin + i] & open;
+    for (uint64_t bits = used; bits; bits &= bits - 1) {
+      const int index = __builtin_ctzll(bits);
+      Block<K>& block = blocks[index];
       vf u, v;
-      const vf exponent = Ellipse::exponent(e, at, u, v);
+      const vf exponent = Ellipse::exponent(e, block, u, v);
       const vm hit = ge(exponent, log_min);
-      if (!any(hit)) continue;
-      const vf before = load(remaining + at);
+      const vf before = load(block.remaining);
       const vf alpha = vmin(exp2(exponent), alpha_max);
       const vf after = fnma(alpha, before, before);
       const vm ok = both(hit, gt(after, t_min)), ends = but(hit, ok);
       const vf weight = keep(ok, alpha * before);
-      for (int k = 0; k < K; k++) store(sums[k] + at, fma(weight, set1(record[offset + k]), load(sums[k] + at)));
-      if (any(ok)) used |= 1ull << block;
-      const vm crosses = both(both(ok, le(after, half)), gt(before, half));
-      if (any(crosses)) store(median + at, select(crosses, set1(record[GEOMETRY]), load(median + at)));
+      for (int k = 0; k < K; k++) store(block.values[k], fma(weight, set1(features[k]), load(block.values[k])));
+      // The last Gaussian that finds more than half left is the one that crosses it, if any does.
+      store(block.other, select(both(ok, gt(before, half)), set1(record[GEOMETRY]), load(block.other)));
       vf now = select(ok, after, before);
-      if (any(ends)) {
+      if (__builtin_expect(any(ends), 0)) {
         const vm fresh = both(ends, gt(before, zero()));
-        storei(stop + at, selecti(fresh, set1i((int32_t)i), loadi(stop + at)));
+        storei(block.stop, selecti(fresh, set1i((int32_t)i), loadi(block.stop)));
         now = select(fresh, negative(before), now);
-        if (!any(gt(now, zero()))) open &= ~(1ull << block);
+        if (!any(gt(now, zero()))) open &= ~(1ull << index);
       }
-      store(remaining + at, now);
+      store(block.remaining, now);
     }
     job.pair_blocks[t.begin + i] = used;
   }
   job.tile_used[tile] = (int32_t)i;
-  for (int p = 0; p < PIXELS; p += W) store(remaining + p, vabs(load(remaining + p)));
+  for (int b = 0; b < BLOCKS; b++) {
+    const vf remaining = vabs(load(blocks[b].remaining));
+    store(blocks[b].remaining, remaining);
+    store(job.final_t + (int64_t)tile * PIXELS + b * W, remaining);
+    storei(job.stop + (int64_t)tile * PIXELS + b * W, loadi(blocks[b].stop));
+  }
 
   const int skip = job.first ? 1 : 0;  // slot 0 of the first group is depth
+  const float* background = job.background + job.channel_begin;
   for (int y = 0; y < t.height; y++)
     for (int x = 0; x < t.width; x++) {
-      const int p = index_of(x, y);
+      const Block<K>& block = blocks[block_of(x, y)];
+      const int l = lane_of(x, y);
+      const float remaining = block.remaining[l];
       const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
       float* out = job.image + pixel * job.channels + job.channel_begin;
-      for (int c = 0; c < job.group; c++) out[c] = sums[c + skip][p] + remaining[p] * job.background[job.channel_begin + c];
+      for (int c = 0; c < job.group; c++) out[c] = block.values[c + skip][l] + remaining * background[c];
       if (job.first) {
-        job.alpha[pixel] = 1.0f - remaining[p];
-        job.depth[pixel] = sums[0][p];
-        job.median[pixel] = median[p];
+        job.alpha[pixel] = 1.0f - remaining;
+        job.depth[pixel] = block.values[0][l];
+        job.median[pixel] = remaining > 0.5f ? 0.0f : block.other[l];
       }
     }
+}
+
+// A tile's rows of an image [H, W, channels] are far apart too.
+FS_INLINE void prefetch_pixels(const Tile& t, const TileJob& job, const float* image) {
+  for (int y = 0; image && y < t.height; y++)
+    prefetch(image + ((int64_t)(t.y0 + y) * job.view.width + t.x0) * job.channels, (int64_t)t.width * job.channels);
 }
 
 template <int K>
 static void backward_group(const TileJob& job, int32_t tile) {
   constexpr int SLOTS = (MOMENTS + K + W - 1) / W * W;
   const Tile t = tile_of(job, tile);
-  alignas(64) float grads[K][PIXELS];
-  alignas(64) float grad_alpha[PIXELS], behind[PIXELS], remaining[PIXELS];
-  const float* final_t = job.final_t + (int64_t)tile * PIXELS;
-  const int32_t* stop = job.stop + (int64_t)tile * PIXELS;
+  prefetch_pixels(t, job, job.grad_image);
+  Block<K> blocks[BLOCKS];  // other: what lies behind, times its gradient; extra: gradient of alpha
+  start_blocks(blocks);
   const int skip = job.first ? 1 : 0;
-  for (int i = 0; i < PIXELS; i += W) {
-    for (int k = 0; k < K; k++) store(grads[k] + i, zero());
-    store(grad_alpha + i, zero());
-    store(behind + i, zero());
-    store(remaining + i, load(final_t + i));
+  for (int b = 0; b < BLOCKS; b++) {
+    store(blocks[b].remaining, load(job.final_t + (int64_t)tile * PIXELS + b * W));
+    storei(blocks[b].stop, loadi(job.stop + (int64_t)tile * PIXELS + b * W));
   }
+  const float* background = job.background + job.channel_begin;
   for (int y = 0; y < t.height; y++)
     for (int x = 0; x < t.width; x++) {
-      const int p = index_of(x, y);
+      Block<K>& block = blocks[block_of(x, y)];
+      const int l = lane_of(x, y);
       const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
       float back = 0;
       if (job.grad_image) {
         const float* in = job.grad_image + pixel * job.channels + job.channel_begin;
         for (int c = 0; c < job.group; c++) {
-          grads[c + skip][p] = in[c];
-          back += in[c] * job.background[job.channel_begin + c];
+          block.values[c + skip][l] = in[c];
+          back += in[c] * background[c];
         }
       }
-      behind[p] = final_t[p] * back;
-      if (job.first && job.grad_depth) grads[0][p] = job.grad_depth[pixel];
-      if (job.first && job.grad_alpha) grad_alpha[p] = job.grad_alpha[pixel];
+      block.other[l] = block.remaining[l] * back;
+      if (job.first && job.grad_depth) block.values[0][l] = job.grad_depth[pixel];
+      if (job.first && job.grad_alpha) block.extra[l] = job.grad_alpha[pixel];
     }
-  const vf log_min = set1(std::log2((float)job.view.alpha_min)), alpha_max = set1((float)job.view.alpha_max);
+  const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
   const vf one = set1(1.0f);
   const int offset = job.first ? GEOMETRY : GEOMETRY + 1 + job.channel_begin;
   const int place = job.first ? MOMENTS : MOMENTS + 1 + job.channel_begin, kept = job.group + skip;
+  const bool whole = job.first && job.sum_stride >= SLOTS;
   const int64_t used = job.tile_used[tile];
   for (int64_t i = t.count - 1; i >= 0; i--) {
+    if (i >= AHEAD) {
+      prefetch(job.records + (int64_t)job.pair_rank[t.begin + i - AHEAD] * job.stride, job.stride);
+      __builtin_prefetch(job.sums + (int64_t)job.pair_slot[t.begin + i - AHEAD] * job.sum_stride, 1);
+    }
     float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride;
-    uint64_t blocks = i < used ? job.pair_blocks[t.begin + i] : 0;
-    if (!blocks) {
+    uint64_t bits = i < used ? job.pair_blocks[t.begin + i] : 0;
+    if (!bits) {
       if (job.first) for (int k = 0; k < MOMENTS; k++) out[k] = 0;
       for (int k = 0; k < kept; k++) out[place + k] = 0;
       continue;
     }
     const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    const float* features = record + offset;
     const Ellipse e = Ellipse::from(record, t.left, t.top);
     vf acc[SLOTS];
     for (int k = 0; k < SLOTS; k++) acc[k] = zero();
     const vi now = set1i((int32_t)i);
-    for (; blocks; blocks &= blocks - 1) {
-      const int at = __builtin_ctzll(blocks) * W;
+    for (; bits; bits &= bits - 1) {
+      Block<K>& block = blocks[__builtin_ctzll(bits)];
       vf u, v;
-      const vf exponent = Ellipse::exponent(e, at, u, v);
-      const vm on = both(ge(exponent, log_min), gti(loadi(stop + at), now));
+      const vf exponent = Ellipse::exponent(e, block, u, v);
+      const vm on = both(ge(exponent, log_min), gti(loadi(block.stop), now));
       const vf raw = keep(on, exp2(exponent));
       const vf alpha = vmin(raw, alpha_max);
       const vf inverse = one / (one - alpha);
-      const vf before = load(remaining + at) * inverse;
+      const vf before = load(block.remaining) * inverse;
       const vf weight = alpha * before;
-      vf dot = load(grad_alpha + at);
+      vf dot = load(block.extra);
       for (int k = 0; k < K; k++) {
-        const vf grad = load(grads[k] + at);
-        dot = fma(set1(record[offset + k]), grad, dot);
+        const vf grad = load(block.values[k]);
+        dot = fma(set1(features[k]), grad, dot);
         acc[MOMENTS + k] = fma(weight, grad, acc[MOMENTS + k]);
       }
-      const vf rest = load(behind + at);
+      const vf rest = load(block.other);
       const vf d_alpha = fnma(rest, inverse, before * dot);
-      store(behind + at, fma(weight, dot, rest));
-      store(remaining + at, before);
+      store(block.other, fma(weight, dot, rest));
+      store(block.remaining, before);
       const vf g = keep(le(raw, alpha_max), d_alpha * alpha);
       const vf gu = g * u, gv = g * v;
       acc[0] = acc[0] + g;
@@ -228,14 +252,14 @@ static void backward_group(const TileJob& job, int32_t tile) {
       acc[4] = fma(gu, v, acc[4]);
       acc[5] = fma(gv, v, acc[5]);
     }
+    if (whole) {
+      store_sums(acc, SLOTS, out);
+      continue;
+    }
     alignas(64) float totals[SLOTS];
     store_sums(acc, SLOTS, totals);
-    if (job.first) {
-      for (int k = 0; k < MOMENTS + kept; k++) out[k] = totals[k];
-    } else {
-      for (int k = 0; k < MOMENTS; k++) out[k] += totals[k];
-      for (int k = 0; k < kept; k++) out[place + k] = totals[MOMENTS + k];
-    }
+    for (int k = 0; k < MOMENTS; k++) out[k] = job.first ? totals[k] : out[k] + totals[k];
+    for (int k = 0; k < kept; k++) out[place + k] = totals[MOMENTS + k];
   }
 }
 
@@ -244,42 +268,39 @@ template <int K>
 static void blend_group(const TileJob& job, int32_t tile) {
   constexpr int SLOTS = (K + W - 1) / W * W;
   const Tile t = tile_of(job, tile);
-  alignas(64) float values[K][PIXELS];
-  alignas(64) float remaining[PIXELS];
-  alignas(64) int32_t stop[PIXELS];
-  for (int k = 0; k < K; k++)
-    for (int i = 0; i < PIXELS; i += W) store(values[k] + i, zero());
-  start_pixels(t, remaining, stop);
+  prefetch_pixels(t, job, job.grad_image);
+  Block<K> blocks[BLOCKS];
+  uint64_t open = start_pixels(t, blocks);
   for (int y = 0; y < t.height; y++)
     for (int x = 0; x < t.width; x++) {
       const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
       const float* in = job.grad_image + pixel * job.channels + job.channel_begin;
-      for (int c = 0; c < job.group; c++) values[c][index_of(x, y)] = in[c];
+      for (int c = 0; c < job.group; c++) blocks[block_of(x, y)].values[c][lane_of(x, y)] = in[c];
     }
-  uint64_t open = open_blocks(remaining);
-  const vf log_min = set1(std::log2((float)job.view.alpha_min)), alpha_max = set1((float)job.view.alpha_max);
+  const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
   const vf t_min = set1((float)job.view.transmittance_min);
   for (int64_t i = 0; i < t.count; i++) {
+    if (i + AHEAD < t.count) prefetch(job.records + (int64_t)job.pair_rank[t.begin + i + AHEAD] * job.stride, GEOMETRY);
     float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride + job.channel_begin;
-    uint64_t blocks = job.pair_blocks[t.begin + i] & open;
     vf acc[SLOTS];
     for (int k = 0; k < SLOTS; k++) acc[k] = zero();
     const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
     const Ellipse e = Ellipse::from(record, t.left, t.top);
-    for (; blocks; blocks &= blocks - 1) {
-      const int block = __builtin_ctzll(blocks), at = block * W;
+    for (uint64_t bits = job.pair_blocks[t.begin + i] & open; bits; bits &= bits - 1) {
+      const int index = __builtin_ctzll(bits);
+      Block<K>& block = blocks[index];
       vf u, v;
-      const vf exponent = Ellipse::exponent(e, at, u, v);
+      const vf exponent = Ellipse::exponent(e, block, u, v);
       const vm hit = ge(exponent, log_min);
-      const vf before = load(remaining + at);
+      const vf before = load(block.remaining);
       const vf alpha = vmin(exp2(exponent), alpha_max);
       const vf after = fnma(alpha, before, before);
       const vm ok = both(hit, gt(after, t_min)), ends = but(hit, ok);
       const vf weight = keep(ok, alpha * before);
-      for (int k = 0; k < K; k++) acc[k] = fma(weight, load(values[k] + at), acc[k]);
+      for (int k = 0; k < K; k++) acc[k] = fma(weight, load(block.values[k]), acc[k]);
       const vf now = select(ends, negative(before), select(ok, after, before));
-      store(remaining + at, now);
-      if (any(ends) && !any(gt(now, zero()))) open &= ~(1ull << block);
+      store(block.remaining, now);
+      if (__builtin_expect(any(ends), 0) && !any(gt(now, zero()))) open &= ~(1ull << index);
     }
     alignas(64) float totals[SLOTS];
     store_sums(acc, SLOTS, totals);
