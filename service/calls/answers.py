@@ -131,15 +131,15 @@ class Answers:
         return use(index)
 
     def _ready_version(self, scene_id: str) -> str:
-        record = self._store.rows.scene(scene_id)
-        if record.state != "READY":
-            training = record.state == "TRAINING"
+        state, version, operation_id = self._store.rows.version(scene_id)
+        if state != "READY":
+            training = state == "TRAINING"
             raise NotReadyError(
                 f"scene {scene_id!r} is still being made" if training else f"the job of scene {scene_id!r} failed",
                 field="scene",
-                hint=f"{'Wait for' if training else 'Look at the error of'} operation {record.operation_id}.",
+                hint=f"{'Wait for' if training else 'Look at the error of'} operation {operation_id}.",
             )
-        return record.version
+        return version
 
     def _load(self, scene_id: str, version: str) -> SceneIndex:
         folder = self._folder(scene_id, version) / "artefact"

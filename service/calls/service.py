@@ -186,8 +186,9 @@ class SceneService:
             remove(upload.folder)
             return operation_of(earlier)
         admitted = self._check_files(upload.raw, self._settings.capture).folder
-        if upload.raw != admitted and upload.raw not in admitted.parents:
-            remove(upload.raw)  # unpacked: the archive is not needed any more
+        if admitted != upload.raw:  # unpacked or laid out anew: what was sent is not needed any more
+            admitted = admitted.rename(upload.folder / admitted.name)
+            remove(upload.raw)
         sync_tree(upload.folder)
         job = NewJob(
             scene_id=_new_id(),

@@ -13,7 +13,7 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from service.common.errors import ConflictError, NotFoundError
 from service.store.errors import DatabaseError
-from service.store.records import NewJob, OperationRecord, SceneRecord
+from service.store.records import NewJob, OperationRecord, SceneRecord, SceneState
 from service.store.schema import operations, scenes
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
@@ -97,10 +97,22 @@ class Rows:
         with self._reading() as connection:
             row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
         if row is None:
-            raise NotFoundError(
-                f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are."
-            )
+            raise _no_scene(scene_id)
         return SceneRecord(**row)
+
+    def version(self, scene_id: str) -> tuple[SceneState, str, str]:
+        """State, version and operation id of a scene: all that a question needs, without its long lists.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        query = select(scenes.c.state, scenes.c.version, scenes.c.operation_id).where(scenes.c.id == scene_id)
+        with self._reading() as connection:
+            row = connection.execute(query).first()
+        if row is None:
+            raise _no_scene(scene_id)
+        state, version, operation_id = row
+        return state, version, operation_id
 
     def scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
         """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty."""
@@ -141,7 +153,7 @@ class Rows:
         record = self.scene(scene_id)
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
-                raise NotFoundError(f"no scene {scene_id!r}", field="scene")
+                raise _no_scene(scene_id)
             _stop(connection, _operation(connection, record.operation_id))
             here = operations.c.id == record.operation_id
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
@@ -157,6 +169,10 @@ def _transaction(engine: Engine) -> Iterator[Connection]:
         raise
     except SQLAlchemyError as error:
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
+
+
+def _no_scene(scene_id: str) -> NotFoundError:
+    return NotFoundError(f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are.")
 
 
 def _stop(connection: Connection, operation: OperationRecord) -> None:

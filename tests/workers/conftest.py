@@ -38,6 +38,7 @@ class House:
         self.settings = Settings(
             data_dir=folder / "data", database_url=database_url, jobs=JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0)
         )
+        self.max_starts = self.settings.jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
         self._workers: list[subprocess.Popen[bytes]] = []
 
@@ -48,6 +49,7 @@ class House:
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(self.settings.data_dir),
             "FASTSPLAT_DATABASE_URL": self.settings.database_url,
+            "FASTSPLAT_JOBS__MAX_STARTS": str(self.max_starts),
             "FASTSPLAT_JOBS__POLL_S": str(jobs.poll_s),
             "FASTSPLAT_JOBS__BEAT_S": str(jobs.beat_s),
             "FASTSPLAT_JOBS__STALE_S": str(jobs.stale_s),

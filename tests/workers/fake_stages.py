@@ -1,8 +1,8 @@
 """Stages that take their orders from the job's labels, for tests of everything around them.
 
-"training:sleep 30" sleeps in the training stage, "capture:kill" kills the trainer there, "training:kill_once" only the
-first attempt, "perception:fail" raises a typed error, "export:defect" an untyped one, "capture:child" leaves a
-grandchild process that ignores everything and writes its process id beside the work folder.
+"training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only, "capture:kill"
+and "capture:kill_once" kill the trainer, "perception:fail" raises a typed error, "export:defect" an untyped one, and
+"capture:child" leaves a grandchild process whose id it writes into the data folder.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
         if where != stage:
             continue
         name, _, value = what.partition(" ")
-        if name == "sleep":
+        if name == "sleep" or (name == "sleep_once" and job.attempt == 1):
             time.sleep(float(value))
         elif name == "kill" or (name == "kill_once" and job.attempt == 1):
             os.kill(os.getpid(), signal.SIGKILL)

@@ -1,0 +1,118 @@
+"""The whole way with the real rooms: a posed and labelled capture in, a scene that answers out."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from service.calls import open_service
+from service.calls.types import QueryRequest, SceneOptions
+from service.common.errors import InvalidInputError
+from service.scene import read_ply
+from service.settings import Settings
+from service.splatting.settings import TrainingSettings
+
+_SIZE = (120, 90)
+_VIEWS = 8
+_ITERATIONS = 150
+_ROOT = Path(__file__).parent.parent.parent
+
+
+@pytest.fixture
+def tabletop(test_data: Path, tmp_path: Path) -> Path:
+    """A small copy of the table-top benchmark, with its label maps as the user's own."""
+    source, target = test_data / "tabletop", tmp_path / "tabletop"
+    document = json.loads((source / "transforms.json").read_text())
+    document["frames"] = document["frames"][:: len(document["frames"]) // _VIEWS][:_VIEWS]
+    document.pop("split")
+    for key in ("w", "fl_x", "cx", "h", "fl_y", "cy"):
+        document[key] = document[key] * _SIZE[0] / 480
+    document["w"], document["h"] = _SIZE
+    for folder in ("images", "masks"):
+        (target / folder).mkdir(parents=True)
+    for frame in document["frames"]:
+        frame.pop("depth_path")
+        for key, how in (("file_path", Image.Resampling.BOX), ("mask_path", Image.Resampling.NEAREST)):
+            Image.open(source / frame[key]).resize(_SIZE, how).save((target / frame[key]).with_suffix(".png"))
+            frame[key] = str(Path(frame[key]).with_suffix(".png"))
+    document["ply_file_path"] = "points3d.ply"
+    (target / "points3d.ply").write_bytes((source / "points3d.ply").read_bytes())
+    (target / "transforms.json").write_text(json.dumps(document))
+    return target
+
+
+@pytest.fixture
+def settings(tmp_path: Path, models_dir: Path) -> Settings:
+    """Few and small steps."""
+    training = TrainingSettings(iterations=_ITERATIONS, time_budget_s=None, max_gaussians=6000, max_side=120)
+    return Settings(data_dir=tmp_path / "data", models=models_dir, training=training)
+
+
+def _work(settings: Settings) -> subprocess.Popen[bytes]:
+    training = settings.training
+    environment = {
+        **os.environ,
+        "FASTSPLAT_DATA_DIR": str(settings.data_dir),
+        "FASTSPLAT_MODELS": str(settings.models),
+        "FASTSPLAT_TRAINING": training.model_dump_json(include={"iterations", "time_budget_s", "max_side"}),
+    }
+    command = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
+    return subprocess.Popen([sys.executable, "-c", command], env=environment, cwd=_ROOT, start_new_session=True)
+
+
+def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, settings, tmp_path):
+    worker = _work(settings)
+    try:
+        with open_service(settings) as service:
+            with service.new_upload() as upload:
+                for path in sorted(tabletop.rglob("*")):
+                    if path.is_file():
+                        with path.open("rb") as file:
+                            upload.write(path.relative_to(tabletop).as_posix(), file)
+                operation = upload.commit("table", "", SceneOptions(max_gaussians=6000))
+            deadline = time.monotonic() + 200
+            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+                assert time.monotonic() < deadline, now
+                time.sleep(0.2)
+            assert now.state == "SUCCEEDED", now.error
+
+            info = service.get_scene(operation.scene_id)
+            assert info.state == "READY" and info.scale == "METRIC" and 0 < info.gaussians <= 6000
+            assert len(info.cameras) == info.quality["images"] == info.quality["registered"] == _VIEWS
+            assert info.quality["unregistered"] == []
+            assert set(info.quality["stage_seconds"]) == {"capture", "perception", "training", "export"}
+            assert info.quality["psnr"] > 12
+            rows = {row.label: row for row in info.dictionary}
+            assert rows["mug"].gaussian_count > 0 and rows["mug"].views == _VIEWS
+
+            view = info.cameras[0].name
+            outputs = frozenset({"mask2d", "mask3d"})
+            texts = ("the mug", "swimming pool")
+            mug, pool = service.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
+            assert mug.answer.verdict == "exact" and mug.answer.matches[0].label == "mug" and mug.masks[0].pixels > 0
+            assert pool.answer.verdict != "exact"
+            assert service.view_picture(info.id, "mug", "overlay", None, view).startswith(b"\x89PNG")
+            (tmp_path / "mug.ply").write_bytes(service.mask_ply(info.id, "mug"))
+            assert len(read_ply(service.scene_ply(info.id))) == info.gaussians
+            assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
+    finally:
+        worker.terminate()
+        assert worker.wait(timeout=60) == 0
+
+
+def test_what_the_capture_room_refuses_leaves_nothing(settings):
+    with open_service(settings) as service:
+        with service.new_upload() as upload:
+            upload.write("photo.jpg", [b"this is a text"])
+            upload.write(".admitted/manifest.json", [b"{}"])
+            with pytest.raises(InvalidInputError):
+                upload.commit("", "", SceneOptions())
+        assert service.list_scenes() == ((), "")
+    assert list((settings.data_dir / "uploads").iterdir()) == []
