@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from service.common.dictionary import dictionary_of, label_key
 from service.common.errors import InvalidInputError
 from service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from service.perception.settings import PerceptionSettings
 from service.perception.tags import TAGS
-from service.perception.types import ClosedSetDetector, Detections, Image
+from service.perception.types import ClosedSetDetector, Detections, Image, joined
 from service.perception.votes import one_name_each, settle
+
+_WINDOW = 0.6
+_CUT_PX = 4
 
 Load = Callable[[int], Image]
 """Loads the image of a position among the views that perception looks at."""
@@ -62,11 +67,35 @@ def _closed_pass(
     wanted = {label_key(name) for name in names}
     found = []
     for view in range(count):
-        everything = detector.detect(load(view), settings.score_floor)
+        image = load(view)
+        look = _closer_look if settings.closer_look else _plain_look
+        everything = look(detector, image, settings.score_floor)
         rows = [i for i, label in enumerate(everything.labels) if not wanted or label_key(label) in wanted]
         found.append(everything.take(rows))
         seen(view + 1, f"looking for things, view {view + 1}/{count}")
     return one_name_each(found, names)
+
+
+def _plain_look(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
+    return detector.detect(image, min_score)
+
+
+def _closer_look(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
+    """What the detector finds in the whole image and in its four corners, each _WINDOW of the sides; a box that ends
+    where its corner ends, inside the image, is a cut thing and does not count."""
+    height, width = image.shape[:2]
+    tall, wide = round(height * _WINDOW), round(width * _WINDOW)
+    parts = [detector.detect(image, min_score)]
+    for top in (0, height - tall):
+        for left in (0, width - wide):
+            found = detector.detect(np.ascontiguousarray(image[top : top + tall, left : left + wide]), min_score)
+            boxes = found.boxes + np.array([left, top, left, top], np.float32)
+            inner = np.array([left, top, left + wide, top + tall], np.float32)
+            outer = np.array([0, 0, width, height], np.float32)
+            cut = (np.abs(boxes - inner) < _CUT_PX) & (inner != outer)
+            whole = np.flatnonzero(~cut.any(1))
+            parts.append(Detections(boxes, found.scores, found.labels).take(whole))
+    return joined(parts)
 
 
 def _refuse_unknown(names: Sequence[str], detector: ClosedSetDetector, settings: PerceptionSettings) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from service.capture import load_image
 from service.capture.types import Capture, GivenLabels, View
 from service.common.errors import InvalidInputError
 from service.common.progress import Progress, ProgressEvent
@@ -56,8 +57,6 @@ def label_capture(
     segmenter = open_segmenter(settings, models)
 
     def load(position: int) -> Image:
-        from service.capture import load_image
-
         return load_image(capture.views[looked_at[position]])
 
     def seen(done: int, message: str) -> None:

@@ -29,6 +29,10 @@ class PerceptionSettings(BaseModel):
     threads: int = Field(0, ge=0)
     """Threads of one model run; 0 lets onnxruntime take all cores."""
 
+    closer_look: bool = True
+    """The closed-set detector also looks at the image's four corners enlarged: five runs instead of one, and small
+    things are found in twice as many views."""
+
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
     """What an open-set detector looks for when the user names nothing: the kinds that the closed-set detector finds in
     the capture (the tag list if it finds none), or the tag list at once."""
@@ -40,7 +44,7 @@ class PerceptionSettings(BaseModel):
 
     score_threshold: float = Field(0.5, ge=0, le=1)
     """A kind of thing is believed to be in the scene when it scores this much in `min_view_share` of the views."""
-    score_floor: float = Field(0.35, ge=0, le=1)
+    score_floor: float = Field(0.3, ge=0, le=1)
     """Detections of a kind that is believed to be in the scene count from this score."""
     min_view_share: float = Field(0.1, ge=0, le=1)
     """See `score_threshold`. Kinds that the user named need one view only."""

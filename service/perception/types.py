@@ -60,6 +60,18 @@ class Detections:
         return len(self.labels)
 
 
+def joined(parts: Sequence[Detections]) -> Detections:
+    """All detections of several looks at one image, best first."""
+    if not parts:
+        return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
+    together = Detections(
+        np.concatenate([part.boxes for part in parts]),
+        np.concatenate([part.scores for part in parts]),
+        tuple(label for part in parts for label in part.labels),
+    )
+    return together.take(np.argsort(-together.scores, kind="stable"))
+
+
 class ClosedSetDetector(Protocol):
     """Finds things of a fixed list of kinds."""
 

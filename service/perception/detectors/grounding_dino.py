@@ -13,7 +13,7 @@ from service.perception.boxes import clip_boxes, suppress
 from service.perception.pixels import imagenet_tensor
 from service.perception.runtime import check_contract, open_session
 from service.perception.text.tokens import load_tokenizer
-from service.perception.types import Detections, Image
+from service.perception.types import Detections, Image, joined
 
 _MAX_TOKENS = 256
 _NMS_IOU = 0.6
@@ -68,14 +68,7 @@ class GroundingDino:
             self._one_pass(image, pixels, prompts[start : start + self._per_pass], min_score)
             for start in range(0, len(prompts), self._per_pass)
         ]
-        if not passes:
-            return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
-        found = Detections(
-            np.concatenate([part.boxes for part in passes]),
-            np.concatenate([part.scores for part in passes]),
-            tuple(label for part in passes for label in part.labels),
-        )
-        return found.take(np.argsort(-found.scores, kind="stable"))
+        return joined(passes)
 
     def _one_pass(
         self, image: Image, pixels: NDArray[np.float32], prompts: Sequence[str], min_score: float

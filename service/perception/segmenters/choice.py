@@ -9,16 +9,24 @@ from numpy.typing import NDArray
 def choose(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
     """Index of the proposal to keep.
 
-    Segment-Anything proposes a part, a thing and a group, and predicts each one's IoU. For a box prompt the right one
-    also reaches the box's sides, so proposals are ranked by predicted IoU times the IoU of the mask's own box with the
-    prompt: a part (too small) and a spill (too large) both lose.
+    Segment-Anything proposes a part, a thing and a group, and predicts each one's IoU. The product of three numbers
+    decides: the predicted IoU; the IoU of the mask's own box with the prompt (a part is too small, a spill too large);
+    and the stability score of Segment-Anything, the IoU of the masks cut at logits +1 and −1 (ragged masks of half a
+    wall fall there). With true boxes of 15 things the three together reach a mean IoU of 0.940, where predicted IoU
+    alone has 0.939 and the best proposal 0.946; what they buy is fewer ragged masks for loose boxes.
 
     Args:
         logits: float32 [M, H, W], positive inside.
         quality: float32 [M], predicted IoU.
         box: float32 [4], x1, y1, x2, y2 on the same grid.
     """
-    return int(np.argmax([q * _box_agreement(layer > 0, box) for layer, q in zip(logits, quality, strict=True)]))
+    return int(
+        np.argmax([q * _box_agreement(x > 0, box) * _stability(x) for x, q in zip(logits, quality, strict=True)])
+    )
+
+
+def _stability(logits: NDArray[np.float32]) -> float:
+    return float((logits > 1).sum() / max(1, (logits > -1).sum()))
 
 
 def _box_agreement(mask: NDArray[np.bool_], box: NDArray[np.float32]) -> float:
