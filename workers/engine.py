@@ -38,6 +38,7 @@ _CRASH_EXIT = 70
 _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
 _JANITOR_S = 60.0
+_AFTER_TROUBLE_S = 1.0
 
 
 @dataclass
@@ -73,6 +74,7 @@ def start(worker: Worker) -> None:
         "run_migrations": True,
     }
     DBOS(config=config)
+    _share_log()
     DBOS.launch()
     DBOS.register_queue(
         _QUEUE,
@@ -173,6 +175,7 @@ def _forever(worker: Worker, act: Callable[[Worker], None], pause: float) -> Non
                 act(worker)
         except Exception as error:  # the database may be away for a while
             logger.warning("%s: %s", threading.current_thread().name, type(error).__name__)
+            time.sleep(_AFTER_TROUBLE_S)
         time.sleep(pause)
 
 
@@ -183,6 +186,14 @@ def _dispatch(worker: Worker) -> None:
         with SetWorkflowID(operation_id):
             DBOS.enqueue_workflow(_QUEUE, make_scene, operation_id)
         worker.store.jobs.mark_enqueued(operation_id)
+
+
+def _share_log() -> None:
+    """Have the engine's records go where this process's records go, in their form."""
+    engine = logging.getLogger("dbos")
+    for handler in list(engine.handlers):
+        engine.removeHandler(handler)
+    engine.propagate = True
 
 
 def _beat(worker: Worker) -> None:
