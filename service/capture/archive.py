@@ -234,7 +234,10 @@ class _Forward:
     def read(self, size: int) -> bytes:
         if size > _CHUNK:
             raise UnsafeArchiveError(
-                f"{self._archive} has an extended header of {size} bytes", field=self._archive, limit=f"{_CHUNK} bytes"
+                f"{self._archive} has an extended header of {size} bytes",
+                field=self._archive,
+                limit=f"{_CHUNK} bytes",
+                hint="Pack the folder again without extended attributes.",
             )
         data = self._source.read(size)
         self._at += len(data)

@@ -21,6 +21,7 @@ from service.common.camera import check_rigid
 from service.common.errors import InvalidInputError, LimitExceededError
 
 _MAX_NAME_BYTES = 1_024
+_HINT = "Export the model again."
 _POINT_HEAD = struct.Struct("<Q3d3BdQ")
 
 _Pose = tuple[str, int, tuple[float, ...]]  # image name, camera id, qw qx qy qz tx ty tz
@@ -64,7 +65,7 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
     names = {photo.name for photo in photos}
     if not photos or len(names) != len(photos):
         problem = "two images share a name" if photos else "no image has a pose"
-        raise InvalidInputError(f"{name['images']}: {problem}", field=name["images"], hint="Export the model again.")
+        raise InvalidInputError(f"{name['images']}: {problem}", field=name["images"], hint=_HINT)
     positions: list[tuple[float, ...]] = []
     colors: list[tuple[int, ...]] = []
     errors: list[float] = []
@@ -77,7 +78,7 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
             errors.append(error)
     points = np.array(positions, dtype=np.float32).reshape(-1, 3)
     if not np.isfinite(points).all():
-        raise InvalidInputError(f"{name['points3D']} has NaN or infinite positions", field=name["points3D"])
+        raise InvalidInputError(f"{name['points3D']} has NaN or infinite positions", field=name["points3D"], hint=_HINT)
     known = [error for error in errors if np.isfinite(error) and error >= 0]
     return GivenPoses(
         photos=tuple(sorted(photos, key=lambda photo: photo.name)),
@@ -91,13 +92,13 @@ def _photo(root: Path, images: str, pose: _Pose, lenses: dict[int, Lens], field:
     image_name, camera_id, numbers = pose
     where = f"{field}: {image_name}"
     if camera_id not in lenses:
-        raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field)
+        raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field, hint=_HINT)
     if not np.isfinite(numbers).all():
-        raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field)
+        raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field, hint=_HINT)
     quaternion = np.array(numbers[:4])
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > 1e-2:
-        raise InvalidInputError(f"{where} has a quaternion of length {length:.4g}, expected 1", field=field)
+        raise InvalidInputError(f"{where} has a quaternion of length {length:.4g}, expected 1", field=field, hint=_HINT)
     camera_from_world = np.eye(4)
     camera_from_world[:3, :3] = _rotation(quaternion / length)
     camera_from_world[:3, 3] = numbers[4:]
@@ -190,7 +191,7 @@ class _Binary:
             self.fail("has an image name that is not UTF-8")
 
     def fail(self, problem: str) -> NoReturn:
-        raise InvalidInputError(f"{self._field} {problem}", field=self._field, hint="Export the model again.")
+        raise InvalidInputError(f"{self._field} {problem}", field=self._field, hint=_HINT)
 
     def _read(self, size: int) -> bytes:
         data = self._file.read(size) if size <= self._left else b""
@@ -244,7 +245,7 @@ def _lines(path: Path, field: str) -> Iterator[list[str]]:
             for line in file:
                 yield [] if line.startswith("#") else line.split()
     except UnicodeDecodeError as error:
-        raise InvalidInputError(f"{field} is not text", field=field, hint="Export the model again.") from error
+        raise InvalidInputError(f"{field} is not text", field=field, hint=_HINT) from error
 
 
 def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
@@ -280,6 +281,4 @@ def _text_points(path: Path, field: str) -> Iterator[_Point]:
 
 
 def _bad_line(field: str, words: list[str]) -> InvalidInputError:
-    return InvalidInputError(
-        f"{field} has the line {' '.join(words)[:80]!r}", field=field, hint="Export the model again."
-    )
+    return InvalidInputError(f"{field} has the line {' '.join(words)[:80]!r}", field=field, hint=_HINT)

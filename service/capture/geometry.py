@@ -15,7 +15,8 @@ _MAX_DEPTH_TO_BASELINE = 200.0
 _FOCAL_RANGE = (0.25, 12.0)  # of the longer side: 127° to 5° of view
 _MIN_PAIR_MATCHES = 30
 _CONTRADICTION_PX = 8.0
-_CONTRADICTING_SHARE = 0.15
+_REPEATING_SHARE = 0.15
+_WRONG_POSES_SHARE = 0.5
 _FEW_REGISTERED = 0.8
 _PHOTO_HINT = (
     "Walk around the scene while photographing: neighbouring photos should overlap by two thirds and be taken from "
@@ -140,20 +141,35 @@ def epipolar_error_px(
     return np.asarray(focal * np.abs((x2 * line2).sum(axis=1)) / np.sqrt(np.maximum(gradient, 1e-18)))
 
 
-def contradiction_warning(matches: list[int], errors_px: list[float]) -> list[str]:
-    """A warning when too many pairs match strongly but contradict the poses found: things that repeat.
-
-    A texture or an object that repeats lets a pair agree on a geometry of its own that is off by a whole tile.
+def contradictions(matches: list[int], errors_px: list[float]) -> tuple[int, int]:
+    """How many image pairs match strongly yet contradict the poses, and how many match strongly.
 
     Args:
-        matches: verified matches of each pair of registered images.
-        errors_px: median distance of each pair's matches to the epipolar lines of the poses found.
+        matches: verified matches of each pair of posed images.
+        errors_px: median distance of each pair's matches to the epipolar lines of the poses.
     """
     strong = [error for count, error in zip(matches, errors_px, strict=True) if count >= _MIN_PAIR_MATCHES]
-    wrong = sum(error > _CONTRADICTION_PX for error in strong)
-    if not strong or wrong <= _CONTRADICTING_SHARE * len(strong):
+    return sum(not error <= _CONTRADICTION_PX for error in strong), len(strong)
+
+
+def repetition_warning(wrong: int, strong: int) -> list[str]:
+    """A warning when too many pairs contradict the poses that structure from motion found: things that repeat.
+
+    A texture or an object that repeats lets a pair agree on a geometry of its own that is off by a whole tile.
+    """
+    if wrong <= _REPEATING_SHARE * strong:
         return []
     return [
-        f"{wrong} of {len(strong)} image pairs that match well contradict the camera poses found: something in the "
+        f"{wrong} of {strong} image pairs that match well contradict the camera poses found: something in the "
         "scene repeats (tiles, wallpaper, twin objects), and the geometry may be off by a whole repeat."
     ]
+
+
+def refuse_wrong_poses(wrong: int, strong: int) -> None:
+    """Raise `ReconstructionError` when most pairs contradict the poses that a user gave."""
+    if wrong > _WRONG_POSES_SHARE * strong:
+        raise ReconstructionError(
+            f"{wrong} of {strong} image pairs that match well contradict the poses given",
+            limit=f"a share of {_WRONG_POSES_SHARE:g}",
+            hint="Check the poses' convention (axes, world-from-camera), intrinsics, and which image has which.",
+        )

@@ -125,7 +125,9 @@ def open_map(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uin
             )
         values = np.asarray(image)
     if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
-        raise InvalidInputError(f"{name} has label ids outside 0..65535", field=name)
+        raise InvalidInputError(
+            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit grey PNG."
+        )
     return values.astype(np.uint16)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import selectors
-import signal
 import subprocess
 import sys
 import time
@@ -31,7 +30,7 @@ _ENVIRONMENT = {
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
 }
 _HEARTBEAT_S = 2.0
-_MEMORY_SIGNS = ("bad_alloc", "memory", "mmap", "alloc")
+_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror")
 
 
 def run_isolated(
@@ -41,8 +40,8 @@ def run_isolated(
 
     Raises:
         FastSplatError: the typed error that the task raised.
-        ResourceError: it hit its memory limit or time limit.
-        ReconstructionError: the child died of something else.
+        ResourceError: it hit its memory limit or time limit, or crashed, which is what C++ without memory does.
+        ReconstructionError: the child failed of something else.
         CancelledError: whatever `listen` raised; the child is gone by then.
     """
     limits = {"memory_bytes": settings.sfm_memory_bytes}
@@ -110,15 +109,15 @@ def _result(task: Task, status: int, folder: Path, settings: CaptureSettings) ->
         assert issubclass(kind, FastSplatError)
         raise kind(raised.pop("message"), **raised)
     log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
-    end = " ".join(log[-8:]).lower()
-    if status == -signal.SIGKILL or any(sign in end for sign in _MEMORY_SIGNS):
+    if status < 0 or any(sign in " ".join(log[-8:]).lower() for sign in _MEMORY_SIGNS):
+        # C++ that gets no memory does not always say so: some of it writes through the null pointer.
         raise ResourceError(
-            "finding camera poses needs more memory than it may have",
+            f"finding camera poses ended by {f'signal {-status}' if status < 0 else 'an error'}, "
+            "as it does when it runs out of memory",
             limit=f"{settings.sfm_memory_bytes} bytes (FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES)",
             hint="Send fewer or smaller images, or raise the limit.",
         )
-    cause = f"signal {-status}" if status < 0 else f"status {status}"
     raise ReconstructionError(
-        f"the {task} process died of {cause}: {log[-1][:300] if log else 'no message'}",
+        f"the {task} process ended with status {status}: {log[-1][:300] if log else 'no message'}",
         hint="Leave out images that are unlike the others, and try again.",
     )

@@ -18,7 +18,6 @@ _ZERO_IS_PLAIN = frozenset({"SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", 
 _MAX_PARAMETER = 100.0
 _ROUND_TRIP_PX = 0.5
 _MAX_SIDE = 1_000_000
-_NO_MAP = np.empty(0, np.float32)  # the maps for x and y are one array
 
 
 @dataclass(frozen=True)
@@ -66,13 +65,17 @@ class Undistortion:
         """uint8 [H, W, 3] resampled; black where the distorted image has no content."""
         if self.map_xy is None:
             return pixels
-        return np.asarray(cv2.remap(pixels, self.map_xy, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
+        return np.asarray(cv2.remap(pixels, *self._maps(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
 
     def apply_to_ids(self, ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """uint16 [H, W] resampled to the nearest neighbour; 0 where the distorted image has no content."""
         if self.map_xy is None:
             return ids
-        return np.asarray(cv2.remap(ids, self.map_xy, _NO_MAP, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
+        return np.asarray(cv2.remap(ids, *self._maps(), cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
+
+    def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        assert self.map_xy is not None
+        return np.ascontiguousarray(self.map_xy[..., 0]), np.ascontiguousarray(self.map_xy[..., 1])
 
     def valid(self, width: int, height: int) -> NDArray[np.bool_] | None:
         """bool [H, W]: where the distorted image has content, or None when that is everywhere."""
@@ -126,7 +129,9 @@ def check_lens(lens: Lens, *, field: str) -> None:
             hint=f"{lens.model} needs {count} finite numbers.",
         )
     if not 1 <= min(lens.width, lens.height) <= max(lens.width, lens.height) <= _MAX_SIDE:
-        raise InvalidInputError(f"{field}: an image of {lens.width}×{lens.height} pixels", field=field)
+        raise InvalidInputError(
+            f"{field}: an image of {lens.width}×{lens.height} pixels", field=field, hint="Give its size in pixels."
+        )
     camera = _colmap(lens)
     focal = np.array([camera.focal_length_x, camera.focal_length_y])
     size = np.array([lens.width, lens.height])
@@ -145,7 +150,9 @@ def check_lens(lens: Lens, *, field: str) -> None:
         )
     extra = values[count - _extra_parameters(lens.model) :] if lens.model not in _PLAIN else np.zeros(0)
     if (np.abs(extra) > _MAX_PARAMETER).any():
-        raise InvalidInputError(f"{field}: distortion {extra.tolist()} is absurd", field=field)
+        raise InvalidInputError(
+            f"{field}: distortion {extra.tolist()} is absurd", field=field, hint="Check the order of the parameters."
+        )
 
 
 def undistortion(lens: Lens, max_side: int, *, field: str) -> Undistortion:

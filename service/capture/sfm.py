@@ -63,7 +63,7 @@ def reconstruct(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, 
     warnings = geometry.judge(
         found, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
-    warnings += _contradictions(best, database)
+    warnings += geometry.repetition_warning(*_contradictions(best, database))
     tell(1.0, f"{best.num_reg_images()} of {len(files)} images placed")
     _save_points(best, folder)
     by_id = {image.name: image for image in best.images.values() if image.has_pose}
@@ -88,7 +88,7 @@ def triangulate(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, 
         "points": how many, "error_px".
 
     Raises:
-        ReconstructionError: too few points agree with the poses.
+        ReconstructionError: the images contradict the poses, or too few points agree with them.
     """
     pycolmap.set_random_seed(_SEED)
     database = folder / "features.db"
@@ -98,6 +98,7 @@ def triangulate(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, 
     _register(database, images, [{**image, "group": index, "focal": 0} for index, image in enumerate(listed)])
     posed = _known_poses(database, listed)
     _extract_and_match(database, images, files, request, folder, tell)
+    geometry.refuse_wrong_poses(*_contradictions(posed, database))
     tell(_MATCHED_AT, "triangulating points")
     output = folder / "model"
     output.mkdir()
@@ -234,8 +235,8 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     )
 
 
-def _contradictions(model: pycolmap.Reconstruction, database: Path) -> list[str]:
-    """Compare every verified pair of placed images with the poses found."""
+def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
+    """Compare every verified pair of posed images with the poses: see `geometry.contradictions`."""
     placed = {image.image_id: image for image in model.images.values() if image.has_pose}
     counts, errors = [], []
     with pycolmap.Database.open(database) as opened:
@@ -258,7 +259,7 @@ def _contradictions(model: pycolmap.Reconstruction, database: Path) -> list[str]
             )
             counts.append(len(matches))
             errors.append(float(np.nanmedian(errors_px)))
-    return geometry.contradiction_warning(counts, errors)
+    return geometry.contradictions(counts, errors)
 
 
 def _known_poses(database: Path, listed: list[dict[str, Any]]) -> pycolmap.Reconstruction:

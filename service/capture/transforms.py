@@ -25,6 +25,7 @@ from service.common.camera import check_rigid
 from service.common.errors import InvalidInputError, LimitExceededError
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2")
 _FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -102,7 +103,7 @@ def _photo(root: Path, document: _Document, index: int, frame: Any, sizes: Mappi
     mask = frame.get("mask_path")
     if mask is not None:
         if not isinstance(mask, str):
-            raise InvalidInputError(f"{where} has a mask_path that is no text", field=where)
+            raise InvalidInputError(f"{where} has a mask_path that is no text", field=where, hint="Name a file.")
         key = "mask" if document.labels is None else "label_map"
         extra[key] = inside(root, document.folder, mask, where)
     return GivenPhoto(
@@ -130,12 +131,17 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
         )
     rows_are_lists = isinstance(matrix, list) and all(isinstance(row, list) for row in matrix)
     if not rows_are_lists or not all(_is_number(value) for row in matrix for value in row):
-        raise InvalidInputError(f"{where}: the transform_matrix is no 4×4 list of numbers", field=where)
+        raise InvalidInputError(
+            f"{where}: the transform_matrix is no 4×4 list of numbers", field=where, hint=_POSE_HINT
+        )
     if len(matrix) not in (3, 4) or any(len(row) != 4 for row in matrix):
-        raise InvalidInputError(f"{where}: the transform_matrix is not 4×4", field=where)
+        raise InvalidInputError(f"{where}: the transform_matrix is not 4×4", field=where, hint=_POSE_HINT)
     pose = np.eye(4)
     pose[: len(matrix)] = matrix
-    check_rigid(pose, field=where)
+    try:
+        check_rigid(pose, field=where)
+    except InvalidInputError as error:
+        raise InvalidInputError(error.message, field=where, hint=error.hint or _POSE_HINT) from error
     if opengl:
         pose = pose @ _OPENCV_FROM_OPENGL
     # Files round to a few digits: take the nearest rotation, so that products of poses stay rigid.
@@ -165,7 +171,9 @@ def _lens(values: Mapping[str, Any], size: tuple[int, int], where: str) -> Lens:
     }
     width, height = (int(given["w"]), int(given["h"])) if "w" in given and "h" in given else size
     if width < 1 or height < 1:
-        raise InvalidInputError(f"{where}: an image of {width}×{height} pixels", field=where)
+        raise InvalidInputError(
+            f"{where}: an image of {width}×{height} pixels", field=where, hint="Give w and h in pixels."
+        )
     fx = given.get("fl_x") or _focal(given.get("camera_angle_x"), width)
     fy = given.get("fl_y") or _focal(given.get("camera_angle_y"), height) or fx
     if not fx or not fy:
@@ -247,7 +255,7 @@ def _points(
         beside = (root / document.folder / "points3d.ply").is_file()
         return _read(root, document, "points3d.ply", settings) if beside else no_points()
     if not isinstance(named, str):
-        raise InvalidInputError(f"{document.name}: ply_file_path is no text", field=document.name)
+        raise InvalidInputError(f"{document.name}: ply_file_path is no text", field=document.name, hint="Name a file.")
     return _read(root, document, named, settings)
 
 
@@ -265,7 +273,11 @@ def _test_names(document: _Document, names: list[str]) -> tuple[str, ...]:
     if listed is None:
         return ()
     if not isinstance(listed, list) or not all(isinstance(item, str) for item in listed):
-        raise InvalidInputError(f"{document.name}: the test split is no list of names", field=document.name)
+        raise InvalidInputError(
+            f"{document.name}: the test split is no list of names",
+            field=document.name,
+            hint="Give a list of file names.",
+        )
     by_key = {key: name for name in names for key in (name, PurePosixPath(name).name, PurePosixPath(name).stem)}
     unknown = [item for item in listed if item.removeprefix("./") not in by_key]
     if unknown:

@@ -53,7 +53,7 @@ def refused(tmp_path: Path) -> Refused:
         assert type(error) is kind
         for part in said:
             assert part in text
-        assert error.hint or error.limit
+        assert error.hint
         assert sorted(tmp_path.rglob("*")) == before
 
     return check

@@ -1,0 +1,217 @@
+"""Structure from motion and triangulation on real pictures, in the child process they run in."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.capture import admit_upload, build_capture, load_image
+from service.capture.types import Capture
+from service.common.errors import CancelledError, ReconstructionError, ResourceError
+from service.common.progress import ProgressEvent, silent
+
+_FRAMES = range(0, 40, 4)
+
+
+def _photos(test_data: Path, folder: Path, frames: Sequence[int] = _FRAMES) -> Path:
+    (folder / "images").mkdir(parents=True)
+    for index in frames:
+        shutil.copy(test_data / f"tabletop/images/{index:03d}.jpg", folder / "images")
+    return folder
+
+
+def _truth(test_data: Path, names: Sequence[str]) -> np.ndarray:
+    document = json.loads((test_data / "tabletop/transforms.json").read_text())
+    poses = {Path(f["file_path"]).name: np.array(f["transform_matrix"]) for f in document["frames"]}
+    return np.array([poses[Path(name).name] @ np.diag([1, -1, -1, 1]) for name in names])
+
+
+@pytest.fixture(scope="module")
+def tabletop(test_data: Path, tmp_path_factory) -> tuple[Capture, list[ProgressEvent]]:
+    """Ten views of the table top, without their poses."""
+    from service.capture.settings import CaptureSettings
+
+    settings = CaptureSettings(sfm_threads=2)
+    folder = _photos(test_data, tmp_path_factory.mktemp("sfm") / "upload")
+    admit_upload(folder, settings)
+    events: list[ProgressEvent] = []
+    return build_capture(folder, folder.parent / "out", settings, events.append), events
+
+
+def test_poses_agree_with_the_truth_up_to_a_similarity(tabletop, test_data: Path) -> None:
+    capture, _ = tabletop
+    found = np.array([view.posed.world_from_camera for view in capture.views])
+    truth = _truth(test_data, [view.posed.name for view in capture.views])
+    assert len(found) == len(_FRAMES)
+    between = [np.linalg.inv(poses[:-1]) @ poses[1:] for poses in (found, truth)]
+    turn = between[0][:, :3, :3].transpose(0, 2, 1) @ between[1][:, :3, :3]
+    angles = np.degrees(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    assert angles.max() < 1.0
+    # Umeyama 1991: the similarity that takes the centres found to the true ones.
+    a, b = found[:, :3, 3], truth[:, :3, 3]
+    u, d, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    scale = (d * np.diag(sign)).sum() / ((a - a.mean(0)) ** 2).sum()
+    aligned = scale * (a - a.mean(0)) @ (u @ sign @ vt).T + b.mean(0)
+    extent = np.linalg.norm(b.max(0) - b.min(0))
+    assert np.linalg.norm(aligned - b, axis=1).max() < 0.01 * extent
+
+
+def test_the_rest_of_the_capture(tabletop) -> None:
+    capture, _ = tabletop
+    assert capture.report.source == "images" and capture.scale == "ARBITRARY"
+    assert capture.report.models == (10,) and capture.report.unregistered == ()
+    assert 0 < capture.report.mean_reprojection_error_px < 1
+    assert len(capture.points) > 200
+    for view in capture.views:
+        camera = view.posed.camera
+        assert load_image(view).shape == (camera.height, camera.width, 3)
+        assert abs(camera.fx / camera.width - 1.0) < 0.03  # rendered with a focal length of the image's width
+
+
+def test_colours_are_the_photos(tabletop) -> None:
+    """Each point has, in the views that look at it unobstructed, about the colour of the pixel it lands on."""
+    capture, _ = tabletop
+    differences = []
+    for view in capture.views:
+        camera, image = view.posed.camera, load_image(view).astype(float)
+        there = np.column_stack([capture.points, np.ones(len(capture.points))]) @ view.posed.camera_from_world().T
+        u = np.floor(camera.fx * there[:, 0] / there[:, 2] + camera.cx).astype(int)
+        v = np.floor(camera.fy * there[:, 1] / there[:, 2] + camera.cy).astype(int)
+        inside = (there[:, 2] > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        differences.append(np.abs(image[v[inside], u[inside]] - capture.point_colors[inside]).mean(axis=1))
+    assert np.median(np.concatenate(differences)) < 25
+
+
+def test_progress_goes_forward_through_every_step(tabletop) -> None:
+    _, events = tabletop
+    assert {event.stage for event in events} == {"capture"}
+    fractions = [event.fraction for event in events]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+    text = " ".join(event.message for event in events)
+    for step in ("reading images", "finding features", "matching image pairs", "placing cameras", "undistorting"):
+        assert step in text
+
+
+def test_the_same_photos_give_the_same_capture(tabletop, test_data: Path, tmp_path: Path, settings) -> None:
+    capture, _ = tabletop
+    folder = _photos(test_data, tmp_path / "upload")
+    admit_upload(folder, settings)
+    again = build_capture(folder, tmp_path / "out", settings, silent)
+    np.testing.assert_array_equal(again.points, capture.points)
+    for one, other in zip(again.views, capture.views, strict=True):
+        np.testing.assert_array_equal(one.posed.world_from_camera, other.posed.world_from_camera)
+
+
+def test_two_images_of_different_scenes(test_data: Path, tmp_path: Path, settings, refused) -> None:
+    folder = _photos(test_data, tmp_path / "upload", [0])
+    shutil.copy(test_data / "kitchen/images/05.jpg", folder / "images")
+    admit_upload(folder, settings)
+    with refused(ReconstructionError):
+        build_capture(folder, tmp_path / "out", settings, silent)
+
+
+def test_blank_images(upload, settings, refused) -> None:
+    stream = io.BytesIO()
+    Image.new("RGB", (320, 240), (200, 200, 200)).save(stream, "PNG")
+    folder = upload({"a.png": stream.getvalue(), "b.png": stream.getvalue()})
+    admit_upload(folder, settings)
+    with refused(ReconstructionError, "texture"):
+        build_capture(folder, folder.parent / "out", settings, silent)
+
+
+def test_memory_limit(upload, photo, settings, refused) -> None:
+    folder = upload({"a.png": photo(1, (1600, 1200), "PNG"), "b.png": photo(2, (1600, 1200), "PNG")})
+    admit_upload(folder, settings)
+    with refused(ResourceError, "SFM_MEMORY_BYTES"):
+        build_capture(
+            folder, folder.parent / "out", settings.model_copy(update={"sfm_memory_bytes": 450 << 20}), silent
+        )
+
+
+def test_time_limit(upload, photo, settings, refused) -> None:
+    folder = upload({"a.png": photo(1), "b.png": photo(2)})
+    admit_upload(folder, settings)
+    with refused(ResourceError, "SFM_SECONDS"):
+        build_capture(folder, folder.parent / "out", settings.model_copy(update={"sfm_seconds": 0}), silent)
+
+
+def test_cancelling_stops_the_child_and_leaves_nothing(test_data: Path, tmp_path: Path, settings) -> None:
+    folder = _photos(test_data, tmp_path / "upload")
+    admit_upload(folder, settings)
+    before = sorted(tmp_path.rglob("*"))
+
+    def cancel(event: ProgressEvent) -> None:
+        if "features" in event.message:
+            raise CancelledError("cancelled", hint="")
+
+    with pytest.raises(CancelledError):
+        build_capture(folder, tmp_path / "out", settings, cancel)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_poses_without_points_get_points(test_data: Path, tmp_path: Path, settings) -> None:
+    document = json.loads((test_data / "tabletop/transforms.json").read_text())
+    del document["labels"], document["split"]
+    document["frames"] = [document["frames"][index] for index in _FRAMES]
+    for frame in document["frames"]:
+        del frame["mask_path"]
+    folder = _photos(test_data, tmp_path / "upload")
+    (folder / "transforms.json").write_text(json.dumps(document))
+    admit_upload(folder, settings)
+    capture = build_capture(folder, tmp_path / "out", settings, silent)
+    assert len(capture.points) > 250
+    assert 0 < capture.report.mean_reprojection_error_px < 1
+    errors = []
+    for view, frame in zip(capture.views, document["frames"], strict=True):
+        camera = view.posed.camera
+        with Image.open(test_data / "tabletop" / frame["depth_path"]) as image:
+            depth = np.asarray(image) * 1e-4
+        there = np.column_stack([capture.points, np.ones(len(capture.points))]) @ view.posed.camera_from_world().T
+        u, v = camera.fx * there[:, 0] / there[:, 2] + camera.cx, camera.fy * there[:, 1] / there[:, 2] + camera.cy
+        inside = (there[:, 2] > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        errors.append(np.abs(depth[v[inside].astype(int), u[inside].astype(int)] / there[inside, 2] - 1))
+    assert np.median(np.concatenate(errors)) < 0.01
+
+
+def test_poses_that_contradict_the_images(test_data: Path, tmp_path: Path, settings, refused) -> None:
+    document = json.loads((test_data / "tabletop/transforms.json").read_text())
+    frames = [document["frames"][index] for index in (0, 4, 8, 12)]
+    poses = [frame["transform_matrix"] for frame in frames]
+    for frame, pose in zip(frames, [*poses[2:], *poses[:2]], strict=True):
+        frame.pop("mask_path")
+        frame["transform_matrix"] = pose
+    folder = _photos(test_data, tmp_path / "upload", (0, 4, 8, 12))
+    keep = {key: document[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")}
+    (folder / "transforms.json").write_text(json.dumps({**keep, "frames": frames}))
+    admit_upload(folder, settings)
+    with refused(ReconstructionError, "contradict the poses given"):
+        build_capture(folder, tmp_path / "out", settings, silent)
+
+
+@pytest.mark.parametrize(("suffix", "code"), [(".avi", "MJPG"), (".mp4", "mp4v")])
+def test_video(suffix: str, code: str, test_data: Path, tmp_path: Path, settings) -> None:
+    """Every frame three times, twice blurred: the sharp ones are chosen, and the scene is found."""
+    order = list(range(0, 40, 5))
+    (tmp_path / "upload").mkdir()
+    path = tmp_path / "upload" / f"walk{suffix}"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 10, (480, 360))
+    for index in order:
+        frame = cv2.imread(str(test_data / f"tabletop/images/{index:03d}.jpg"))
+        for blur in (9, 0, 9):
+            writer.write(cv2.blur(frame, (blur, blur)) if blur else frame)
+    writer.release()
+    chosen = settings.model_copy(update={"video_frames": len(order)})
+    assert admit_upload(tmp_path / "upload", chosen).source == "video"
+    capture = build_capture(tmp_path / "upload", tmp_path / "out", chosen, silent)
+    names = {*(view.posed.name for view in capture.views), *capture.report.unregistered}
+    assert names == {f"frame_{3 * i + 1:06d}.png" for i in range(len(order))}
+    assert capture.report.source == "video" and len(capture.views) >= len(order) - 1
