@@ -1,9 +1,11 @@
-"""The public losses: check once, then compute."""
+"""The public losses: check once, then compute. float32 on the CPU goes to the fused kernels, anything else to torch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import torch
 from torch import Tensor
 
 from service.common.errors import InvalidInputError
@@ -21,6 +23,13 @@ class ImageTarget:
 
     image: Tensor
     valid: Tensor | None = None
+
+    @cached_property
+    def moments(self) -> tuple[Tensor, Tensor]:
+        """Windowed mean and variance of a float32 image on the CPU, each [H, W, 3]."""
+        from service.splatting.losses import cpu
+
+        return cpu.target_moments(self.image)
 
 
 def image_loss(image: Tensor, target: Tensor | ImageTarget, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
@@ -47,7 +56,17 @@ def image_loss(image: Tensor, target: Tensor | ImageTarget, ssim_weight: float, 
         )
     if target.valid is not None and target.valid.shape != image.shape[:2]:
         raise InvalidInputError(f"valid {tuple(target.valid.shape)} for {tuple(image.shape)}", field="valid")
-    return reference.image_loss(image, target.image, ssim_weight, target.valid)
+    if not _fused(image, target.image):
+        return reference.image_loss(image, target.image, ssim_weight, target.valid)
+    from service.splatting.losses import cpu
+
+    if not target.image.is_contiguous():
+        target = ImageTarget(target.image.contiguous(), target.valid)
+    valid = None if target.valid is None else target.valid.to(torch.bool).contiguous()
+    loss: Tensor = cpu.ImageLoss.apply(  # type: ignore[no-untyped-call]
+        image.contiguous(), target.image, *target.moments, valid, ssim_weight
+    )
+    return loss
 
 
 def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
@@ -77,6 +96,37 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
             f"labels {tuple(labels.shape)}, class_weights {tuple(class_weights.shape)}",
             field="codes_image",
         )
+    if _fused(codes_image, weight, bias, class_weights) and 0 < codes_image.shape[2] <= _MAX_CODE:
+        return _fused_semantic(codes_image, weight, bias, labels, class_weights)
     if labels.numel() and (int(labels.max()) >= classes or int(labels.min()) < 0):
         raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
     return reference.semantic_loss(codes_image, weight, bias, labels, class_weights)
+
+
+_MAX_CODE = 64
+
+
+def _fused(*tensors: Tensor) -> bool:
+    return all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in tensors)
+
+
+def _fused_semantic(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
+    from service.splatting.losses import cpu
+
+    # A slice of an image's channels is read in place: one stride from pixel to pixel is all the kernel needs.
+    size = codes.shape[2]
+    even = codes.stride(2) == 1 and codes.stride(0) == codes.shape[1] * codes.stride(1)
+    flat = (codes if even else codes.contiguous()).flatten(0, 1)
+    if size == 1:
+        flat = flat.contiguous()
+    try:
+        loss: Tensor = cpu.SemanticLoss.apply(  # type: ignore[no-untyped-call]
+            flat,
+            weight.contiguous(),
+            bias.contiguous(),
+            labels.reshape(-1).to(torch.int32).contiguous(),
+            class_weights.detach().contiguous(),
+        )
+    except IndexError:
+        raise InvalidInputError(f"labels outside 0..{weight.shape[0] - 1}", field="labels") from None
+    return loss

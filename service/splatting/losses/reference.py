@@ -49,7 +49,8 @@ def semantic_loss(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, c
     """See `service.splatting.losses.semantic_loss`."""
     logits = codes.reshape(-1, codes.shape[-1]) @ weight.T + bias
     # Beyond 1e30 a logit is held there, so that differences and sums over an image stay finite in float32.
-    shifted = logits - (logits - logits.clamp(-LOGIT_LIMIT, LOGIT_LIMIT)).detach()
+    fixed = logits.detach()
+    shifted = fixed.clamp(-LOGIT_LIMIT, LOGIT_LIMIT) + torch.where(torch.isfinite(fixed), logits - fixed, 0.0)
     top = shifted.detach().amax(dim=1, keepdim=True)
     log_p = shifted - top - torch.exp(shifted - top).sum(dim=1, keepdim=True).log()
     picked = labels.reshape(-1, 1).long()

@@ -115,6 +115,10 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
             f"means {tuple(means.shape)}, sh {tuple(sh.shape)}, camera_position {tuple(camera_position.shape)}",
             field="means",
         )
+    if backend == "cpu" and means.dtype == sh.dtype == torch.float32 and not camera_position.requires_grad:
+        from service.splatting.raster import cpu
+
+        return cpu.sh_to_rgb(means, sh, camera_position, degree)
     if backend in ("reference", "cpu", "cuda"):
         return harmonics.sh_to_rgb(means, sh, camera_position, degree)
     raise _unknown(backend)

@@ -18,11 +18,14 @@ from service.splatting.raster.reference import pair_bound_error
 from service.splatting.raster.types import RasterSettings, Rendering, Splats
 
 try:
-    from service.splatting.raster import _cpu as kernels
+    from service.splatting.raster import _cpu
 except ImportError as error:  # pragma: no cover - only in a checkout that was not built
     raise ModelUnavailableError(
         "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
     ) from error
+
+kernels = _cpu
+"""The compiled module, for the losses and the optimiser as well."""
 
 
 def thread_count() -> int:
@@ -82,6 +85,12 @@ def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, 
             settings, frame.blend, _float32(values.detach()).numpy(), sums.numpy(), thread_count(), instruction_set()
         )
     return sums.to(splats.means.dtype)
+
+
+def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
+    """See `service.splatting.raster.sh_to_rgb`; float32."""
+    rgb: Tensor = _Harmonics.apply(_float32(means), _float32(sh), _float32(camera_position.detach()), degree)  # type: ignore[no-untyped-call]
+    return rgb
 
 
 def _parts(splats: Splats) -> tuple[Tensor, ...]:
@@ -171,3 +180,25 @@ class _Rasterize(torch.autograd.Function):
         if ctx.needs_input_grad[5] and grads[0] is not None:
             back = ((1.0 - alpha)[..., None] * grads[0]).sum(dim=(0, 1))
         return (*gradients, back, None, None, None, None)
+
+
+class _Harmonics(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        means, sh, camera, degree = inputs
+        rgb = torch.empty(len(means), 3)
+        arrays = [part.detach().numpy() for part in (means, sh, camera)]
+        kernels.harmonics(*arrays, degree, rgb.numpy(), thread_count(), instruction_set())
+        ctx.save_for_backward(means, sh, camera)
+        ctx.degree = degree
+        return rgb
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        means, sh, camera = ctx.saved_tensors
+        d_means, d_sh = torch.empty_like(means), torch.empty_like(sh)
+        arrays = [part.detach().numpy() for part in (means, sh, camera)]
+        outputs = [part.numpy() for part in (grads[0].contiguous(), d_means, d_sh)]
+        kernels.harmonics_backward(*arrays, ctx.degree, *outputs, thread_count(), instruction_set())
+        return d_means, d_sh, None, None

@@ -75,6 +75,48 @@ struct FinishJob {
   int64_t sum_stride;
 };
 
+struct HarmonicsJob {
+  const float *means, *sh;  // [G, 3], [G, coefficients, 3]
+  int64_t coefficients;
+  int32_t degree;
+  float camera[3];
+  float* rgb;               // [G, 3]
+  const float* grad;        // [G, 3]
+  float *d_means, *d_sh;
+};
+
+constexpr int SSIM_ROWS = 32;  // image rows a task
+
+struct ImageLossJob {
+  int32_t height;
+  int64_t row;                       // floats of an image row: 3 · width
+  const float *image, *target;
+  float *mean, *variance;            // of the target
+  const uint8_t* valid;              // [height, width] or null
+  float *d_mean, *d_square, *d_product;  // maps the gradient is blurred from
+  float* grad;
+  double ssim_weight, scale;         // scale: 1 / counted values
+};
+
+constexpr int64_t SEMANTIC_PIXELS = 4096;  // a task, whatever the number of threads
+
+struct SemanticJob {
+  const float *codes, *weight, *bias, *class_weights;
+  const int32_t* labels;
+  int64_t pixels, code_stride;       // floats from pixel to pixel
+  int32_t size, classes;
+  double scale;                      // 1 / sum of pixel weights
+  float* d_codes;                    // [pixels, size]
+  float* partial;                    // [tasks, classes · (size + 1)]: weight and bias gradients of each task
+  double* loss;                      // [tasks]
+};
+
+struct AdamJob {
+  float *value, *first, *second;
+  const float* grad;
+  float rate, beta1, beta2, epsilon, root_correction2;  // rate already over the first correction
+};
+
 struct Kernels {
   const char* name;
   // Projects rows [begin, end); visible ones go to out[0..]; returns how many. *bad counts non-finite rows.
@@ -87,6 +129,14 @@ struct Kernels {
   void (*blend)(const TileJob&, int32_t tile);
   // Rows [begin, end) of the inputs, of which `visible` are projected: chain rule and zeros for the others.
   void (*finish)(const FinishJob&, int64_t begin, int64_t end, int64_t physical, int64_t visible);
+  void (*harmonics)(const HarmonicsJob&, int64_t begin, int64_t end);
+  void (*harmonics_backward)(const HarmonicsJob&, int64_t begin, int64_t end);
+  // Bands of SSIM_ROWS rows; scratch holds ssim_scratch(row) floats.
+  void (*target_moments)(const ImageLossJob&, int32_t band, float* scratch);
+  double (*image_loss)(const ImageLossJob&, int32_t band, float* scratch);
+  void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
+  void (*semantic)(const SemanticJob&, int64_t task, float* scratch);
+  void (*adam)(const AdamJob&, int64_t begin, int64_t end);
 };
 
 }  // namespace fs

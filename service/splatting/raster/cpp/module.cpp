@@ -11,6 +11,7 @@
 
 #include "dispatch.h"
 #include "raster.h"
+#include "training.h"
 
 namespace nb = nanobind;
 using fs::Call;
@@ -170,5 +171,6 @@ NB_MODULE(_cpu, m) {
       .def("backward", &backward)
       .def("blend", &blend);
   m.def("prepare", &prepare);
+  bind_training(m);
   m.def("isas", &fs::available, "instruction sets this machine can run, best first");
 }

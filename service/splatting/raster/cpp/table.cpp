@@ -11,9 +11,17 @@ void forward(const TileJob&, int32_t);
 void backward(const TileJob&, int32_t);
 void blend(const TileJob&, int32_t);
 void finish(const FinishJob&, int64_t, int64_t, int64_t, int64_t);
+void harmonics(const HarmonicsJob&, int64_t, int64_t);
+void harmonics_backward(const HarmonicsJob&, int64_t, int64_t);
+void target_moments(const ImageLossJob&, int32_t, float*);
+double image_loss(const ImageLossJob&, int32_t, float*);
+void image_gradient(const ImageLossJob&, int32_t, float*);
+void semantic(const SemanticJob&, int64_t, float*);
+void adam(const AdamJob&, int64_t, int64_t);
 
 #define FS_TEXT(x) #x
 #define FS_NAME(x) FS_TEXT(x)
-extern const Kernels kernels = {FS_NAME(FS_NS), project, spans, forward, backward, blend, finish};
+extern const Kernels kernels = {FS_NAME(FS_NS), project, spans, forward, backward, blend, finish,
+                                harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic, adam};
 
 }  // namespace FS_NS

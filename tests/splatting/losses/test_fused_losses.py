@@ -1,0 +1,157 @@
+"""The fused losses against their torch twins in float64, and what must happen at their limits."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from service.common.errors import InvalidInputError
+from service.splatting.losses import ImageTarget, image_loss, reference, semantic_loss
+from service.splatting.raster.cpu import instruction_sets
+
+
+@pytest.fixture(params=instruction_sets())
+def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
+    return str(request.param)
+
+
+def relative(value: Tensor, truth: Tensor) -> float:
+    return float((value.double() - truth.double()).norm() / truth.double().norm())
+
+
+def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    g = torch.Generator().manual_seed(seed)
+    target = torch.rand(height, width, 3, generator=g)
+    image = (target + 0.2 * torch.randn(height, width, 3, generator=g)).clamp(0, 1)
+    return image, target, torch.rand(height, width, generator=g) > 0.3
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (37, 61), (64, 48)])
+@pytest.mark.parametrize("weight", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("masked", [False, True])
+def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: float, masked: bool) -> None:
+    image, target, valid = pictures(height, width)
+    mask = valid if masked else None
+    ours = image.clone().requires_grad_()
+    loss = image_loss(ours, ImageTarget(target, mask), weight)
+    (3.0 * loss).backward()
+    truth = image.double().requires_grad_()
+    wanted = reference.image_loss(truth, target.double(), weight, mask)
+    (3.0 * wanted).backward()
+    assert ours.grad is not None and truth.grad is not None
+    assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=2e-5, abs=1e-7)
+    assert float((ours.grad - truth.grad).norm()) <= 3e-5 * float(truth.grad.norm()) + 1e-9
+
+
+def test_a_plain_target_and_a_prepared_one_agree() -> None:
+    image, target, valid = pictures(20, 30)
+    prepared = ImageTarget(target, valid)
+    assert torch.equal(image_loss(image, target, 0.2, valid), image_loss(image, prepared, 0.2))
+    assert prepared.moments[0] is prepared.moments[0]
+    with pytest.raises(InvalidInputError):
+        image_loss(image, prepared, 0.2, valid)
+    with pytest.raises(InvalidInputError):
+        image_loss(image, target[:5], 0.2)
+
+
+def test_equal_images_have_no_loss_and_no_valid_pixel_means_zero(isa: str) -> None:
+    image, target, valid = pictures(24, 24)
+    assert abs(float(image_loss(target, target, 0.5))) < 1e-6
+    none = image.clone().requires_grad_()
+    loss = image_loss(none, target, 0.2, torch.zeros_like(valid))
+    loss.backward()
+    assert float(loss.detach()) == 0.0 and none.grad is not None and float(none.grad.abs().max()) == 0.0
+
+
+def semantic_case(classes: int, size: int, height: int = 23, width: int = 31) -> tuple[Tensor, ...]:
+    g = torch.Generator().manual_seed(classes * 100 + size)
+    codes = torch.randn(height, width, size, generator=g)
+    weight, bias = torch.randn(classes, size, generator=g), torch.randn(classes, generator=g)
+    labels = torch.randint(0, classes, (height, width), generator=g)
+    weights = torch.rand(classes, generator=g)
+    weights[0] = 0.0 if classes > 1 else 1.0
+    return codes, weight, bias, labels, weights
+
+
+@pytest.mark.parametrize(("classes", "size"), [(1, 3), (2, 1), (5, 3), (21, 8), (18, 5), (300, 6), (10_000, 3)])
+def test_semantic_loss_and_gradients(isa: str, classes: int, size: int) -> None:
+    case = semantic_case(classes, size)
+    ours = [part.clone().requires_grad_() for part in case[:3]]
+    loss = semantic_loss(*ours, *case[3:])
+    (2.0 * loss).backward()
+    truth = [part.double().requires_grad_() for part in case[:3]]
+    wanted = reference.semantic_loss(*truth, case[3], case[4].double())
+    (2.0 * wanted).backward()
+    assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=1e-5, abs=1e-9)
+    for mine, theirs in zip(ours, truth, strict=True):
+        assert mine.grad is not None and theirs.grad is not None
+        assert float((mine.grad - theirs.grad).norm()) <= 1e-5 * float(theirs.grad.norm()) + 1e-9
+
+
+def test_codes_are_read_in_place_from_an_image_of_more_channels(isa: str) -> None:
+    codes, weight, bias, labels, weights = semantic_case(9, 4)
+    image = torch.cat((torch.rand(23, 31, 3), codes), dim=2).requires_grad_()
+    loss = semantic_loss(image[..., 3:], weight, bias, labels, weights)
+    loss.backward()
+    alone = codes.clone().requires_grad_()
+    semantic_loss(alone, weight, bias, labels, weights).backward()
+    assert image.grad is not None and alone.grad is not None
+    assert torch.equal(image.grad[..., 3:], alone.grad) and float(image.grad[..., :3].abs().max()) == 0.0
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_every_pixel_ignored_is_zero_not_nan(isa: str, dtype: torch.dtype) -> None:
+    codes, weight, bias, labels, _ = (
+        part.to(dtype) if part.is_floating_point() else part for part in semantic_case(5, 3)
+    )
+    codes.requires_grad_()
+    loss = semantic_loss(codes, weight, bias, labels, torch.zeros(5, dtype=dtype))
+    loss.backward()
+    assert float(loss.detach()) == 0.0 and codes.grad is not None and float(codes.grad.abs().max()) == 0.0
+
+
+@pytest.mark.parametrize("size", [1e20, 1e38, 3e38])
+def test_huge_logits_stay_finite(isa: str, size: float) -> None:
+    codes, weight, bias, labels, weights = semantic_case(5, 3)
+    inputs = [part.clone().requires_grad_() for part in (codes, weight, bias + torch.tensor([size, -size, 0, size, 0]))]
+    loss = semantic_loss(*inputs, labels, weights)
+    loss.backward()
+    assert bool(torch.isfinite(loss.detach()))
+    assert all(part.grad is not None and bool(torch.isfinite(part.grad).all()) for part in inputs)
+    plain = reference.semantic_loss(*inputs, labels, weights)
+    assert float(loss.detach()) == pytest.approx(float(plain.detach()), rel=1e-4)
+
+
+def test_labels_outside_the_classes_are_refused() -> None:
+    codes, weight, bias, labels, weights = semantic_case(5, 3)
+    for bad in (5, -1):
+        broken = labels.clone()
+        broken[3, 4] = bad
+        with pytest.raises(InvalidInputError):
+            semantic_loss(codes, weight, bias, broken, weights)
+        with pytest.raises(InvalidInputError):
+            semantic_loss(codes.double(), weight.double(), bias.double(), broken, weights.double())
+    with pytest.raises(InvalidInputError):
+        semantic_loss(codes, weight, bias[:3], labels, weights)
+
+
+@pytest.mark.parametrize("threads", ["2", "3", "7"])
+def test_bits_do_not_depend_on_threads(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    image, target, _ = pictures(130, 90)
+    codes, weight, bias, labels, weights = semantic_case(12, 6, 130, 90)
+
+    def everything() -> list[Tensor]:
+        parts = [part.clone().requires_grad_() for part in (image, codes, weight, bias)]
+        first = image_loss(parts[0], target, 0.2)
+        second = semantic_loss(*parts[1:], labels, weights)
+        (first + second).backward()
+        grads = [part.grad for part in parts if part.grad is not None]
+        return [first.detach(), second.detach(), *grads]
+
+    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", "1")
+    alone = everything()
+    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", threads)
+    for mine, theirs in zip(everything(), alone, strict=True):
+        assert torch.equal(mine, theirs)

@@ -1,0 +1,63 @@
+"""Spherical harmonics: the kernels against torch in float64, the basis against its own laws, and the poles."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from service.common.errors import InvalidInputError
+from service.splatting.raster import harmonics, sh_to_rgb
+from service.splatting.raster.cpu import instruction_sets
+
+DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
+
+
+@DEGREES
+@pytest.mark.parametrize("isa", instruction_sets())
+def test_colours_and_gradients(degree: int, isa: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", isa)
+    g = torch.Generator().manual_seed(degree)
+    means, sh = torch.randn(500, 3, generator=g), torch.randn(500, 16, 3, generator=g)
+    camera, up = torch.tensor([0.3, -0.2, 0.1]), torch.randn(500, 3, generator=g)
+    results = []
+    for backend, dtype in (("reference", torch.float64), ("cpu", torch.float32)):
+        parts = [part.to(dtype, copy=True).requires_grad_() for part in (means, sh)]
+        rgb = sh_to_rgb(*parts, camera.to(dtype), degree, backend=backend)  # type: ignore[arg-type]
+        (rgb * up.to(dtype)).sum().backward()
+        results.append((rgb.detach(), parts[0].grad if degree else torch.zeros(500, 3), parts[1].grad))
+    for truth, ours in zip(*results, strict=True):
+        assert truth is not None and ours is not None
+        assert float((ours - truth).norm()) <= 2e-5 * float(truth.norm())
+
+
+def test_the_basis_is_orthonormal_on_the_sphere() -> None:
+    g = torch.Generator().manual_seed(0)
+    directions = torch.nn.functional.normalize(torch.randn(400_000, 3, generator=g, dtype=torch.float64), dim=1)
+    values = harmonics.basis(directions, 3)
+    gram = 4 * torch.pi * values.T @ values / len(values)
+    assert float((gram - torch.eye(16)).abs().max()) < 0.03
+
+
+@DEGREES
+@pytest.mark.parametrize("backend", ["reference", "cpu"])
+def test_poles_axes_and_a_gaussian_at_the_camera(degree: int, backend: str) -> None:
+    means = torch.tensor([[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0], [0, -1.0, 0], [0, 0, 0], [1e-30, 0, 0], [1e30, 0, 0]])
+    means.requires_grad_()
+    sh = torch.ones(7, 16, 3, requires_grad=True)
+    rgb = sh_to_rgb(means, sh, torch.zeros(3), degree, backend=backend)  # type: ignore[arg-type]
+    rgb.sum().backward()
+    assert bool(torch.isfinite(rgb).all())
+    assert sh.grad is not None and bool(torch.isfinite(sh.grad).all())
+    if degree:
+        assert means.grad is not None and bool(torch.isfinite(means.grad[:5]).all())
+
+
+def test_unused_coefficients_do_not_matter_and_short_ones_are_refused() -> None:
+    means, sh = torch.randn(4, 3), torch.randn(4, 16, 3)
+    assert torch.equal(
+        sh_to_rgb(means, sh, torch.zeros(3), 1), sh_to_rgb(means, sh[:, :4].contiguous(), torch.zeros(3), 1)
+    )
+    with pytest.raises(InvalidInputError):
+        sh_to_rgb(means, sh[:, :4], torch.zeros(3), 2)
+    with pytest.raises(InvalidInputError):
+        sh_to_rgb(means, sh, torch.zeros(3), 4)

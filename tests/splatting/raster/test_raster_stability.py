@@ -1,0 +1,288 @@
+"""What must happen on the inputs that break rasterizers, for every backend that runs here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
+from torch import Tensor
+
+from service.common.camera import Camera
+from service.common.errors import InvalidInputError, ResourceError
+from service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
+from service.splatting.raster.types import Backend
+
+BACKENDS: tuple[Backend, ...] = ("reference", "cpu")
+backends = pytest.mark.parametrize("backend", BACKENDS)
+INF, NAN = float("inf"), float("nan")
+
+
+def lone(**changes: object) -> View:
+    """One Gaussian two units ahead, 16×16 pixels, unless told otherwise."""
+    values: dict[str, object] = {
+        "means": [[0.0, 0.0, 2.0]],
+        "quats": [[1.0, 0.0, 0.0, 0.0]],
+        "scales": [[0.3, 0.3, 0.3]],
+        "opacities": [0.8],
+        "features": [[1.0, 0.5, 0.25]],
+    }
+    values.update(changes)
+    parts = {name: torch.tensor(values[name], dtype=torch.float32) for name in NAMES}
+    ones = torch.ones(16, 16)
+    camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0)
+    return View(Splats(**parts), torch.eye(4), camera, torch.zeros(3), torch.ones(16, 16, 3), ones, ones)
+
+
+def assert_sane(view: View, backend: Backend) -> dict[str, Tensor]:
+    """Everything finite, alpha in 0..1; returns the gradients."""
+    rendering, gradients = render_with_gradients(view, backend, torch.float32)
+    for name in ("image", "alpha", "depth", "median_depth"):
+        assert bool(torch.isfinite(getattr(rendering, name)).all()), name
+    assert float(rendering.alpha.min()) >= 0.0 and float(rendering.alpha.max()) <= 1.0
+    for name, gradient in gradients.items():
+        assert bool(torch.isfinite(gradient).all()), name
+    return gradients
+
+
+def assert_all(image: Tensor, value: float) -> None:
+    """Every pixel has this value."""
+    assert float((image - value).abs().max()) < 2e-3
+
+
+@backends
+@pytest.mark.parametrize("scale", [0.0, 1e-38, 1e-20, 1e6, 1e15, 3e38])
+def test_any_finite_scale_is_rendered_finitely(backend: Backend, scale: float) -> None:
+    view = lone(scales=[[scale] * 3])
+    assert_sane(view, backend)
+    if scale <= 1e-20:  # what is left is the antialiasing blur: a dot of eps2d pixels²
+        alpha = render(view, backend).alpha
+        assert float(alpha[7:9, 7:9].min()) > 0.2 and float(alpha[:5].max()) == 0.0
+    if scale in (1e6, 1e15):  # a wall: the same opacity everywhere
+        assert_all(render(view, backend).alpha, 0.8)
+
+
+@backends
+def test_needles_keep_their_direction(backend: Backend) -> None:
+    g = torch.Generator().manual_seed(0)
+    view = lone(scales=[[1e4, 1e-4, 1e-4]], quats=torch.randn(1, 4, generator=g).tolist())
+    assert_sane(view, backend)
+    truth = render(view, "reference", torch.float64)
+    assert float(truth.alpha.max()) > 0.5  # it is in the picture
+    assert relative(render(view, backend).alpha, truth.alpha) < 1e-4
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.7, 2.0])
+def test_needle_gradients(angle: float) -> None:
+    turn = [[float(torch.cos(torch.tensor(angle / 2))), 0.0, 0.0, float(torch.sin(torch.tensor(angle / 2)))]]
+    view = lone(scales=[[30.0, 0.01, 0.01]], quats=turn, means=[[0.01, 0.02, 2.0]])
+    _, wanted = render_with_gradients(view, "reference", torch.float64)
+    _, gradients = render_with_gradients(view, "cpu", torch.float32)
+    for name in NAMES:
+        assert relative(gradients[name], wanted[name]) < 1e-4, name
+
+
+@backends
+@pytest.mark.parametrize("length", [1e-36, 1e-30, 1e-20, 1e20, 1e38])
+def test_quaternions_of_any_length_mean_the_same(backend: Backend, length: float) -> None:
+    base = torch.tensor([[0.9, 0.1, -0.3, 0.2]])
+    view = lone(scales=[[0.6, 0.1, 0.2]])
+    same = render(view.with_splats(quats=base), backend).alpha
+    scaled = render(view.with_splats(quats=base * length), backend).alpha
+    assert relative(scaled, same) < 1e-5
+    assert_sane(view.with_splats(quats=base * length), backend)
+
+
+@backends
+def test_a_zero_quaternion_is_culled_but_not_called_broken(backend: Backend) -> None:
+    rendering = render(lone(quats=[[0.0] * 4]), backend)
+    assert float(rendering.alpha.max()) == 0.0 and int(rendering.radii[0]) == 0 and rendering.culled_non_finite == 0
+
+
+@backends
+@pytest.mark.parametrize(
+    ("z", "seen"),
+    [(0.0, False), (-1.0, False), (0.01 - 1e-6, False), (0.01 + 1e-6, True), (1e9, True), (2e10, False)],
+)
+def test_near_far_and_behind(backend: Backend, z: float, seen: bool) -> None:
+    view = lone(means=[[0.0, 0.0, z]], scales=[[0.3 * max(z, 0.01)] * 3])
+    rendering = render(view, backend)
+    assert (float(rendering.alpha.max()) > 0.5) == seen
+    assert (int(rendering.radii[0]) > 0) == seen
+    assert_sane(view, backend)
+
+
+@backends
+@pytest.mark.parametrize("x", [0.5, 1e3, 1e9, 1e38])
+def test_far_off_axis_at_the_near_plane(backend: Backend, x: float) -> None:
+    view = lone(means=[[x, -x, 0.0101]], scales=[[0.01] * 3])
+    assert_sane(view, backend)
+    assert float(render(view, backend).alpha.max()) == 0.0
+
+
+@backends
+def test_camera_inside_a_gaussian(backend: Backend) -> None:
+    view = lone(means=[[0.0, 0.0, 0.05]], scales=[[3.0, 3.0, 3.0]])
+    assert_sane(view, backend)
+    assert float(render(view, backend).alpha.min()) > 0.7
+
+
+@backends
+@pytest.mark.parametrize(
+    ("opacity", "seen"), [(0.0, False), (1 / 255 - 1e-6, False), (1 / 255 + 1e-6, True), (1.0, True)]
+)
+def test_opacity_at_its_limits(backend: Backend, opacity: float, seen: bool) -> None:
+    # Half a pixel of offset puts the mean on a pixel centre.
+    view = lone(opacities=[opacity], means=[[0.0625, 0.0625, 2.0]])
+    alpha = render(view, backend).alpha
+    assert (float(alpha.max()) > 0) == seen
+    assert float(alpha.max()) <= 0.99 + 1e-6
+    assert_sane(view, backend)
+
+
+@backends
+@pytest.mark.parametrize("logit", [-INF, -20.0, 20.0, INF])
+def test_saturated_logits(backend: Backend, logit: float) -> None:
+    view = lone(opacities=torch.sigmoid(torch.tensor([logit])).tolist(), means=[[0.0625, 0.0625, 2.0]])
+    assert_sane(view, backend)
+    assert float(render(view, backend).alpha.max()) == pytest.approx(0.99 if logit > 0 else 0.0, abs=0.02)
+
+
+@backends
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_broken_row_is_culled_counted_and_never_spread(backend: Backend, name: str, bad: float) -> None:
+    view = crowded(4)
+    broken = getattr(view.splats, name).clone()
+    broken.view(60, -1)[17, -1] = bad
+    rendering, gradients = render_with_gradients(view.with_splats(**{name: broken}), backend, torch.float32)
+    assert rendering.culled_non_finite == 1
+    assert int(rendering.radii[17]) == 0
+    kept = [i for i in range(60) if i != 17]
+    without = view.with_splats(**{part: getattr(view.splats, part)[kept] for part in NAMES})
+    alone, wanted = render_with_gradients(without, backend, torch.float32)
+    assert torch.equal(rendering.image, alone.image)
+    for part in NAMES:
+        assert float(gradients[part][17].abs().max()) == 0.0, part
+        assert torch.equal(gradients[part][kept], wanted[part]), part
+
+
+@backends
+def test_nothing_to_draw(backend: Backend) -> None:
+    view = crowded(0)
+    empty = view.with_splats(**{name: getattr(view.splats, name)[:0] for name in NAMES})
+    rendering, gradients = render_with_gradients(empty, backend, torch.float32)
+    assert torch.equal(rendering.image, view.background.expand(29, 37, 6))
+    assert all(gradients[name].shape == getattr(empty.splats, name).shape for name in NAMES)
+    behind = view.with_splats(means=view.splats.means * torch.tensor([1.0, 1.0, -1.0]) - torch.tensor([0.0, 0.0, 20.0]))
+    rendering, gradients = render_with_gradients(behind, backend, torch.float32)
+    assert torch.equal(rendering.image, view.background.expand(29, 37, 6))
+    assert all(float(gradients[name].abs().max()) == 0.0 for name in NAMES)
+    assert blend_sums(empty.splats, view.viewmat, view.camera, torch.ones(29, 37, 2), backend=backend).shape == (0, 2)
+
+
+@backends
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 40), (16, 16), (17, 15), (33, 1)])
+def test_sizes_off_the_tile_grid(backend: Backend, width: int, height: int) -> None:
+    view = crowded(6, width=width, height=height)
+    truth, wanted = render_with_gradients(view, "reference", torch.float64)
+    ours, gradients = render_with_gradients(view, backend, torch.float32)
+    assert ours.image.shape == (height, width, 6)
+    assert relative(ours.image, truth.image) < 1e-5
+    for name, gradient in gradients.items():
+        assert relative(gradient, wanted[name]) < 1e-4, name
+
+
+@backends
+def test_equal_depths_are_drawn_in_order_of_rows(backend: Backend) -> None:
+    view = lone(
+        means=[[0.0, 0.0, 2.0]] * 3, quats=[[1.0, 0, 0, 0]] * 3, scales=[[9.0] * 3] * 3, opacities=[0.5] * 3,
+        features=[[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]],
+    )  # fmt: skip
+    image = render(view, backend).image
+    assert image[8, 8].tolist() == pytest.approx([0.5, 0.25, 0.125], abs=1e-3)
+
+
+@backends
+def test_saturated_pixels_stop_and_hidden_rows_get_no_gradient(backend: Backend) -> None:
+    count = 40
+    means = [[0.0, 0.0, 1.0 + 0.1 * i] for i in range(count)]
+    view = lone(
+        means=means, quats=[[1.0, 0, 0, 0]] * count, scales=[[50.0] * 3] * count, opacities=[0.9] * count,
+        features=[[1.0, 1.0, 1.0]] * count,
+    )  # fmt: skip
+    rendering, gradients = render_with_gradients(view, backend, torch.float32)
+    # 0.1^3 is above the limit of 1e-4, the fourth would take it to the limit: three are drawn.
+    assert_all(rendering.alpha, 0.999)
+    assert float(gradients["features"][:3].abs().min()) > 0.0
+    assert float(gradients["features"][5:].abs().max()) == 0.0
+
+
+@backends
+def test_median_depth_is_where_half_is_passed(backend: Backend) -> None:
+    view = lone(
+        means=[[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, 4.0]], quats=[[1.0, 0, 0, 0]] * 3,
+        scales=[[90.0] * 3] * 3, opacities=[0.3, 0.4, 0.9], features=[[1.0] * 3] * 3,
+    )  # fmt: skip
+    assert_all(render(view, backend).median_depth, 3.0)
+    faint = view.with_splats(opacities=torch.tensor([0.1, 0.1, 0.1]))
+    assert float(render(faint, backend).median_depth.max()) == 0.0
+
+
+@backends
+def test_denormal_inputs(backend: Backend) -> None:
+    tiny = 1e-42
+    assert_sane(lone(means=[[tiny, -tiny, 2.0]], scales=[[tiny, tiny, 0.1]], features=[[tiny, 0.0, -tiny]]), backend)
+
+
+@backends
+def test_half_precision_storage_at_its_limits(backend: Backend) -> None:
+    view = lone(scales=[[6e-8, 65504.0, 1.0]], features=[[65504.0, -65504.0, 6e-8]], means=[[0.0, 0.0, 65504.0]])
+    stored = view.with_splats(**{name: getattr(view.splats, name).half().float() for name in NAMES})
+    assert_sane(stored, backend)
+
+
+@backends
+def test_the_pair_bound_is_named(backend: Backend) -> None:
+    view = crowded(0)
+    with pytest.raises(ResourceError) as caught:
+        rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(max_pairs=20), backend=backend)
+    assert caught.value.field == "max_pairs" and "max_pairs" in caught.value.limit
+
+
+@backends
+def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend: Backend) -> None:
+    view = lone()
+    count = 400
+    splats = Splats(
+        *(getattr(view.splats, name).repeat(count, *[1] * (getattr(view.splats, name).ndim - 1)) for name in NAMES)
+    )
+    splats = replace(splats, scales=torch.full((count, 3), 1e6))
+    camera = Camera(4000, 3000, 4000.0, 4000.0, 2000.0, 1500.0)
+    with pytest.raises(ResourceError):
+        rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_pairs=100_000), backend=backend)
+
+
+@backends
+def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
+    view = crowded(0)
+    with pytest.raises(InvalidInputError):
+        rasterize(replace(view.splats, scales=view.splats.scales[:5]), view.viewmat, view.camera, backend=backend)
+    with pytest.raises(InvalidInputError):
+        rasterize(view.splats, view.viewmat * NAN, view.camera, backend=backend)
+    with pytest.raises(InvalidInputError):
+        rasterize(view.splats, view.viewmat, view.camera, background=torch.zeros(2), backend=backend)
+    with pytest.raises(InvalidInputError):
+        rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(alpha_min=0.0), backend=backend)
+    with pytest.raises(InvalidInputError):
+        blend_sums(view.splats, view.viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
+
+
+def test_the_instruction_set_can_be_forced_and_a_missing_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    view = crowded(0)
+    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", "altivec")
+    with pytest.raises(InvalidInputError):
+        render(view, "cpu")
+    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", "baseline")
+    assert bool(torch.isfinite(render(view, "cpu").image).all())
