@@ -52,6 +52,10 @@ def rasterize(
         from service.splatting.raster import cpu
 
         return cpu.rasterize(splats, viewmat, camera, background, settings)
+    if backend == "cuda":
+        from service.splatting.raster import cuda
+
+        return cuda.rasterize(splats, viewmat, camera, background, settings)
     raise _unknown(backend)
 
 
@@ -88,6 +92,10 @@ def blend_sums(
         from service.splatting.raster import cpu
 
         return cpu.blend_sums(splats, viewmat, camera, values, settings)
+    if backend == "cuda":
+        from service.splatting.raster import cuda
+
+        return cuda.blend_sums(splats, viewmat, camera, values, settings)
     raise _unknown(backend)
 
 
