@@ -1,0 +1,101 @@
+"""`fastsplat models`: which models there are, and how they come into the model directory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from service.common.errors import FastSplatError
+from service.perception.models.manifest import load_manifest
+from service.perception.models.pull import Step, model_state
+from service.perception.models.pull import pull as pull_models
+from service.settings import load_settings
+
+models_app = typer.Typer(
+    name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True
+)
+
+_Directory = Annotated[
+    Path | None, typer.Option("--models", help="Model directory. Default: FASTSPLAT_MODELS, or .models.")
+]
+_Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another manifest than the built-in one.")]
+
+
+@models_app.command("list")
+def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
+    """Show every model of the manifest and what the model directory holds of it."""
+    directory = models or load_settings().models
+    console = Console()
+    with _errors(console):
+        entries = load_manifest(manifest)
+        table = Table(title=f"Models in {directory}")
+        for heading in ("name", "state", "licence", "role"):
+            table.add_column(heading, no_wrap=True)
+        for entry in entries:
+            name = f"{entry.name} (default)" if entry.default else entry.name
+            table.add_row(name, model_state(entry, directory), entry.licence, entry.role.replace("_", " "))
+    console.print(table)
+
+
+@models_app.command("pull")
+def pull(
+    names: Annotated[list[str] | None, typer.Argument(help="Models of the manifest; none: the defaults.")] = None,
+    models: _Directory = None,
+    manifest: _Manifest = None,
+    allow_licence: Annotated[
+        list[str] | None, typer.Option(help="Accept this licence (SPDX name) too; may be repeated.")
+    ] = None,
+    revision: Annotated[
+        str | None, typer.Option(help="Commit (40 hex digits) for Hugging Face repositories without a pinned one.")
+    ] = None,
+) -> None:
+    """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
+    directory = models or load_settings().models
+    console = Console()
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.fields[model]}"),
+        BarColumn(bar_width=12),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    tasks: dict[str, TaskID] = {}
+    with _errors(console), Progress(*columns, console=console) as progress:
+
+        def report(step: Step) -> None:
+            if step.model not in tasks:
+                tasks[step.model] = progress.add_task(step.what, model=step.model, total=None)
+            finished = step.what in ("ready", "already there")
+            total, done = (1, 1) if finished else (step.total or None, step.done)
+            progress.update(tasks[step.model], description=step.what, total=total, completed=done)
+
+        pull_models(
+            directory,
+            names or (),
+            report=report,
+            manifest=manifest,
+            allow_licences=allow_licence or (),
+            revision=revision,
+        )
+
+
+class _errors:  # noqa: N801 - reads as a phrase after "with"
+    """Print a product error with its hint and leave with status 1."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, FastSplatError):
+            self._console.print(f"[red]error:[/red] {error.message}", soft_wrap=True, highlight=False)
+            if error.hint:
+                self._console.print(error.hint, soft_wrap=True, highlight=False)
+            raise typer.Exit(1) from error

@@ -1,0 +1,175 @@
+"""Stand-ins: tiny networks with the contracts of models whose weights are not at hand, and known answers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import onnx.parser
+import pytest
+from tokenizers import Tokenizer
+from tokenizers.models import WordLevel
+from tokenizers.normalizers import Lowercase
+from tokenizers.pre_tokenizers import Whitespace
+from tokenizers.processors import TemplateProcessing
+
+from service.capture.types import Capture, CaptureReport, GivenLabels, View
+from service.common.camera import Camera, PosedCamera
+
+WORDS = ["[PAD]", "[CLS]", "[SEP]", ".", "red", "cup", "chair", "lamp"]
+
+
+def write_network(path: Path, text: str) -> Path:
+    """Compile ONNX's text form; checked by its own checker."""
+    model = onnx.parser.parse_model(f'<ir_version: 8, opset_import: ["" : 17]>\n{text}')
+    onnx.checker.check_model(model)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    onnx.save(model, path)
+    return path
+
+
+@pytest.fixture
+def tokenizer_file(tmp_path: Path) -> Path:
+    """A BERT-like tokenizer of eight words; ids are positions in WORDS."""
+    tokenizer = Tokenizer(WordLevel({word: i for i, word in enumerate(WORDS)}, unk_token="[PAD]"))
+    tokenizer.normalizer = Lowercase()
+    tokenizer.pre_tokenizer = Whitespace()
+    tokenizer.post_processor = TemplateProcessing("[CLS] $A [SEP]", special_tokens=[("[CLS]", 1), ("[SEP]", 2)])
+    tokenizer.save(str(tmp_path / "tokenizer.json"))
+    return tmp_path / "tokenizer.json"
+
+
+@pytest.fixture
+def grounding_dino_file(tmp_path: Path) -> Path:
+    """Three queries: the first fires on the word "red" alone, the second on "chair", the third on both words of
+    "red cup"; boxes are constants. Logits are +4 or −4, and −inf beyond the prompt."""
+    return write_network(
+        tmp_path / "model.onnx",
+        """
+        dino (float[1,3,800,800] pixel_values, int64[1,800,800] pixel_mask, int64[1,T] input_ids,
+              int64[1,T] token_type_ids, int64[1,T] attention_mask)
+          => (float[1,3,256] logits, float[1,3,4] pred_boxes)
+        <int64[1,3,1] first = {4, 6, 4}, int64[1,3,1] second = {4, 6, 5}, float high = {4.0}, float low = {-4.0},
+         float[1,3,4] pred_boxes_constant = {0.5, 0.5, 0.5, 0.5, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75, 0.25, 0.25},
+         int64[1] axis = {1}, int64[5] no_pads = {0, 0, 0, 0, 0}, int64[1] width = {256}, float minus_inf = {-1000.0}>
+        {
+          ids = Unsqueeze(input_ids, axis)
+          is_first = Equal(ids, first)
+          is_second = Equal(ids, second)
+          fires = Or(is_first, is_second)
+          short = Where(fires, high, low)
+          shape = Shape<start = 1>(input_ids)
+          missing = Sub(width, shape)
+          pads = Concat<axis = 0>(no_pads, missing)
+          logits = Pad(short, pads, minus_inf)
+          pred_boxes = Identity(pred_boxes_constant)
+        }
+        """,
+    )
+
+
+@pytest.fixture
+def clip_file(tmp_path: Path) -> Path:
+    """Embeds a text as the sum of one axis per token: token i is the unit vector of axis i."""
+    rows = ", ".join(str(float(i == j)) for i in range(8) for j in range(8))
+    return write_network(
+        tmp_path / "model.onnx",
+        f"""
+        clip (int64[B,T] input_ids) => (float[B,8] text_embeds)
+        <float[8,8] table = {{{rows}}}, int64[1] axes = {{1}}>
+        {{
+          tokens = Gather(table, input_ids)
+          text_embeds = ReduceSum<keepdims = 0>(tokens, axes)
+        }}
+        """,
+    )
+
+
+@pytest.fixture
+def sam2_folder(tmp_path: Path) -> Path:
+    """A segmenter whose "thing" proposal is exactly the box, between a part (10 px smaller on every side of the
+    decoder's 256 grid) and a group (10 px larger); all predict the same IoU."""
+    write_network(
+        tmp_path / "sam2" / "encoder.onnx",
+        """
+        encoder (float[1,3,1024,1024] image)
+          => (float[1,32,256,256] high_res_feats_0, float[1,64,128,128] high_res_feats_1,
+              float[1,256,64,64] image_embed)
+        <int64[4] s0 = {1, 32, 256, 256}, int64[4] s1 = {1, 64, 128, 128}, int64[4] s2 = {1, 256, 64, 64}>
+        {
+          mean = ReduceMean(image)
+          high_res_feats_0 = Expand(mean, s0)
+          high_res_feats_1 = Expand(mean, s1)
+          image_embed = Expand(mean, s2)
+        }
+        """,
+    )
+    write_network(
+        tmp_path / "sam2" / "decoder.onnx",
+        """
+        decoder (float[1,256,64,64] image_embed, float[1,32,256,256] high_res_feats_0,
+                 float[1,64,128,128] high_res_feats_1, float[L,N,2] point_coords, float[L,N] point_labels,
+                 float[L,1,256,256] mask_input, float[1] has_mask_input)
+          => (float[1,3,256,256] masks, float[1,3] iou_predictions)
+        <int64 zero = {0}, int64 one = {1}, int64 wide = {256}, float half = {0.5}, float four = {4.0},
+         int64[4] as_column = {1, 1, 1, 256}, int64[4] as_row = {1, 1, 256, 1}, int64[4] as_layers = {1, 3, 1, 1},
+         float[3] growth = {-10.0, 0.0, 10.0}, float[1,3] quality = {0.9, 0.9, 0.9}, int64[1] flat = {-1}>
+        {
+          counted = Range(zero, wide, one)
+          number = Cast<to = 1>(counted)
+          centre = Add(number, half)
+          x = Reshape(centre, as_column)
+          y = Reshape(centre, as_row)
+          scaled = Div(point_coords, four)
+          box = Reshape(scaled, flat)
+          two = Add(one, one)
+          three = Add(two, one)
+          x1 = Gather(box, zero)
+          y1 = Gather(box, one)
+          x2 = Gather(box, two)
+          y2 = Gather(box, three)
+          a = Sub(x, x1)
+          b = Sub(x2, x)
+          c = Sub(y, y1)
+          d = Sub(y2, y)
+          horizontal = Min(a, b)
+          vertical = Min(c, d)
+          inside = Min(horizontal, vertical)
+          layers = Reshape(growth, as_layers)
+          masks = Add(inside, layers)
+          iou_predictions = Identity(quality)
+        }
+        """,
+    )
+    return tmp_path / "sam2"
+
+
+def make_capture(images: list[Path], given: GivenLabels | None = None) -> Capture:
+    """Views without meaningful poses: perception looks at images one by one."""
+    views = []
+    for path in images:
+        height, width = cv2.imread(str(path)).shape[:2]
+        camera = Camera(width, height, width, width, width / 2, height / 2)
+        views.append(View(PosedCamera(camera, np.eye(4), path.name), path))
+    nothing = np.zeros((0, 3))
+    report = CaptureReport("images", len(views))
+    return Capture(tuple(views), nothing.astype(np.float32), nothing.astype(np.uint8), "ARBITRARY", report, given)
+
+
+def read_rgb(path: Path) -> np.ndarray:
+    """uint8 [H, W, 3]."""
+    return cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+
+
+@pytest.fixture(scope="session")
+def helpers() -> type:
+    """What tests share: `make_capture`, `read_rgb`, `write_network`."""
+
+    class Helpers:
+        make_capture = staticmethod(make_capture)
+        read_rgb = staticmethod(read_rgb)
+        write_network = staticmethod(write_network)
+
+    return Helpers

@@ -1,0 +1,135 @@
+"""Detectors keep their contracts: real weights where they are at hand, stand-ins with known answers elsewhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.perception.boxes import box_iou
+from service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from service.perception.detectors.coco import COCO_80
+from service.perception.detectors.grounding_dino import GroundingDino
+from service.perception.detectors.picodet import PicoDet
+from service.perception.settings import PerceptionSettings
+from service.perception.types import Detections
+
+_IMAGE = np.zeros((100, 200, 3), np.uint8)
+
+
+def _sigmoid(x: float) -> float:
+    return float(1 / (1 + np.exp(-x)))
+
+
+def _true_box(test_data: Path, label: str, view: str) -> np.ndarray:
+    labels = json.loads(next((test_data / "tabletop").glob("transforms.json")).read_text())["labels"]
+    rows, columns = np.nonzero(cv2.imread(str(test_data / "tabletop" / "masks" / f"{view}.png"), -1) == labels[label])
+    return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], np.float32)
+
+
+def _best(found: Detections, label: str) -> np.ndarray:
+    return found.boxes[[name == label for name in found.labels]][0]
+
+
+def test_coco_has_eighty_different_kinds() -> None:
+    assert len(set(COCO_80)) == 80
+    assert all(name == name.strip() and "\n" not in name for name in COCO_80)
+
+
+def test_picodet_finds_the_doll_and_the_bed(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    detector = open_closed_set_detector(PerceptionSettings(threads=2), models_dir)
+    image = helpers.read_rgb(test_data / "plush" / "images" / "20240212_004001.jpg")
+    found = detector.detect(image, 0.5)
+    assert {"teddy bear", "bed"} <= set(found.labels)
+    assert (found.scores >= 0.5).all()
+    assert (found.boxes >= 0).all() and (found.boxes <= [1000, 750, 1000, 750]).all()
+
+
+def test_picodet_boxes_are_in_pixels_of_the_image(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    """480×360 is not the network's square: boxes must undo the stretch."""
+    detector = open_closed_set_detector(PerceptionSettings(threads=2), models_dir)
+    found = detector.detect(helpers.read_rgb(test_data / "tabletop" / "images" / "000.jpg"), 0.3)
+    overlap = box_iou(_best(found, "cup")[None], _true_box(test_data, "utensil holder", "000")[None])
+    assert overlap[0, 0] > 0.8
+
+
+def test_yolo_world_finds_named_things(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    if not (models_dir / "yolo_world_s").is_dir():
+        pytest.skip("evaluation weights are not there")
+    settings = PerceptionSettings(
+        open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", threads=2
+    )
+    detector = open_open_set_detector(settings, models_dir)
+    image = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    found = detector.detect(image, ["Bananas", "headset", "orange"], 0.1)
+    assert set(found.labels) <= {"Bananas", "headset", "orange"}
+    for prompt, truth in (("Bananas", "banana"), ("orange", "orange")):
+        assert box_iou(_best(found, prompt)[None], _true_box(test_data, truth, "018")[None])[0, 0] > 0.7
+    with pytest.raises(InvalidInputError, match="flux capacitor"):
+        detector.detect(image, ["flux capacitor"], 0.1)
+
+
+def test_embedding_prompts_need_an_encoder(models_dir: Path) -> None:
+    with pytest.raises(ModelUnavailableError) as caught:
+        open_open_set_detector(PerceptionSettings(open_set_detector="yolo_world:yolo_world_s"), models_dir)
+    assert caught.value.field == "perception.prompt_encoder"
+
+
+@pytest.mark.parametrize("per_pass", [1, 2])
+def test_grounding_dino_scores_phrases_by_their_tokens(
+    grounding_dino_file: Path, tokenizer_file: Path, per_pass: int
+) -> None:
+    detector = GroundingDino(grounding_dino_file, tokenizer_file, name="dino", prompts_per_pass=per_pass)
+    found = detector.detect(_IMAGE, ["Red Cup", "chair"], 0.4)
+    assert found.labels == ("Red Cup", "chair", "Red Cup")
+    # One word of two fires for the first query: the mean of σ(4) and σ(−4).
+    np.testing.assert_allclose(found.scores, [_sigmoid(4), _sigmoid(4), (_sigmoid(4) + _sigmoid(-4)) / 2], atol=1e-6)
+    np.testing.assert_allclose(found.boxes, [[125, 62.5, 175, 87.5], [0, 0, 100, 50], [50, 25, 150, 75]], atol=1e-4)
+
+
+def test_grounding_dino_leaves_out_the_weak(grounding_dino_file: Path, tokenizer_file: Path) -> None:
+    detector = GroundingDino(grounding_dino_file, tokenizer_file, name="dino")
+    assert detector.detect(_IMAGE, ["lamp"], 0.4).labels == ()
+    assert detector.detect(_IMAGE, [], 0.0).labels == ()
+
+
+def test_grounding_dino_refuses_what_it_cannot_read(grounding_dino_file: Path, tokenizer_file: Path) -> None:
+    detector = GroundingDino(grounding_dino_file, tokenizer_file, name="dino")
+    with pytest.raises(InvalidInputError, match="no word"):
+        detector.detect(_IMAGE, ["..."], 0.4)
+    with pytest.raises(InvalidInputError) as caught:
+        detector.detect(_IMAGE, ["cup " * 300], 0.4)
+    assert "256" in caught.value.limit
+
+
+def test_another_network_breaks_the_contract(grounding_dino_file: Path) -> None:
+    with pytest.raises(ModelUnavailableError) as caught:
+        PicoDet(grounding_dino_file, name="mine")
+    for part in ("mine", "scale_factor [1, 2]", "pixel_values [1, 3, 800, 800]"):
+        assert part in caught.value.message
+
+
+@pytest.mark.parametrize("damage", ["garbage", "truncated", "empty"])
+def test_a_damaged_file_is_no_model(damage: str, grounding_dino_file: Path, tmp_path: Path) -> None:
+    whole = grounding_dino_file.read_bytes()
+    bytes_by_damage = {"garbage": b"not a network" * 99, "truncated": whole[: len(whole) // 2], "empty": b""}
+    (tmp_path / "broken.onnx").write_bytes(bytes_by_damage[damage])
+    with pytest.raises(ModelUnavailableError, match="mine"):
+        PicoDet(tmp_path / "broken.onnx", name="mine")
+
+
+def test_a_missing_model_says_how_to_get_it(tmp_path: Path) -> None:
+    with pytest.raises(ModelUnavailableError) as caught:
+        open_closed_set_detector(PerceptionSettings(), tmp_path)
+    assert "models pull picodet_416" in caught.value.hint
+
+
+@pytest.mark.parametrize("name", ["unknown", "picodet:../secrets", "picodet:", "mobile_sam", "sam1:picodet_416"])
+def test_names_that_are_no_detector(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ModelUnavailableError):
+        open_closed_set_detector(PerceptionSettings(closed_set_detector=name), tmp_path)

@@ -1,0 +1,144 @@
+"""A capture in, a dictionary and label maps out: the whole room with real models."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from service.capture.types import GivenLabels
+from service.common.dictionary import dictionary_of
+from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from service.common.progress import ProgressEvent, silent
+from service.perception import label_capture
+from service.perception.finding import find
+from service.perception.settings import PerceptionSettings
+from service.perception.tags import TAGS
+
+_SETTINGS = PerceptionSettings(threads=2)
+
+
+def _table_views(test_data: Path, names: list[str]) -> list[Path]:
+    return [test_data / "tabletop" / "images" / f"{name}.jpg" for name in names]
+
+
+def test_named_things_are_found_and_cut_out(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    capture = helpers.make_capture(_table_views(test_data, ["018", "024"]))
+    events: list[ProgressEvent] = []
+    labelling = label_capture(capture, _SETTINGS, models_dir, ["Bananas", "orange"], events.append)
+    assert {entry.label for entry in labelling.dictionary.entries} == {"Bananas", "orange"}
+    ids = json.loads((test_data / "tabletop" / "transforms.json").read_text())["labels"]
+    for view, label_map in zip(("018", "024"), labelling.label_maps, strict=True):
+        assert label_map.shape == (360, 480) and label_map.dtype == np.uint16
+        truth = cv2.imread(str(test_data / "tabletop" / "masks" / f"{view}.png"), cv2.IMREAD_UNCHANGED)
+        for label in ("banana", "orange"):
+            mask, true_mask = label_map == labelling.dictionary.id_of(label), truth == ids[label]
+            assert (mask & true_mask).sum() / (mask | true_mask).sum() > 0.75
+    fractions = [event.fraction for event in events]
+    assert fractions == sorted(fractions) and fractions[-1] == 1
+    assert {event.stage for event in events} == {"perception"}
+    assert len(events) == 4  # two views, found and cut out
+
+
+def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    capture = helpers.make_capture(_table_views(test_data, ["018", "020", "024"]))
+    settings = _SETTINGS.model_copy(update={"max_views": 1, "closer_look": False})
+    labelling = label_capture(capture, settings, models_dir, [], silent)
+    assert [bool(label_map.any()) for label_map in labelling.label_maps] == [True, False, False]
+
+
+def test_nothing_found_is_an_empty_dictionary(models_dir: Path, tmp_path: Path, helpers: Any) -> None:
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((60, 80, 3), 127, np.uint8))
+    labelling = label_capture(helpers.make_capture([tmp_path / "grey.png"]), _SETTINGS, models_dir, [], silent)
+    assert len(labelling.dictionary) == 0
+    assert not labelling.label_maps[0].any()
+
+
+def test_labels_beyond_the_closed_set_are_refused_by_name(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    capture = helpers.make_capture(_table_views(test_data, ["018"]))
+    with pytest.raises(InvalidInputError) as caught:
+        label_capture(capture, _SETTINGS, models_dir, ["banana", "headset", "can opener"], silent)
+    assert "headset, can opener" in caught.value.message and "banana" not in caught.value.message
+    assert "open-set" in caught.value.hint
+
+
+def test_the_caller_can_stop_it(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    def stop(event: ProgressEvent) -> None:
+        raise CancelledError("enough")
+
+    with pytest.raises(CancelledError):
+        label_capture(helpers.make_capture(_table_views(test_data, ["018"])), _SETTINGS, models_dir, [], stop)
+
+
+def test_a_missing_model_stops_it_at_once(test_data: Path, models_dir: Path, tmp_path: Path, helpers: Any) -> None:
+    shutil.copytree(models_dir / "picodet_416", tmp_path / "picodet_416")
+
+    def unreached(event: ProgressEvent) -> None:
+        raise AssertionError("nothing should have run")
+
+    with pytest.raises(ModelUnavailableError, match="mobile_sam"):
+        label_capture(helpers.make_capture(_table_views(test_data, ["018"])), _SETTINGS, tmp_path, [], unreached)
+
+
+@pytest.fixture
+def given_capture(tmp_path: Path, helpers: Any) -> Any:
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((4, 6, 3), np.uint8))
+    cv2.imwrite(str(tmp_path / "map.png"), np.array([[0, 1, 2, 2, 2, 2]] * 4, np.uint16))
+    given = GivenLabels(dictionary_of(["wall", "lamp"]), (tmp_path / "map.png", None))
+    return helpers.make_capture([tmp_path / "a.png", tmp_path / "b.png"], given)
+
+
+def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
+    labelling = label_capture(given_capture, _SETTINGS, tmp_path / "no models", [], silent)
+    assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [("wall", 4, 1), ("lamp", 16, 1)]
+    np.testing.assert_array_equal(labelling.label_maps[0], [[0, 1, 2, 2, 2, 2]] * 4)
+    assert labelling.label_maps[1].shape == (4, 6) and not labelling.label_maps[1].any()
+
+
+@pytest.mark.parametrize("fault", ["size", "id"])
+def test_given_labels_that_do_not_fit_are_refused(given_capture: Any, tmp_path: Path, fault: str) -> None:
+    wrong = np.full((4, 5), 1, np.uint16) if fault == "size" else np.full((4, 6), 3, np.uint16)
+    cv2.imwrite(str(tmp_path / "map.png"), wrong)
+    with pytest.raises(InvalidInputError, match=r"\(4, 5\)" if fault == "size" else "id 3"):
+        label_capture(given_capture, _SETTINGS, tmp_path, [], silent)
+
+
+def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
+    test_data: Path, models_dir: Path, helpers: Any
+) -> None:
+    """Prompts: the user's words; else the closed-set finds; else, where those are none, the tag list."""
+    if not (models_dir / "yolo_world_s").is_dir():
+        pytest.skip("evaluation weights are not there")
+    settings = PerceptionSettings(
+        open_set_detector="yolo_world:yolo_world_s",
+        prompt_encoder="label_table:clip_text_vocab",
+        tags=("headset", "frying pan"),
+        threads=2,
+        min_views=1,
+    )
+    photo = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    grey = np.full((120, 160, 3), 127, np.uint8)
+
+    def prompts(image: np.ndarray, labels: list[str], chosen: PerceptionSettings) -> str:
+        lines: list[str] = []
+        find(lambda _: image, 1, labels, chosen, models_dir, lambda done, line: lines.append(line))
+        return lines[-1]
+
+    assert "for 1 kinds" in prompts(photo, ["banana", "Bananas"], settings)
+    assert "for 2 kinds" in prompts(grey, [], settings)
+    tagged = settings.model_copy(update={"prompt_source": "tags"})
+    found = find(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
+    assert set(found[0].labels) == {"headset", "frying pan"}
+    closed_finds = find(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
+    assert "banana" in closed_finds[0].labels and "headset" not in closed_finds[0].labels
+
+
+def test_tags_are_different_things() -> None:
+    assert len(TAGS) == len({tag.strip() for tag in TAGS}) == len(dictionary_of(TAGS))
+    assert {"pillow", "window", "teddy bear"} <= set(TAGS)

@@ -1,0 +1,151 @@
+"""Masks to label maps, label maps to a dictionary, and both to disk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
+from service.common.errors import InvalidInputError
+from service.perception.maps import clean_mask, paint, settle_masks
+from service.perception.storage import load_labelling, save_labelling
+from service.perception.text import open_text_encoder
+from service.perception.types import Detections, Labelling
+from service.perception.vocabulary import counted, finished, renamed, synonyms
+
+_mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))
+_maps = st.lists(hnp.arrays(np.uint16, (5, 6), elements=st.integers(0, 3)), min_size=1, max_size=4)
+
+
+@given(_mask_stacks)
+def test_a_pixel_belongs_to_its_smallest_mask(masks: np.ndarray) -> None:
+    ids = list(range(1, len(masks) + 1))
+    label_map = paint(masks, ids, np.ones(len(masks), np.float32))
+    areas = masks.sum((1, 2))
+    assert ((label_map == 0) == ~masks.any(0)).all()
+    for row, column in np.argwhere(label_map > 0):
+        covering = [i for i in range(len(masks)) if masks[i, row, column]]
+        assert areas[label_map[row, column] - 1] == min(areas[i] for i in covering)
+
+
+def test_equal_masks_go_to_the_heavier() -> None:
+    masks = np.ones((2, 3, 3), np.bool_)
+    assert (paint(masks, [1, 2], np.array([0.9, 0.2], np.float32)) == 1).all()
+    assert (paint(masks, [1, 2], np.array([0.2, 0.9], np.float32)) == 2).all()
+
+
+def test_two_names_for_the_same_pixels_leave_one() -> None:
+    doll, almost, bed = np.zeros((3, 20, 20), np.bool_)
+    doll[5:15, 5:15] = almost[5:15, 6:15] = True
+    bed[:] = True
+    stack = np.stack([doll, almost, bed])
+    weights = np.array([0.5, 0.8, 0.3], np.float32)
+    assert settle_masks(stack, ["cake", "doll", "bed"], weights, 0.7) == [1, 2]
+    assert settle_masks(stack, ["doll", "doll", "bed"], weights, 0.7) == [0, 1, 2]
+
+
+def test_specks_and_pinholes_go_and_the_thing_stays() -> None:
+    mask = np.zeros((60, 60), np.bool_)
+    mask[10:50, 10:50] = True
+    expected = mask.copy()
+    mask[30, 30] = False
+    mask[2, 2] = True
+    np.testing.assert_array_equal(clean_mask(mask), expected)
+    for same in (np.zeros_like(mask), np.ones_like(mask)):
+        np.testing.assert_array_equal(clean_mask(same), same)
+
+
+@given(_maps)
+def test_the_finished_dictionary_counts_its_maps(maps: list[np.ndarray]) -> None:
+    labelling = finished(["cup", "bed", "doll"], maps, {}, min_pixels=1)
+    pixels = [entry.pixels for entry in labelling.dictionary.entries]
+    assert pixels == sorted(pixels, reverse=True)
+    assert sum(pixels) == sum(int((m > 0).sum()) for m in maps)
+    for old, kind in enumerate(["cup", "bed", "doll"], start=1):
+        new = labelling.dictionary.id_of(kind)
+        for before, after in zip(maps, labelling.label_maps, strict=True):
+            np.testing.assert_array_equal(before == old, after == new if new else np.zeros_like(before, np.bool_))
+        if new:
+            assert labelling.dictionary.entries[new - 1].views == sum(bool((m == old).any()) for m in maps)
+
+
+def test_kinds_with_few_pixels_become_undetected() -> None:
+    maps = [np.array([[1, 1, 1, 2]], np.uint16), np.array([[0, 0, 0, 2]], np.uint16)]
+    labelling = finished(["bed", "dust"], maps, {}, min_pixels=2)
+    assert [entry.label for entry in labelling.dictionary.entries] == ["bed"]
+    np.testing.assert_array_equal(np.stack(labelling.label_maps), [[[1, 1, 1, 0]], [[0, 0, 0, 0]]])
+
+
+def test_given_dictionaries_keep_their_order_and_unused_names() -> None:
+    labelling = counted(dictionary_of(["wall", "cup", "lamp"]), [np.array([[3, 3, 1]], np.uint16)])
+    assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [
+        ("wall", 1, 1), ("cup", 0, 0), ("lamp", 2, 1),
+    ]  # fmt: skip
+    with pytest.raises(InvalidInputError, match="id 9"):
+        counted(dictionary_of(["wall"]), [np.array([[9]], np.uint16)])
+
+
+def _sighting(*found: tuple[str, tuple[float, ...]]) -> Detections:
+    boxes = np.array([box for _, box in found], np.float32)
+    return Detections(boxes, np.full(len(found), 0.8, np.float32), tuple(name for name, _ in found))
+
+
+def test_synonyms_need_both_meaning_and_place(models_dir: Path) -> None:
+    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=2)
+    here, there = (0, 0, 50, 50), (100, 100, 150, 150)
+    together = _sighting(("couch", here), ("sofa", (1, 0, 50, 50)), ("bed", (0, 0, 50, 49)))
+    apart = _sighting(("couch", here), ("sofa", there))
+    rule = {"cosine": 0.8, "iou": 0.5}
+    assert synonyms([together, _sighting(("couch", here))], encoder, **rule) == {"sofa": "couch"}
+    assert synonyms([together, _sighting(("sofa", here))], encoder, **rule) == {"couch": "sofa"}
+    assert synonyms([apart], encoder, **rule) == {}
+    assert synonyms([together], encoder, cosine=0.999, iou=0.5) == {}
+    merged = renamed([together], {"sofa": "couch"})
+    assert merged[0].labels == ("couch", "couch", "bed")
+
+
+def test_aliases_lead_to_the_entry() -> None:
+    labelling = finished(["couch"], [np.ones((2, 2), np.uint16)], {"sofa": "couch"}, min_pixels=1)
+    assert labelling.dictionary.id_of("Sofas") == labelling.dictionary.id_of("couch") == 1
+
+
+@given(maps=_maps, names=st.permutations(["Tasse", "ベッド", "doll"]))
+def test_what_is_saved_is_loaded(
+    tmp_path_factory: pytest.TempPathFactory, maps: list[np.ndarray], names: list[str]
+) -> None:
+    folder = tmp_path_factory.mktemp("labelling") / "labels"
+    entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i) for i, name in enumerate(names))
+    labelling = Labelling(Dictionary(entries), tuple(maps))
+    save_labelling(Labelling(Dictionary(()), ()), folder)
+    save_labelling(labelling, folder)  # replaces the first
+    loaded = load_labelling(folder)
+    assert loaded.dictionary == labelling.dictionary
+    assert len(loaded.label_maps) == len(maps)
+    for before, after in zip(maps, loaded.label_maps, strict=True):
+        np.testing.assert_array_equal(before, after)
+    assert [path.name for path in folder.parent.iterdir()] == ["labels"]
+
+
+def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:
+    labelling = Labelling(dictionary_of(["cup", "bed"]), (np.full((3, 4), 2, np.uint16),))
+    with pytest.raises(InvalidInputError):
+        load_labelling(tmp_path / "missing")
+    for damage in ("map", "id", "json"):
+        folder = tmp_path / damage
+        save_labelling(labelling, folder)
+        if damage == "map":
+            (folder / "000000.png").write_bytes((folder / "000000.png").read_bytes()[:20])
+        elif damage == "id":
+            index = json.loads((folder / "dictionary.json").read_text())
+            index["entries"].pop()
+            (folder / "dictionary.json").write_text(json.dumps(index))
+        else:
+            (folder / "dictionary.json").write_text('{"schema_version": 1, "maps"')
+        with pytest.raises(InvalidInputError, match="labelling"):
+            load_labelling(folder)

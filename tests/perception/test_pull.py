@@ -1,0 +1,213 @@
+"""Models arrive whole, verified and tried, or not at all. Carriers are made here; nothing goes over the network."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cli.models import models_app
+from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.perception.models import sources
+from service.perception.models.manifest import PERMISSIVE, ROLES, find_model, load_manifest
+from service.perception.models.pull import Step, model_state, pull
+from service.perception.text import open_text_encoder
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _manifest(folder: Path, files: dict[str, tuple[Path, str]], *, licence: str = "MIT", extra: str = "") -> Path:
+    """A manifest of one label table called "words"; per file: its local source and the sha256 to expect."""
+    text = f"""
+        [[model]]
+        name = "words"
+        role = "text_encoder"
+        adapter = "label_table"
+        licence = "{licence}"
+        about = "A few words."
+        default = true
+    """
+    for name, (source, sha256) in files.items():
+        text += f"""
+        [[model.files]]
+        name = "{name}"
+        size = {source.stat().st_size}
+        sha256 = "{sha256}"
+        [[model.files.sources]]
+        kind = "local"
+        path = "{source}"
+        {extra}
+        """
+    (folder / "manifest.toml").write_text(text)
+    return folder / "manifest.toml"
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A small label table that passes its trial: a cup is like a mug and unlike a bridge."""
+    embeds = np.array([[1, 0.1], [1, 0.2], [0, 1]], np.float32)
+    np.savez(tmp_path / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=embeds)
+    return tmp_path / "table.npz"
+
+
+def test_a_local_source_is_copied_tried_and_kept(table: Path, tmp_path: Path) -> None:
+    digest = _sha256(table.read_bytes())
+    manifest, models, steps = _manifest(tmp_path, {"table.npz": (table, digest)}), tmp_path / "models", list[Step]()
+    pull(models, report=steps.append, manifest=manifest)
+    (entry,) = load_manifest(manifest)
+    assert model_state(entry, models) == "ready"
+    assert open_text_encoder("label_table:words", models).sha256 == digest
+    assert steps[-1].what == "ready"
+    assert [path.name for path in models.iterdir()] == ["words"]
+    steps.clear()
+    pull(models, report=steps.append, manifest=manifest)
+    assert [step.what for step in steps] == ["already there"]
+
+
+def test_a_wrong_checksum_leaves_nothing_behind(table: Path, tmp_path: Path) -> None:
+    manifest, models = _manifest(tmp_path, {"table.npz": (table, "0" * 64)}), tmp_path / "models"
+    with pytest.raises(ModelUnavailableError, match="sha256"):
+        pull(models, report=lambda step: None, manifest=manifest)
+    assert list(models.iterdir()) == []
+
+
+def test_a_model_that_fails_its_trial_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "table.npz").write_bytes(b"not a table")
+    manifest = _manifest(tmp_path, {"table.npz": (tmp_path / "table.npz", _sha256(b"not a table"))})
+    with pytest.raises(ModelUnavailableError, match="label table"):
+        pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    assert list((tmp_path / "models").iterdir()) == []
+
+
+def test_a_damaged_model_is_replaced(table: Path, tmp_path: Path) -> None:
+    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
+    models, (entry,) = tmp_path / "models", load_manifest(manifest)
+    (models / "words").mkdir(parents=True)
+    (models / "words" / "table.npz").write_bytes(b"half a tab")
+    assert model_state(entry, models) == "damaged"
+    pull(models, report=lambda step: None, manifest=manifest)
+    assert (models / "words" / "table.npz").read_bytes() == table.read_bytes()
+    assert [path.name for path in models.iterdir()] == ["words"]
+
+
+def test_licences_need_a_yes(table: Path, tmp_path: Path) -> None:
+    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}, licence="AGPL-3.0-only")
+    models = tmp_path / "models"
+    with pytest.raises(InvalidInputError) as caught:
+        pull(models, report=lambda step: None, manifest=manifest)
+    assert "AGPL-3.0-only" in caught.value.message and "--allow-licence" in caught.value.hint
+    assert not models.exists()
+    pull(models, report=lambda step: None, manifest=manifest, allow_licences=["AGPL-3.0-only"])
+    assert (models / "words" / "table.npz").is_file()
+
+
+def _wheel(path: Path, inner: bytes) -> bytes:
+    with zipfile.ZipFile(path, "w") as wheel:
+        wheel.writestr("carrier/table.npz", inner)
+    return path.read_bytes()
+
+
+def _source_archive(path: Path, inner: bytes) -> bytes:
+    with tarfile.open(path, "w:gz") as bundle:
+        member = tarfile.TarInfo("carrier/table.npz")
+        member.size = len(inner)
+        bundle.addfile(member, io.BytesIO(inner))
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["wheel", "source archive"])
+@pytest.mark.parametrize("fault", ["", "archive", "member", "path"])
+def test_package_carriers_are_verified_twice(
+    kind: str, fault: str, table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The archive by its hash, then the file inside by its own. Only the download itself is replaced."""
+    inner = table.read_bytes()
+    build, name = (_wheel, "c-1-py3-none-any.whl") if kind == "wheel" else (_source_archive, "c-1.tar.gz")
+    archive = build(tmp_path / name, inner)
+
+    def download(source: Any, folder: Path) -> None:
+        (folder / name).write_bytes(archive)
+
+    monkeypatch.setattr(sources, "_pip_download", download)
+    (tmp_path / "manifest.toml").write_text(
+        f"""
+        [[model]]
+        name = "words"
+        role = "text_encoder"
+        adapter = "label_table"
+        licence = "MIT"
+        about = "A few words."
+        [[model.files]]
+        name = "table.npz"
+        sha256 = "{"1" * 64 if fault == "member" else _sha256(inner)}"
+        [[model.files.sources]]
+        kind = "local"
+        path = "missing.npz"
+        [[model.files.sources]]
+        kind = "pypi"
+        package = "carrier"
+        version = "1"
+        path = "carrier/{"other" if fault == "path" else "table"}.npz"
+        sha256 = "{"2" * 64 if fault == "archive" else _sha256(archive)}"
+        """
+    )
+    models = tmp_path / "models"
+    if not fault:
+        pull(models, ["words"], report=lambda step: None, manifest=tmp_path / "manifest.toml")
+        assert (models / "words" / "table.npz").read_bytes() == inner
+        return
+    with pytest.raises(ModelUnavailableError) as caught:
+        pull(models, ["words"], report=lambda step: None, manifest=tmp_path / "manifest.toml")
+    assert "no such file" in caught.value.message and "pypi carrier 1" in caught.value.message
+    assert list(models.iterdir()) == []
+
+
+def test_hub_files_need_a_commit(tmp_path: Path) -> None:
+    for revision in (None, "main"):
+        with pytest.raises(ModelUnavailableError, match="--revision"):
+            pull(tmp_path, ["clip_vit_b32_text"], report=lambda step: None, revision=revision)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
+    entries = load_manifest()
+    assert {entry.name for entry in entries if entry.default} == {"minilm_l6_int8", "picodet_416", "mobile_sam"}
+    for entry in entries:
+        assert entry.licence in PERMISSIVE
+        assert find_model(entry.name, entry.role)[0] in ROLES[entry.role]
+        for file in (*entry.files, *(entry.conversion.carriers if entry.conversion else ())):
+            packaged = [source for source in file.sources if source.kind in ("pypi", "npm")]
+            assert not packaged or (file.sha256 and file.size)
+    minilm = next(entry for entry in entries if entry.name == "minilm_l6_int8")
+    assert model_state(minilm, models_dir) == "ready"
+
+
+def test_command_line(table: Path, tmp_path: Path) -> None:
+    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
+    options = ["--models", str(tmp_path / "models"), "--manifest", str(manifest)]
+    runner = CliRunner()
+    assert "absent" in runner.invoke(models_app, ["list", *options]).output
+    assert runner.invoke(models_app, ["pull", "words", *options]).exit_code == 0
+    assert "ready" in runner.invoke(models_app, ["list", *options]).output
+    refused = runner.invoke(models_app, ["pull", "nonsense", *options])
+    assert refused.exit_code == 1 and "nonsense" in refused.output
+
+
+def test_a_useless_table_fails_its_trial(tmp_path: Path) -> None:
+    """Opens, keeps its contract, and knows nothing."""
+    same = np.ones((3, 2), np.float32)
+    np.savez(tmp_path / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=same)
+    digest = _sha256((tmp_path / "table.npz").read_bytes())
+    manifest = _manifest(tmp_path, {"table.npz": (tmp_path / "table.npz", digest)})
+    with pytest.raises(ModelUnavailableError, match="does not work"):
+        pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    assert list((tmp_path / "models").iterdir()) == []

@@ -1,0 +1,81 @@
+"""Text encoders: unit vectors whose angles mean something."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.perception.text import open_text_encoder
+from service.perception.text.clip import ClipTextEncoder
+from service.perception.text.sentence import SentenceEncoder
+
+
+@pytest.mark.parametrize(
+    ("word", "near", "far"),
+    [("fork", "spoon", "car"), ("couch", "sofa", "banana"), ("teddy bear", "plush doll", "oven")],
+)
+def test_minilm_knows_what_is_near(models_dir: Path, word: str, near: str, far: str) -> None:
+    first, second, third = open_text_encoder("minilm_l6_int8", models_dir, threads=2).encode([word, near, far])
+    assert first @ second > first @ third + 0.1
+
+
+def test_minilm_rows_are_unit_and_independent_of_neighbours(models_dir: Path) -> None:
+    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=2)
+    texts = ["cup", "the coffee machine that stands beside the window of the kitchen", "BED"]
+    together = encoder.encode(texts)
+    assert together.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(together, axis=1), 1, atol=1e-5)
+    for text, row in zip(texts, together, strict=True):
+        np.testing.assert_array_equal(encoder.encode([text])[0], row)
+    assert encoder.name == "minilm_l6_int8"
+    assert len(encoder.sha256) == 64
+
+
+def test_minilm_cuts_long_texts(models_dir: Path) -> None:
+    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=2)
+    long, longer = encoder.encode(["cup " * 254, "cup " * 5000])
+    np.testing.assert_allclose(long, longer, atol=1e-5)
+
+
+def test_clip_tower_embeds_tokens(clip_file: Path, tokenizer_file: Path) -> None:
+    encoder = ClipTextEncoder(clip_file, tokenizer_file, name="tower")
+    red_cup, chair = encoder.encode(["Red cup", "chair"])
+    expected = np.zeros(8)
+    expected[[1, 2, 4, 5]] = 0.5  # [CLS] [SEP] red cup
+    np.testing.assert_allclose(red_cup, expected, atol=1e-6)
+    assert red_cup @ chair == pytest.approx(2 / (2 * np.sqrt(3)), abs=1e-6)
+
+
+def test_wrong_tower_is_refused(clip_file: Path, tokenizer_file: Path) -> None:
+    with pytest.raises(ModelUnavailableError, match="last_hidden_state"):
+        SentenceEncoder(clip_file, tokenizer_file, name="tower")
+
+
+def test_a_damaged_tokenizer_is_refused(clip_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "broken.json").write_text("{")
+    for name in ("broken.json", "missing.json"):
+        with pytest.raises(ModelUnavailableError, match=name):
+            ClipTextEncoder(clip_file, tmp_path / name, name="tower")
+
+
+def test_label_table_knows_its_labels_only(tmp_path: Path) -> None:
+    (tmp_path / "words").mkdir()
+    np.savez(
+        tmp_path / "words" / "table.npz",
+        names=np.array(["coffee cup", "Coffee Cups", "lamp"]),
+        embeds=np.array([[3, 0], [0, 5], [4, 3]], np.float16),
+    )
+    encoder = open_text_encoder("label_table:words", tmp_path)
+    np.testing.assert_allclose(encoder.encode(["COFFEE_CUPS", "lamp"]), [[1, 0], [0.8, 0.6]], atol=1e-6)
+    with pytest.raises(InvalidInputError, match="sofa, tree"):
+        encoder.encode(["sofa", "lamp", "tree"])
+
+
+def test_a_damaged_table_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "words").mkdir()
+    (tmp_path / "words" / "table.npz").write_bytes(b"PK\x03\x04 no")
+    with pytest.raises(ModelUnavailableError, match="words"):
+        open_text_encoder("label_table:words", tmp_path)
