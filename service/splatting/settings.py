@@ -10,6 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 class LearningRates(BaseModel):
     """Adam step sizes at the start of a run; each decays exponentially to `final_share` of it (means: `means_final`).
 
+    Larger than 3DGS's, whose runs are ten times as long: in 1,500 steps at 240×180 on a table scene the difference is
+    25.3 to 28.3 dB on held-out views.
+
     Attributes:
         means: times the scene's extent, scene units a step.
         means_final: `means` at the end of the run.
@@ -19,12 +22,12 @@ class LearningRates(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    means: float = Field(1.6e-4, gt=0)
-    means_final: float = Field(1.6e-6, gt=0)
-    quats: float = Field(1e-3, gt=0)
-    log_scales: float = Field(5e-3, gt=0)
+    means: float = Field(2e-3, gt=0)
+    means_final: float = Field(1e-5, gt=0)
+    quats: float = Field(3e-3, gt=0)
+    log_scales: float = Field(2e-2, gt=0)
     logit_opacities: float = Field(5e-2, gt=0)
-    sh_dc: float = Field(2.5e-3, gt=0)
+    sh_dc: float = Field(5e-3, gt=0)
     sh_rest_share: float = Field(0.05, gt=0, le=1)
     codes: float = Field(1e-2, gt=0)
     weight: float = Field(5e-3, gt=0)
@@ -52,7 +55,7 @@ class TrainingSettings(BaseModel):
         held_out_every: one view in so many is kept from training to measure quality; 0 keeps none. With fewer than 4
             views none is kept: the scene needs them all.
         ssim_weight: λ of (1 − λ) L1 + λ (1 − SSIM).
-        semantic_weight: factor of the weighted cross-entropy.
+        semantic_weight: factor of the weighted cross-entropy. (At 0.1 it costs colour 0.8 dB, at 0.03 nothing.)
         semantic_every: the cross-entropy enters every so many-th step.
         undetected_weight: class weight of undetected pixels in the cross-entropy, where a labelled one has 1.
         code_size: numbers a Gaussian carries for its meaning; "auto" takes it from the number of labels.
@@ -83,7 +86,7 @@ class TrainingSettings(BaseModel):
     sh_from: tuple[float, float, float] = (0.15, 0.4, 0.6)
     held_out_every: int = Field(8, ge=0)
     ssim_weight: float = Field(0.2, ge=0, le=1)
-    semantic_weight: float = Field(0.1, ge=0)
+    semantic_weight: float = Field(0.03, ge=0)
     semantic_every: int = Field(1, ge=1)
     undetected_weight: float = Field(0.1, ge=0, le=1)
     code_size: Literal["auto"] | int = "auto"

@@ -9,11 +9,10 @@ import torch
 from torch import Tensor
 
 from service.splatting.densify import split_in_place
+from service.splatting.optim import adam_update
 
 GAUSSIAN_PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh_dc", "sh_rest", "codes")
 """Row g of each belongs to Gaussian g; "weight" and "bias" of the semantic head are the only others."""
-
-_BETA1, _BETA2, _EPSILON = 0.9, 0.999, 1e-15
 
 
 @dataclass
@@ -63,29 +62,13 @@ def restored_state(tensors: Mapping[str, Tensor], iteration: int) -> SplatState:
     return SplatState(groups["parameter"], groups["first"], groups["second"], iteration)
 
 
-@torch.no_grad()
 def adam_step(state: SplatState, rates: Mapping[str, float]) -> None:
     """One step of Adam on every parameter that has a gradient; clears the gradients."""
     state.iteration += 1
     for name, value in state.parameters.items():
         if value.grad is None or value.numel() == 0:
             continue
-        torch.optim._functional.adam(  # type: ignore[attr-defined]
-            [value],
-            [value.grad],
-            [state.first[name]],
-            [state.second[name]],
-            [],
-            [torch.tensor(float(state.iteration - 1))],
-            fused=True,
-            amsgrad=False,
-            beta1=_BETA1,
-            beta2=_BETA2,
-            lr=rates[name],
-            weight_decay=0.0,
-            eps=_EPSILON,
-            maximize=False,
-        )
+        adam_update(value, value.grad, state.first[name], state.second[name], rate=rates[name], step=state.iteration)
         value.grad = None
 
 

@@ -22,7 +22,7 @@ from service.scene.types import Gaussians, SemanticHead
 from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from service.splatting.densify import planned_count
 from service.splatting.initial import scene_extent, start_gaussians, start_points
-from service.splatting.losses import image_loss, semantic_loss
+from service.splatting.losses import ImageTarget, image_loss, semantic_loss
 from service.splatting.morton import morton_order
 from service.splatting.quality import psnr, ssim
 from service.splatting.raster import Splats, rasterize, sh_to_rgb
@@ -41,6 +41,8 @@ from service.splatting.types import TrainedSplats, TrainingDivergedError
 from service.splatting.views import Frame, TrainingView, load_views, split_views
 
 _REPORT_EVERY_S = 0.5
+_PSNR_EVERY = 20
+_TARGET_BYTES = 2**28
 
 
 def train(
@@ -142,6 +144,8 @@ class _Run:
                 }
             )
         self.losses: deque[float] = deque(maxlen=50)
+        self.targets: dict[int, ImageTarget] = {}
+        self.level = -1
         self.latest = math.nan
         self.speed = 0.0
 
@@ -194,15 +198,19 @@ class _Run:
     def _step(self, share: float) -> None:
         settings, iteration = self.settings, self.state.iteration
         view = self._view_of(iteration)
-        frame = view.frames[image_level(share, settings)]
+        level = image_level(share, settings)
+        if level != self.level:
+            self.level, self.targets = level, {}
+        frame = view.frames[level]
         semantic = self.labels > 0 and frame.labels is not None and iteration % settings.semantic_every == 0
         parameters = self.state.parameters
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
         degree = sh_degree(share, settings)
         image, culled = self._render(parameters, opacities, scales, view, frame, degree, semantic, self._background())
-        loss = image_loss(image[..., :3], frame.target(), settings.ssim_weight, frame.valid)
-        if not self.held_out:
-            self.latest = psnr(image[..., :3].detach(), frame.target(), frame.valid)
+        target = self._target_of(frame)
+        loss = image_loss(image[..., :3], target, settings.ssim_weight)
+        if not self.held_out and iteration % _PSNR_EVERY == 0:
+            self.latest = psnr(image[..., :3].detach(), target.image, frame.valid)
         if semantic and frame.labels is not None:
             cross_entropy = _cross_entropy(image[..., 3:], parameters, frame.labels, frame.valid, self.class_weights)
             loss = loss + settings.semantic_weight * settings.semantic_every * cross_entropy
@@ -251,6 +259,16 @@ class _Run:
         epoch, position = divmod(iteration, len(self.views))
         order = np.random.default_rng((self.settings.seed, 2, epoch)).permutation(len(self.views))
         return self.views[int(order[position])]
+
+    def _target_of(self, frame: Frame) -> ImageTarget:
+        """The frame's image with its moments; kept from step to step while memory lasts."""
+        found = self.targets.get(id(frame))
+        if found is not None:
+            return found
+        target = ImageTarget(frame.target(), frame.valid)
+        if (len(self.targets) + 1) * target.image.nbytes * 3 <= _TARGET_BYTES:
+            self.targets[id(frame)] = target
+        return target
 
     def _background(self) -> Tensor | None:
         if self.settings.background == "black":

@@ -62,7 +62,7 @@ def _make(folder: Path, views: int, width: int = 64, height: int = 48) -> tuple[
         position = np.array([2.2 * np.cos(angle), 2.2 * np.sin(angle), 1.2 + 0.3 * (index % 2)])
         posed = PosedCamera(camera, look_at(position, np.array([0, 0, 0.15])), f"{index:03d}.png")
         viewmat = torch.from_numpy(posed.camera_from_world()).float()
-        image = rasterize(splats, viewmat, camera, backend="reference").image
+        image = rasterize(splats, viewmat, camera).image
         path = folder / posed.name
         Image.fromarray((image[..., :3].clamp(0, 1) * 255).round().byte().numpy()).save(path)
         evidence = torch.cat([torch.full_like(image[..., :1], 0.5), image[..., 3:]], dim=2)

@@ -109,10 +109,10 @@ def test_a_checkpoint_of_other_settings_or_of_garbage_is_refused(world, quick, t
 
 
 def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
-    capture, labelling = make_world()
+    capture, labelling = make_world(views=8)
     settings = quick(held_out_every=4, evaluations=5)
     before = train(capture, labelling, settings, silent)
-    assert before.held_out == ("002.png", "006.png", "010.png")
+    assert before.held_out == ("002.png", "006.png")
     random = np.random.default_rng(0)
     for name in before.held_out:
         path = capture.views[int(name[:3])].image_path
