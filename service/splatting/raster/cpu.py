@@ -61,6 +61,13 @@ def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`. Computes in float32 (doubles once per Gaussian)."""
+    return rasterize_with_frame(splats, viewmat, camera, background, settings)[0]
+
+
+def rasterize_with_frame(
+    splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
+) -> tuple[Rendering, Any]:
+    """As `rasterize`, and the kernels' own record of the call: visible, pairs, milliseconds of each stage."""
     if viewmat.requires_grad:
         raise InvalidInputError(
             "the cpu backend does not differentiate the viewmat", field="viewmat", hint="Use backend='reference'."
@@ -72,7 +79,8 @@ def rasterize(
     image, alpha, depth, median, radii = _Rasterize.apply(*parts, back, viewmat, camera, settings, info)  # type: ignore[no-untyped-call]
     if dtype != torch.float32:
         image, alpha, depth, median = (part.to(dtype) for part in (image, alpha, depth, median))
-    return Rendering(image, alpha, depth, median, radii, int(info["frame"].culled_non_finite))
+    frame = info["frame"]
+    return Rendering(image, alpha, depth, median, radii, int(frame.culled_non_finite)), frame
 
 
 def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:

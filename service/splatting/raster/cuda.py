@@ -1,9 +1,9 @@
 """gsplat 1.5.3 behind the same interface, for NVIDIA GPUs.
 
-What gsplat fixes at compile time and this adapter cannot change: alpha_min 1/255 and transmittance_min 1e-4 (other values
-are refused), an alpha clamp of 0.999 (`alpha_max` is not applied: nearly opaque Gaussians differ from the other backends
-by up to 0.9 %), a radius of at most 3.33 standard deviations, and float32 arithmetic for covariances, which loses needles.
-It does not report a median depth; that image is NaN here. `viewmat` is differentiable.
+What gsplat fixes at compile time and this adapter cannot change: alpha_min 1/255 and transmittance_min 1e-4 (other
+values are refused), an alpha clamp of 0.999 (`alpha_max` is not applied: nearly opaque Gaussians differ from the other
+backends by up to 0.9 %), a radius of at most 3.33 standard deviations, and float32 covariances, which lose needles. It
+does not report a median depth; that image is NaN here. `viewmat` is differentiable.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ def rasterize(
 def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
     """See `service.splatting.raster.blend_sums`: the gradient of Σ image·value with respect to the features."""
     features = torch.zeros(len(splats.means), values.shape[2], device=splats.means.device, requires_grad=True)
-    plain = Splats(*(part.detach() for part in (splats.means, splats.quats, splats.scales, splats.opacities)), features)
+    plain = Splats(
+        splats.means.detach(), splats.quats.detach(), splats.scales.detach(), splats.opacities.detach(), features
+    )
     with torch.enable_grad():
         image = rasterize(plain, viewmat.detach(), camera, None, settings).image
         (sums,) = torch.autograd.grad((image * values).sum(), features)

@@ -137,6 +137,9 @@ struct Kernels {
   void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
   void (*semantic)(const SemanticJob&, int64_t task, float* scratch);
   void (*adam)(const AdamJob&, int64_t begin, int64_t end);
+  int64_t (*census)(const TileJob&, int32_t tile);
+  int64_t (*peak)(int64_t rounds, float* sink);
+  int32_t lanes;
 };
 
 }  // namespace fs

@@ -2,14 +2,17 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 #include <stdexcept>
 
 #include "dispatch.h"
+#include "pool.h"
 #include "raster.h"
 #include "training.h"
 
@@ -151,6 +154,26 @@ void blend(Held& held, const In& values, const Out& sums, int threads, const std
   check(held.frame.blend(call, values.data(), (int32_t)values.shape(2), sums.data()));
 }
 
+int64_t census(Held& held, const std::string& isa) { return held.frame.census(fs::kernels(isa)); }
+
+// Vector multiply-adds a nanosecond that `threads` threads reach together, and the lanes of a vector.
+std::pair<double, int> peak(int threads, const std::string& isa) {
+  const fs::Kernels& k = fs::kernels(isa);
+  nb::gil_scoped_release release;
+  double best = 0;
+  for (int attempt = 0; attempt < 5; attempt++) {
+    std::vector<float> sinks(threads * 16, 0.0f);
+    std::vector<int64_t> done(threads, 0);
+    const auto start = std::chrono::steady_clock::now();
+    fs::run(threads, threads, [&](int64_t t) { done[t] = k.peak(1000000, &sinks[t * 16]); }, nullptr);
+    const double ns = std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count();
+    double total = 0;
+    for (int64_t n : done) total += (double)n;
+    best = std::max(best, total / ns);
+  }
+  return {best, k.lanes};
+}
+
 }  // namespace
 
 NB_MODULE(_cpu, m) {
@@ -169,8 +192,10 @@ NB_MODULE(_cpu, m) {
       })
       .def("forward", &forward)
       .def("backward", &backward)
-      .def("blend", &blend);
+      .def("blend", &blend)
+      .def("census", &census);
   m.def("prepare", &prepare);
+  m.def("peak", &peak);
   bind_training(m);
   m.def("isas", &fs::available, "instruction sets this machine can run, best first");
 }

@@ -329,6 +329,13 @@ Status Frame::backward(const Call& call, const Inputs& in, const float* backgrou
   return done ? Status::done : Status::cancelled;
 }
 
+int64_t Frame::census(const Kernels& kernels) {
+  const TileJob job = this->job();
+  int64_t useful = 0;
+  for (int32_t tile = 0; tile < tiles_x_ * tiles_y_; tile++) useful += kernels.census(job, tile);
+  return useful;
+}
+
 Status Frame::blend(const Call& call, const float* values, int32_t width, float* out) {
   TileJob job = this->job();
   job.channels = width;

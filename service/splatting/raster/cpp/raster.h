@@ -69,6 +69,9 @@ class Frame {
   // values [H, W, width] -> out [G, width].
   Status blend(const Call& call, const float* values, int32_t width, float* out);
 
+  // After forward: pixel-Gaussian pairs that count.
+  int64_t census(const Kernels& kernels);
+
   int64_t bad = 0, visible = 0, pairs = 0;
   double milliseconds[STAGES] = {};
 

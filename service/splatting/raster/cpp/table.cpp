@@ -18,10 +18,13 @@ double image_loss(const ImageLossJob&, int32_t, float*);
 void image_gradient(const ImageLossJob&, int32_t, float*);
 void semantic(const SemanticJob&, int64_t, float*);
 void adam(const AdamJob&, int64_t, int64_t);
+int64_t census(const TileJob&, int32_t);
+int64_t peak(int64_t, float*);
 
 #define FS_TEXT(x) #x
 #define FS_NAME(x) FS_TEXT(x)
 extern const Kernels kernels = {FS_NAME(FS_NS), project, spans, forward, backward, blend, finish,
-                                harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic, adam};
+                                harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic, adam,
+                                census, peak, W};
 
 }  // namespace FS_NS

@@ -1,0 +1,1 @@
+"""How fast the rasterizer is, against what this machine could do."""

@@ -1,0 +1,91 @@
+"""`python -m benchmarks.raster`: prints the table and writes benchmarks/results/raster.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+
+import torch
+
+from benchmarks.raster.measure import Row, raster_row, step_row
+from benchmarks.raster.scenes import garden
+from service.splatting.raster.cpu import instruction_sets
+
+_RESULTS = Path(__file__).parents[1] / "results" / "raster.json"
+
+
+def main() -> None:
+    """Measures; with --peers, rows of other programs (same keys, `backend` their name) are shown beside ours."""
+    parser = argparse.ArgumentParser(description="rasterizer benchmark")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--quick", action="store_true", help="only the rows that have targets")
+    parser.add_argument("--peers", type=Path, help="JSON list of rows measured elsewhere on this machine")
+    parser.add_argument("--out", type=Path, default=_RESULTS)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+
+    rows: list[dict[str, object]] = []
+
+    def add(row: Row) -> None:
+        rows.append({name: value for name, value in asdict(row).items() if value is not None and value != {}})
+        print(_line(rows[-1]), flush=True)
+
+    load = os.getloadavg()[0]
+    threads, rounds = arguments.threads, arguments.rounds
+    print(_line({name: name for name in _COLUMNS}))
+    small, large = garden(20_000, 320, 240, 6), garden(100_000, 640, 480, 6)
+    plain = garden(100_000, 640, 480, 3)
+    for isa in instruction_sets():
+        add(raster_row(small, isa, threads, rounds=rounds))
+        add(raster_row(large, isa, threads, rounds=rounds))
+        add(step_row(small, isa, threads, rounds=rounds))
+        add(raster_row(plain, isa, threads, backward=False, rounds=rounds))
+    best = instruction_sets()[0]
+    add(raster_row(small, best, 1, rounds=rounds))
+    add(raster_row(large, best, 1, rounds=rounds))
+    if not arguments.quick:
+        for count in (10_000, 30_000, 300_000, 1_000_000):
+            add(raster_row(garden(count, 640, 480, 6), best, threads, rounds=max(3, rounds // 3)))
+        for width, height in ((160, 120), (1280, 720), (1920, 1080)):
+            add(raster_row(garden(100_000, width, height, 6), best, threads, rounds=max(3, rounds // 3)))
+    if arguments.peers:
+        for row in json.loads(arguments.peers.read_text()):
+            rows.append(row)
+            print(_line(row))
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    report = {
+        "machine": _machine(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "threads": threads,
+        "load_average_at_start": round(load, 2),
+        "rows": rows,
+    }
+    arguments.out.write_text(json.dumps(report, indent=1) + "\n")
+
+
+_COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms floor_ratio".split()
+
+
+def _line(row: dict[str, object]) -> str:
+    return " ".join(f"{row.get(name, '')!s:>11}" for name in _COLUMNS)
+
+
+def _machine() -> str:
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        names = [
+            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
+        ]
+        model = names[0] if names else model
+    return f"{model}, {len(os.sched_getaffinity(0))} CPUs, {platform.system()}"
+
+
+if __name__ == "__main__":
+    main()

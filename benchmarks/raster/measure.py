@@ -1,0 +1,168 @@
+"""Medians of forward, backward and a whole training step; one row of the table each."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from benchmarks.raster.scenes import Scene
+from service.splatting.losses import ImageTarget, image_loss, semantic_loss
+from service.splatting.optim import adam_update
+from service.splatting.raster import RasterSettings, Splats, cpu, rasterize, sh_to_rgb
+
+# Arithmetic vector instructions per visit of a block, counted in tiles.cpp: exponent, 2^x, blending; per channel.
+_FORWARD = (16, 1)
+_BACKWARD = (30, 2)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; times in milliseconds, `floor_ratio` = measured / (useful lanes × operations / peak)."""
+
+    backend: str
+    isa: str
+    threads: int
+    gaussians: int
+    width: int
+    height: int
+    channels: int
+    forward_ms: float | None
+    backward_ms: float | None
+    step_ms: float | None
+    floor_ratio: float | None
+    stages_ms: dict[str, float] = field(default_factory=dict)
+
+
+@contextmanager
+def running_with(isa: str, threads: int) -> Iterator[None]:
+    """Kernels and threads of the calls inside."""
+    names = {"FASTSPLAT_RASTER_ISA": isa, "FASTSPLAT_RASTER_THREADS": str(threads)}
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(names)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, rounds: int = 15) -> Row:
+    """Forward, and backward from a gradient of the image, through autograd as a caller sees it."""
+    parts = [getattr(scene.splats, name) for name in ("means", "quats", "scales", "opacities", "features")]
+    tensors = [part.clone().requires_grad_(backward) for part in parts]
+    camera, channels = scene.camera, parts[4].shape[1]
+    grad = torch.randn(camera.height, camera.width, channels, generator=torch.Generator().manual_seed(0))
+    forwards, backwards, stages = [], [], []
+    with running_with(isa, threads):
+        for _ in range(rounds + 3):
+            for tensor in tensors:
+                tensor.grad = None
+            start = time.perf_counter()
+            rendering, frame = cpu.rasterize_with_frame(Splats(*tensors), scene.viewmat, camera, None, RasterSettings())
+            middle = time.perf_counter()
+            if backward:
+                rendering.image.backward(grad)
+            end = time.perf_counter()
+            forwards.append((middle - start) * 1e3)
+            backwards.append((end - middle) * 1e3)
+            stages.append(dict(frame.milliseconds))
+        useful = frame.census(isa)
+        rate, lanes = cpu.kernels.peak(threads, isa)
+    forward_ms, backward_ms = statistics.median(forwards[3:]), statistics.median(backwards[3:])
+    operations = _FORWARD[0] + _FORWARD[1] * (channels + 1)
+    operations += (_BACKWARD[0] + _BACKWARD[1] * (channels + 1)) if backward else 0
+    floor_ms = useful / lanes * operations / rate * 1e-6
+    total = forward_ms + (backward_ms if backward else 0.0)
+    return Row(
+        "cpu",
+        isa,
+        threads,
+        len(parts[0]),
+        camera.width,
+        camera.height,
+        channels,
+        round(forward_ms, 3),
+        round(backward_ms, 3) if backward else None,
+        None,
+        round(total / floor_ms, 2) if floor_ms else None,
+        {name: round(statistics.median(stage[name] for stage in stages[3:]), 3) for name in stages[0]},
+    )
+
+
+def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int = 15) -> Row:
+    """One whole training step: activations, harmonics, rasterizer, both losses, backward, Adam on every parameter."""
+    step = _step(scene, labels)
+    with running_with(isa, threads):
+        for _ in range(3):
+            step()
+        times = [_timed(step) for _ in range(rounds)]
+    camera = scene.camera
+    return Row(
+        "cpu",
+        isa,
+        threads,
+        len(scene.splats.means),
+        camera.width,
+        camera.height,
+        scene.splats.features.shape[1],
+        None,
+        None,
+        round(statistics.median(times), 3),
+        None,
+    )
+
+
+def _timed(action: Callable[[], None]) -> float:
+    start = time.perf_counter()
+    action()
+    return (time.perf_counter() - start) * 1e3
+
+
+def _step(scene: Scene, labels: int) -> Callable[[], None]:
+    g = torch.Generator().manual_seed(1)
+    splats, camera = scene.splats, scene.camera
+    count, code = len(splats.means), splats.features.shape[1] - 3
+    parameters = {
+        "means": splats.means.clone(),
+        "quats": splats.quats.clone(),
+        "log_scales": splats.scales.log(),
+        "logits": torch.logit(splats.opacities),
+        "sh": torch.rand(count, 4, 3, generator=g) - 0.5,
+        "codes": torch.randn(count, code, generator=g),
+        "weight": torch.randn(labels + 1, code, generator=g),
+        "bias": torch.zeros(labels + 1),
+    }
+    first = {name: torch.zeros_like(value) for name, value in parameters.items()}
+    second = {name: torch.zeros_like(value) for name, value in parameters.items()}
+    target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g))
+    truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32)
+    class_weights = torch.ones(labels + 1)
+    position = -scene.viewmat[:3, :3].T @ scene.viewmat[:3, 3]
+    done = [0]
+
+    def step() -> None:
+        p: dict[str, Tensor] = {name: value.detach().requires_grad_() for name, value in parameters.items()}
+        colours = sh_to_rgb(p["means"], p["sh"], position, 1)
+        features = torch.cat((colours, p["codes"]), dim=1)
+        drawn = Splats(p["means"], p["quats"], p["log_scales"].exp(), torch.sigmoid(p["logits"]), features)
+        image = rasterize(drawn, scene.viewmat, camera).image
+        loss = image_loss(image[..., :3], target, 0.2)
+        loss = loss + semantic_loss(image[..., 3:], p["weight"], p["bias"], truth, class_weights)
+        loss.backward()
+        done[0] += 1
+        for name, value in parameters.items():
+            grad = p[name].grad
+            assert grad is not None
+            adam_update(value, grad, first[name], second[name], rate=1e-7, step=done[0])
+
+    return step
