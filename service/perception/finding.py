@@ -28,7 +28,7 @@ Seen = Callable[[int, str], None]
 def find(
     load: Load, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, seen: Seen
 ) -> list[Detections]:
-    """Raw detections of every view, scoring `score_floor` at least, with one name per kind.
+    """Raw detections of every view, scoring the settings' floor at least, with one name per kind.
 
     With an open-set detector: prompted by the user's labels, else by what `settings.prompt_source` says. Without:
     what the closed-set detector finds, of the user's labels only if there are any.
@@ -46,7 +46,7 @@ def find(
     detector = open_open_set_detector(settings, models)
     found = []
     for view in range(count):
-        found.append(detector.detect(load(view), prompts, settings.score_floor))
+        found.append(detector.detect(load(view), prompts, settings.open_score_floor))
         seen(view + 1, f"looking for {len(prompts)} kinds of things, view {view + 1}/{count}")
     return one_name_each(found, prompts)
 

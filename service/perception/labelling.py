@@ -63,13 +63,14 @@ def label_capture(
         progress(ProgressEvent("perception", _FINDING * done / len(looked_at), message))
 
     found = find(load, len(looked_at), labels, settings, models, seen)
+    rules = settings.of_open_set() if settings.open_set_detector else settings
     aliases: dict[str, str] = {}
-    if settings.synonym_cosine < 1 and not labels:
+    if settings.synonym_cosine < 1 and settings.open_set_detector and not labels:
         encoder = open_text_encoder(settings.text_encoder, models, threads=settings.threads)
-        believed = settle(found, settings.model_copy(update={"rival_iou": 1.0}), named=False)[0]
+        believed = settle(found, rules.model_copy(update={"rival_iou": 1.0}), named=False)[0]
         aliases = synonyms(believed, encoder, cosine=settings.synonym_cosine, iou=settings.synonym_iou)
         found = renamed(found, aliases)
-    settled, support = settle(found, settings, named=bool(labels))
+    settled, support = settle(found, rules, named=bool(labels))
     ids = {kind: i for i, kind in enumerate(dict.fromkeys(k for view in settled for k in view.labels), start=1)}
 
     maps = [_blank(view) for view in capture.views]

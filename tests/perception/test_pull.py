@@ -211,3 +211,19 @@ def test_a_useless_table_fails_its_trial(tmp_path: Path) -> None:
     with pytest.raises(ModelUnavailableError, match="does not work"):
         pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
     assert list((tmp_path / "models").iterdir()) == []
+
+
+def test_what_was_put_there_by_hand_is_kept_if_it_works(table: Path, tmp_path: Path) -> None:
+    """A file under another name than the manifest's: nothing is fetched, nothing is touched; unless it is broken."""
+    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
+    folder = tmp_path / "models" / "words"
+    folder.mkdir(parents=True)
+    table.with_name("own.npz").write_bytes(table.read_bytes())
+    table.with_name("own.npz").rename(folder / "own.npz")
+    (entry,) = load_manifest(manifest)
+    assert model_state(entry, tmp_path / "models") == "unverified"
+    pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    assert [path.name for path in folder.iterdir()] == ["own.npz"]
+    (folder / "own.npz").write_bytes(b"broken")
+    pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    assert sorted(path.name for path in folder.iterdir()) == ["pulled.json", "table.npz"]

@@ -42,7 +42,7 @@ def pull(
     allow_licences: Collection[str] = (),
     revision: str | None = None,
 ) -> None:
-    """Put models into the model directory; those already there and whole are left alone.
+    """Put models into the model directory; those already there are left alone if they work.
 
     A model appears in one rename, after its files have matched their sha256, its conversion has run, and its adapter
     has opened it and solved a drawn exercise; a failure leaves nothing behind.
@@ -74,13 +74,16 @@ def pull(
                 field="licence",
                 hint=f"If its terms suit you, repeat with --allow-licence {entry.licence}.",
             )
+    missing = []
+    for name in wanted:
+        if not _is_there(entries[name], models, report):
+            missing.append(entries[name])
+    if not missing:
+        return
     models.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
-        for name in wanted:
-            if model_state(entries[name], models) == "ready":
-                report(Step(name, "already there"))
-            else:
-                _pull_one(entries[name], models, Path(work), source.parent, revision, report)
+        for entry in missing:
+            _pull_one(entry, models, Path(work), source.parent, revision, report)
 
 
 def model_state(entry: ModelEntry, models: Path) -> ModelState:
@@ -103,6 +106,21 @@ def model_state(entry: ModelEntry, models: Path) -> ModelState:
     if any(digest and file_sha256(folder / name) != digest for name, digest in expected.items()):
         return "damaged"
     return "ready" if all(expected.values()) else "unverified"
+
+
+def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -> bool:
+    state = model_state(entry, models)
+    if state == "unverified":
+        # Somebody put it there by hand: theirs to keep, if it works.
+        report(Step(entry.name, "trying out what is there"))
+        try:
+            try_model(entry, models)
+        except ModelUnavailableError:
+            return False
+    elif state != "ready":
+        return False
+    report(Step(entry.name, "already there"))
+    return True
 
 
 def _pull_one(
