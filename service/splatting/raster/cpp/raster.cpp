@@ -128,7 +128,7 @@ Status Frame::sort(const Call& call) {
       order[0][first[c] + i] = (uint32_t)(c * CHUNK + i);
     }
   }, call.poll);
-  const int64_t blocks = visible < 8192 ? 1 : call.threads;
+  const int64_t blocks = visible < 65536 ? 1 : call.threads;  // fewer are sorted sooner than threads are woken
   uint32_t* histogram = space_->histogram.get<uint32_t>(blocks * BUCKETS);
   for (int pass = 0; pass < 3 && done; pass++) {
     const int shift = pass * BITS;
@@ -178,17 +178,28 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
   std::atomic<bool> failed{false}, exhausted{false};
 
   bool done = run(call.threads, parts, [&](int64_t part) {
-    Pairs& list = lists[part];
+    // A copy while it grows: neighbours in the vector share a cache line with another thread's.
+    struct Growing {
+      Pairs list;
+      Pairs& home;
+      ~Growing() { home = list; }
+    } growing{lists[part], lists[part]};
+    Pairs& list = growing.list;
     uint32_t* mine = counts + part * tiles;
+    int64_t unreported = 0;
     std::memset(mine, 0, tiles * sizeof(uint32_t));
     for (int64_t rank = visible * part / parts; rank < visible * (part + 1) / parts; rank++) {
-      if (rank + 16 < visible) __builtin_prefetch(&projected[order[rank + 16]]);
+      if (rank + 16 < visible) {
+        __builtin_prefetch(&projected[order[rank + 16]]);
+        __builtin_prefetch(&projected[order[rank + 16]].id);
+      }
       if (rank + 8 < visible) __builtin_prefetch(in.features + (int64_t)projected[order[rank + 8]].id * channels_);
       const Projected& p = projected[order[rank]];
       rank_of[order[rank]] = (uint32_t)rank;
       float* record = records + rank * stride_;
       std::memcpy(record, &p, GEOMETRY * sizeof(float) + sizeof(float));  // x, y, a, b, c, log_opacity, depth
-      std::memcpy(record + GEOMETRY + 1, in.features + (int64_t)p.id * channels_, channels_ * sizeof(float));
+      const float* features = in.features + (int64_t)p.id * channels_;
+      for (int64_t i = 0; i < channels_; i++) record[GEOMETRY + 1 + i] = features[i];
       for (int64_t i = GEOMETRY + 1 + channels_; i < stride_; i++) record[i] = 0;
       const int64_t before = list.count;
       while (!call.kernels->spans(view_, p, list)) {
@@ -210,9 +221,14 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
       }
       for (int64_t i = before; i < list.count; i++) mine[list.tile[i]]++;
       slot_start[rank] = list.count - before;
-      if (total.fetch_add(list.count - before, std::memory_order_relaxed) + list.count - before > max_pairs) failed = true;
-      if (failed || exhausted) return;
+      unreported += list.count - before;
+      if (unreported > 4096) {
+        if (total.fetch_add(unreported, std::memory_order_relaxed) + unreported > max_pairs) failed = true;
+        unreported = 0;
+        if (failed || exhausted) return;
+      }
     }
+    if (total.fetch_add(unreported, std::memory_order_relaxed) + unreported > max_pairs) failed = true;
   }, call.poll);
   if (exhausted) throw std::bad_alloc();
   if (failed) return Status::too_many_pairs;

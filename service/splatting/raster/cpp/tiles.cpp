@@ -97,6 +97,57 @@ FS_INLINE uint64_t start_pixels(const Tile& t, Block<K>* blocks) {
   return open;
 }
 
+// Blocks to images, four pixels at a time. EXACT: the group is the first and fills its slots, so all loops unroll.
+template <int K, bool EXACT>
+static void write_pixels(const TileJob& job, const Tile& t, const Block<K>* blocks) {
+  const int skip = EXACT || job.first ? 1 : 0, group = EXACT ? K - 1 : job.group;  // slot 0 of the first group is depth
+  float background[K];
+  for (int c = 0; c < group; c++) background[c] = job.background[job.channel_begin + c];
+  for (int y = 0; y < t.height; y++)
+    for (int x = 0; x < t.width; x += 4) {
+      const Block<K>& block = blocks[block_of(x, y)];
+      const int lane = lane_of(x, y), count = t.width - x < 4 ? t.width - x : 4;
+      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
+      float* out = job.image + pixel * job.channels + job.channel_begin;
+      for (int i = 0; i < count; i++, out += job.channels) {
+        const float remaining = block.remaining[lane + i];
+        for (int c = 0; c < group; c++) out[c] = block.values[c + skip][lane + i] + remaining * background[c];
+        if (!EXACT && !job.first) continue;
+        job.alpha[pixel + i] = 1.0f - remaining;
+        job.depth[pixel + i] = block.values[0][lane + i];
+        job.median[pixel + i] = remaining > 0.5f ? 0.0f : block.other[lane + i];
+      }
+    }
+}
+
+// Gradients to blocks: the reverse.
+template <int K, bool EXACT>
+static void read_pixels(const TileJob& job, const Tile& t, Block<K>* blocks) {
+  const int skip = EXACT || job.first ? 1 : 0, group = EXACT ? K - 1 : job.group;
+  float background[K];
+  for (int c = 0; c < group; c++) background[c] = job.background[job.channel_begin + c];
+  for (int y = 0; y < t.height; y++)
+    for (int x = 0; x < t.width; x += 4) {
+      Block<K>& block = blocks[block_of(x, y)];
+      const int lane = lane_of(x, y), count = t.width - x < 4 ? t.width - x : 4;
+      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
+      const float* in = job.grad_image + pixel * job.channels + job.channel_begin;
+      for (int i = 0; i < count; i++) {
+        float back = 0;
+        if (job.grad_image) {
+          for (int c = 0; c < group; c++) {
+            block.values[c + skip][lane + i] = in[c];
+            back += in[c] * background[c];
+          }
+          in += job.channels;
+        }
+        block.other[lane + i] = block.remaining[lane + i] * back;
+        if (job.first && job.grad_depth) block.values[0][lane + i] = job.grad_depth[pixel + i];
+        if (job.first && job.grad_alpha) block.extra[lane + i] = job.grad_alpha[pixel + i];
+      }
+    }
+}
+
 template <int K>
 static void forward_group(const TileJob& job, int32_t tile) {
   const Tile t = tile_of(job, tile);
@@ -145,22 +196,11 @@ static void forward_group(const TileJob& job, int32_t tile) {
     storei(job.stop + (int64_t)tile * PIXELS + b * W, loadi(blocks[b].stop));
   }
 
-  const int skip = job.first ? 1 : 0;  // slot 0 of the first group is depth
-  const float* background = job.background + job.channel_begin;
-  for (int y = 0; y < t.height; y++)
-    for (int x = 0; x < t.width; x++) {
-      const Block<K>& block = blocks[block_of(x, y)];
-      const int l = lane_of(x, y);
-      const float remaining = block.remaining[l];
-      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
-      float* out = job.image + pixel * job.channels + job.channel_begin;
-      for (int c = 0; c < job.group; c++) out[c] = block.values[c + skip][l] + remaining * background[c];
-      if (job.first) {
-        job.alpha[pixel] = 1.0f - remaining;
-        job.depth[pixel] = block.values[0][l];
-        job.median[pixel] = remaining > 0.5f ? 0.0f : block.other[l];
-      }
-    }
+  if (job.first && job.group == K - 1) {
+    write_pixels<K, true>(job, t, blocks);
+  } else {
+    write_pixels<K, false>(job, t, blocks);
+  }
 }
 
 // A tile's rows of an image [H, W, channels] are far apart too.
@@ -181,24 +221,11 @@ static void backward_group(const TileJob& job, int32_t tile) {
     store(blocks[b].remaining, load(job.final_t + (int64_t)tile * PIXELS + b * W));
     storei(blocks[b].stop, loadi(job.stop + (int64_t)tile * PIXELS + b * W));
   }
-  const float* background = job.background + job.channel_begin;
-  for (int y = 0; y < t.height; y++)
-    for (int x = 0; x < t.width; x++) {
-      Block<K>& block = blocks[block_of(x, y)];
-      const int l = lane_of(x, y);
-      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
-      float back = 0;
-      if (job.grad_image) {
-        const float* in = job.grad_image + pixel * job.channels + job.channel_begin;
-        for (int c = 0; c < job.group; c++) {
-          block.values[c + skip][l] = in[c];
-          back += in[c] * background[c];
-        }
-      }
-      block.other[l] = block.remaining[l] * back;
-      if (job.first && job.grad_depth) block.values[0][l] = job.grad_depth[pixel];
-      if (job.first && job.grad_alpha) block.extra[l] = job.grad_alpha[pixel];
-    }
+  if (job.first && job.group == K - 1) {
+    read_pixels<K, true>(job, t, blocks);
+  } else {
+    read_pixels<K, false>(job, t, blocks);
+  }
   const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
   const vf one = set1(1.0f);
   const int offset = job.first ? GEOMETRY : GEOMETRY + 1 + job.channel_begin;
