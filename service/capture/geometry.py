@@ -96,7 +96,7 @@ def _refuse_degenerate(found: Reconstruction) -> None:
             limit=f"a median angle of {_MIN_ANGLE_DEG}° between rays",
             hint=_PHOTO_HINT,
         )
-    low_end, high_end = np.percentile(found.points, [5, 95], axis=0)
+    low_end, high_end = np.percentile(found.points, [1, 99], axis=0)
     core = found.points[((found.points >= low_end) & (found.points <= high_end)).all(axis=1)]
     spread = np.linalg.svd(core - core.mean(axis=0), compute_uv=False) if len(core) > 3 else np.ones(3)
     if spread[2] < _MIN_FLATNESS * spread[0]:
@@ -146,7 +146,7 @@ def contradictions(matches: list[int], errors_px: list[float]) -> tuple[int, int
 
     Args:
         matches: verified matches of each pair of posed images.
-        errors_px: median distance of each pair's matches to the epipolar lines of the poses.
+        errors_px: median distance of each pair's matches to the epipolar lines of the poses; infinite without poses.
     """
     strong = [error for count, error in zip(matches, errors_px, strict=True) if count >= _MIN_PAIR_MATCHES]
     return sum(not error <= _CONTRADICTION_PX for error in strong), len(strong)
@@ -160,8 +160,8 @@ def repetition_warning(wrong: int, strong: int) -> list[str]:
     if wrong <= _REPEATING_SHARE * strong:
         return []
     return [
-        f"{wrong} of {strong} image pairs that match well contradict the camera poses found: something in the "
-        "scene repeats (tiles, wallpaper, twin objects), and the geometry may be off by a whole repeat."
+        f"{wrong} of {strong} image pairs that match well contradict the camera poses found: if something in the "
+        "scene repeats (tiles, wallpaper, twin objects), the geometry may be off by a whole repeat."
     ]
 
 

@@ -97,14 +97,13 @@ def _ascii(file: BinaryIO, rows: int, fields: list[tuple[str, str]], name: str) 
     if rows * 2 * len(fields) > file.seek(0, io.SEEK_END) - begin + 1:
         raise _bad(name, f"claims {rows} points, but is too short for them")
     file.seek(begin)
-    if rows == 0:
-        return {field: np.zeros(0) for field, _ in fields}
+    words = file.read().split(None, rows * len(fields))[: rows * len(fields)]
+    if len(words) < rows * len(fields):
+        raise _bad(name, f"claims {rows} points of {len(fields)} numbers, but has only {len(words)} numbers")
     try:
-        table = np.loadtxt(file, max_rows=rows, ndmin=2, dtype=np.float64, comments=None, encoding="ascii")
+        table = np.array(words, dtype=np.float64).reshape(rows, len(fields))
     except ValueError as error:
         raise _bad(name, f"has a row that is no numbers: {error}") from error
-    if table.shape != (rows, len(fields)):
-        raise _bad(name, f"claims {rows} points of {len(fields)} numbers, but has {table.shape[0]}×{table.shape[1]}")
     return {field: table[:, index] for index, (field, _) in enumerate(fields)}
 
 

@@ -236,7 +236,10 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
 
 
 def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
-    """Compare every verified pair of posed images with the poses: see `geometry.contradictions`."""
+    """Compare every verified pair of images with the poses: see `geometry.contradictions`.
+
+    A pair of which only one image was placed contradicts too: matching well should have placed the other.
+    """
     placed = {image.image_id: image for image in model.images.values() if image.has_pose}
     counts, errors = [], []
     with pycolmap.Database.open(database) as opened:
@@ -248,7 +251,11 @@ def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int
         for pair_id, pair in zip(pair_ids, verified, strict=True):
             first, second = pycolmap.pair_id_to_image_pair(pair_id)
             matches = np.asarray(pair.inlier_matches)
-            if len(matches) == 0 or first not in placed or second not in placed:
+            if len(matches) == 0 or (first not in placed and second not in placed):
+                continue
+            counts.append(len(matches))
+            if first not in placed or second not in placed:
+                errors.append(float("inf"))
                 continue
             relative = np.linalg.inv(_world_from_camera(placed[second])) @ _world_from_camera(placed[first])
             errors_px = geometry.epipolar_error_px(
@@ -257,7 +264,6 @@ def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int
                 relative,
                 placed[first].camera.mean_focal_length(),
             )
-            counts.append(len(matches))
             errors.append(float(np.nanmedian(errors_px)))
     return geometry.contradictions(counts, errors)
 
