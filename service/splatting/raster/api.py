@@ -25,6 +25,8 @@ def rasterize(
 ) -> Rendering:
     """Render one view; differentiable in means, quats, scales, opacities, features and background.
 
+    On `cpu`, a signal handler that raises (Ctrl-C) ends even a long call within a fraction of a second.
+
     Args:
         splats: G Gaussians with C channels; any C.
         viewmat: [4, 4], camera from world (OpenCV axes), a rigid transform.
@@ -37,7 +39,6 @@ def rasterize(
     Raises:
         InvalidInputError: shapes, devices or settings that do not fit together, or a viewmat with NaN or Inf.
         ResourceError: more Gaussian-tile pairs than `settings.max_pairs`.
-        CancelledError: the call was cancelled (`cpu`).
         ModelUnavailableError: `cuda` without gsplat or a GPU.
     """
     _check(splats, viewmat, camera, settings)
@@ -79,7 +80,7 @@ def blend_sums(
         backend: as for `rasterize`.
 
     Raises:
-        InvalidInputError, ResourceError, CancelledError, ModelUnavailableError: as `rasterize`.
+        InvalidInputError, ResourceError, ModelUnavailableError: as `rasterize`.
     """
     _check(splats, viewmat, camera, settings)
     if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):

@@ -30,6 +30,30 @@ FS_INLINE vf blur_column(const float* top, int64_t stride) {
   return acc;
 }
 
+// Whole vectors in the middle of a row, copies at its end; lanes beyond n read 0 and are not written.
+FS_INLINE vf load_some(const float* p, int64_t n) {
+  if (__builtin_expect(n >= W, 1)) return loadu(p);
+  alignas(64) float part[W] = {};
+  for (int64_t l = 0; l < n; l++) part[l] = p[l];
+  return load(part);
+}
+
+FS_INLINE void store_some(float* p, vf a, int64_t n) {
+  if (__builtin_expect(n >= W, 1)) return storeu(p, a);
+  alignas(64) float part[W];
+  store(part, a);
+  for (int64_t l = 0; l < n; l++) p[l] = part[l];
+}
+
+// 1 where a float of the image counts, else 0.
+FS_INLINE vf counted(const ImageLossJob& job, int64_t y, int64_t j, int64_t n) {
+  if (!job.valid && n >= W) return set1(1.0f);
+  alignas(64) float part[W] = {};
+  for (int64_t l = 0; l < n && l < W; l++)
+    part[l] = !job.valid || job.valid[y * (job.row / 3) + (j + l) / 3] ? 1.0f : 0.0f;
+  return load(part);
+}
+
 // Scratch: three planes of HALO blurred rows, then three rows with room on both sides.
 struct Scratch {
   float *plane[3], *line[3];
@@ -76,12 +100,8 @@ void target_moments(const ImageLossJob& job, int32_t band, float* memory) {
     for (int64_t j = 0; j < job.row; j += W) {
       const int64_t at = (y - from) * s.stride + j;
       const vf mean = blur_column(s.plane[0] + at, s.stride);
-      alignas(64) float m[W], v[W];
-      store(m, mean);
-      store(v, blur_column(s.plane[1] + at, s.stride) - mean * mean);
-      const int64_t n = job.row - j < W ? job.row - j : W;
-      std::memcpy(job.mean + y * job.row + j, m, n * sizeof(float));
-      std::memcpy(job.variance + y * job.row + j, v, n * sizeof(float));
+      store_some(job.mean + y * job.row + j, mean, job.row - j);
+      store_some(job.variance + y * job.row + j, blur_column(s.plane[1] + at, s.stride) - mean * mean, job.row - j);
     }
 }
 
@@ -103,31 +123,20 @@ double image_loss(const ImageLossJob& job, int32_t band, float* memory) {
   for (int y = from; y < to; y++) {
     vf structural = zero(), absolute = zero();
     for (int64_t j = 0; j < row; j += W) {
-      const int64_t at = (y - from) * stride + j, n = row - j < W ? row - j : W;
-      // Whole vectors in the middle of a row, copies at its end.
-      alignas(64) float mean[W] = {}, variance[W] = {}, x[W] = {}, t[W] = {}, counts[W] = {};
-      const int64_t here = y * row + j;
-      std::memcpy(mean, job.mean + here, n * sizeof(float));
-      std::memcpy(variance, job.variance + here, n * sizeof(float));
-      std::memcpy(x, job.image + here, n * sizeof(float));
-      std::memcpy(t, job.target + here, n * sizeof(float));
-      for (int64_t l = 0; l < n; l++) counts[l] = !job.valid || job.valid[y * (row / 3) + (j + l) / 3] ? 1.0f : 0.0f;
-      const vf weight = load(counts), m = blur_column(s.plane[0] + at, stride), mt = load(mean);
+      const int64_t at = (y - from) * stride + j, n = row - j, here = y * row + j;
+      const vf weight = counted(job, y, j, n), x = load_some(job.image + here, n), t = load_some(job.target + here, n);
+      const vf m = blur_column(s.plane[0] + at, stride), mt = load_some(job.mean + here, n);
       const vf vx = blur_column(s.plane[1] + at, stride) - m * m;
       const vf cov = blur_column(s.plane[2] + at, stride) - m * mt;
       const vf a1 = two * m * mt + c1, a2 = two * cov + c2;
-      const vf b1 = m * m + mt * mt + c1, b2 = vx + load(variance) + c2;
+      const vf b1 = m * m + mt * mt + c1, b2 = vx + load_some(job.variance + here, n) + c2;
       const vf inverse = one / (b1 * b2), ssim = a1 * a2 * inverse;
       structural = structural + weight * (one - ssim);
-      absolute = absolute + weight * vabs(load(x) - load(t));
+      absolute = absolute + weight * vabs(x - t);
       const vf scale = factor * weight;
-      alignas(64) float d0[W], d1[W], d2[W];
-      store(d0, scale * two * (mt * (a2 - a1) * inverse - m * ssim * (b2 - b1) * inverse));
-      store(d1, scale * (zero() - ssim * b1 * inverse));
-      store(d2, scale * two * a1 * inverse);
-      std::memcpy(job.d_mean + here, d0, n * sizeof(float));
-      std::memcpy(job.d_square + here, d1, n * sizeof(float));
-      std::memcpy(job.d_product + here, d2, n * sizeof(float));
+      store_some(job.d_mean + here, scale * two * (mt * (a2 - a1) * inverse - m * ssim * (b2 - b1) * inverse), n);
+      store_some(job.d_square + here, scale * (zero() - ssim * b1 * inverse), n);
+      store_some(job.d_product + here, scale * two * a1 * inverse, n);
     }
     total += job.ssim_weight * (double)sum(structural) + (1.0 - job.ssim_weight) * (double)sum(absolute);
   }
@@ -143,21 +152,15 @@ void image_gradient(const ImageLossJob& job, int32_t band, float* memory) {
     std::memcpy(s.line[1], job.d_square + y * row, row * sizeof(float));
     std::memcpy(s.line[2], job.d_product + y * row, row * sizeof(float));
   });
-  const float step = (float)((1.0 - job.ssim_weight) * job.scale);
+  const vf step = set1((float)((1.0 - job.ssim_weight) * job.scale));
   for (int y = from; y < to; y++)
     for (int64_t j = 0; j < row; j += W) {
-      const int64_t at = (y - from) * stride + j, n = row - j < W ? row - j : W, here = y * row + j;
-      alignas(64) float x[W] = {}, t[W] = {}, out[W];
-      std::memcpy(x, job.image + here, n * sizeof(float));
-      std::memcpy(t, job.target + here, n * sizeof(float));
-      store(out, blur_column(s.plane[0] + at, stride) +
-                     set1(2.0f) * load(x) * blur_column(s.plane[1] + at, stride) +
-                     load(t) * blur_column(s.plane[2] + at, stride));
-      for (int64_t l = 0; l < n; l++) {
-        const float sign = x[l] > t[l] ? step : x[l] < t[l] ? -step : 0.0f;
-        const bool counts = !job.valid || job.valid[y * (row / 3) + (j + l) / 3];
-        job.grad[here + l] = out[l] + (counts ? sign : 0.0f);
-      }
+      const int64_t at = (y - from) * stride + j, n = row - j, here = y * row + j;
+      const vf x = load_some(job.image + here, n), t = load_some(job.target + here, n);
+      const vf sign = keep(gt(x, t), step) - keep(gt(t, x), step);
+      const vf smooth = blur_column(s.plane[0] + at, stride) + (x + x) * blur_column(s.plane[1] + at, stride) +
+                        t * blur_column(s.plane[2] + at, stride);
+      store_some(job.grad + here, smooth + sign * counted(job, y, j, n), n);
     }
 }
 
