@@ -30,7 +30,7 @@ def main() -> None:
     """Builds the scene and writes the capture; `--views` and `--samples` are for quick looks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent / "sample")
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--samples", type=int, default=24)
     parser.add_argument("--views", type=int, nargs="*", help="only these view numbers")
     args = parser.parse_args()
 

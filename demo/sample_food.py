@@ -9,11 +9,11 @@ import numpy as np
 from sample_mesh import Parts, ball, grid, lathe, mottled, plain, spline, tube
 
 
-def apple(seed: int) -> Parts:
-    """A red apple with yellow streaks."""
+def apple(colours: tuple[str, ...], seed: int) -> Parts:
+    """An apple: a flush of streaks over its ground colour."""
     skin = mottled(
         f"apple skin {seed}",
-        ("#9c1a1e", "#bb2a26", "#c8442e", "#dfa24a", "#c9b85a"),
+        colours,
         42,
         0.25,
         0,

@@ -291,7 +291,7 @@ def plate() -> Parts:
                 (0.09, 0.0085),
                 (0, 0.0075),
             ],
-            plain("porcelain", "#a9bcae", 0.25, coat_weight=0.4),
+            plain("porcelain", "#efece4", 0.25, coat_weight=0.4),
         ),
         lathe(
             "rim", [(0.108, 0.0132), (0.12, 0.0166)], mottled("rim paint", ("#1f4e79", "#4f83b5", "#2a5d8e"), 90, 0.3)
