@@ -92,8 +92,11 @@ def _archive(source: PackageSource, cache: Path) -> Path:
     """The package's wheel, source archive or npm tarball, downloaded once and verified."""
     folder = cache / re.sub(r"[^A-Za-z0-9.-]", "_", f"{source.kind}-{source.package}-{source.version}")
     if not folder.is_dir():
-        folder.mkdir()
-        _pip_download(source, folder) if source.kind == "pypi" else _npm_pack(source, folder)
+        arriving = folder.with_name(folder.name + ".part")
+        shutil.rmtree(arriving, ignore_errors=True)
+        arriving.mkdir()
+        _pip_download(source, arriving) if source.kind == "pypi" else _npm_pack(source, arriving)
+        arriving.rename(folder)
     archives = [path for path in folder.iterdir() if path.suffix in (".whl", ".gz", ".tgz", ".zip")]
     if len(archives) != 1:
         raise _RefusedError(f"the download left {len(archives)} archives")
