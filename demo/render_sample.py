@@ -1,7 +1,7 @@
 """Renders the sample capture in `demo/sample/`: pictures, exact id masks, labels and poses of a small table scene.
 
-    python -m venv /tmp/blender && /tmp/blender/bin/pip install bpy==5.0.1
-    /tmp/blender/bin/python demo/render_sample.py
+    python3.11 -m venv blender-venv && blender-venv/bin/pip install bpy==5.0.1 numpy
+    blender-venv/bin/python demo/render_sample.py
 
 Everything is modelled and painted by the modules beside this one, from fixed seeds; nothing is downloaded. Pictures are
 path traced by Cycles on the CPU and denoised; masks come from a second render with one ray through each pixel's centre
