@@ -12,7 +12,7 @@ from service.common.errors import ReconstructionError
 _MIN_ANGLE_DEG = 1.5
 _MIN_FLATNESS = 1e-3
 _MAX_DEPTH_TO_BASELINE = 200.0
-_FOCAL_RANGE = (0.25, 12.0)  # of the longer side: 127° to 5° of view
+_FOCAL_RANGE = (0.25, 8.0)  # of the longer side: 127° to 7° of view
 _MIN_PAIR_MATCHES = 30
 _CONTRADICTION_PX = 8.0
 _REPEATING_SHARE = 0.15
