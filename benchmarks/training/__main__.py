@@ -3,7 +3,7 @@
     python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--every 5] [--out benchmarks/results]
 
 DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
-the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way excluded.
+the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included.
 """
 
 from __future__ import annotations
@@ -63,11 +63,13 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
     curve: list[dict[str, float]] = []
 
     def listen(event: ProgressEvent) -> None:
-        psnr = event.metrics.get("psnr")
-        if psnr is not None and (not curve or curve[-1]["psnr"] != psnr):
-            names = ("elapsed_s", "iteration", "gaussians", "loss", "psnr")
-            curve.append({key: round(event.metrics[key], 5) for key in names})
-            print("  ".join(f"{key} {value:g}" for key, value in curve[-1].items()), flush=True)
+        if "psnr" not in event.metrics:
+            return
+        names = ("elapsed_s", "iteration", "gaussians", "loss", "psnr")
+        point = {key: round(event.metrics[key], 5) for key in names}
+        if not curve or curve[-1]["psnr"] != point["psnr"]:  # reports repeat the figure until it is measured again
+            curve.append(point)
+            print("  ".join(f"{key} {value:g}" for key, value in point.items()), flush=True)
 
     load_before, cpu_before = os.getloadavg()[0], time.process_time()
     trained = train(capture, labelling, settings, listen)
