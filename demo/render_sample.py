@@ -1,7 +1,7 @@
 """Renders the sample capture in `demo/sample/`: pictures, exact id masks, labels and poses of a small table scene.
 
     python3.11 -m venv blender-venv && blender-venv/bin/pip install bpy==5.0.1 numpy
-    blender-venv/bin/python demo/render_sample.py
+    blender-venv/bin/python -m demo.render_sample
 
 Everything is modelled and painted by the modules beside this one, from fixed seeds; nothing is downloaded. Pictures are
 path traced by Cycles on the CPU and denoised; masks come from a second render with one ray through each pixel's centre
@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from sample_layout import THINGS
-from sample_room import build_room, build_table, camera_poses
+
+from demo.sample_layout import THINGS
+from demo.sample_room import build_room, build_table, camera_poses
 
 WIDTH, HEIGHT = 480, 360
 _FIELD_OF_VIEW = math.radians(60.0)  # horizontal
@@ -55,8 +56,8 @@ def main() -> None:
         )
     focal = WIDTH / (2 * math.tan(_FIELD_OF_VIEW / 2))
     intrinsics = {"fl_x": focal, "fl_y": focal, "cx": WIDTH / 2, "cy": HEIGHT / 2, "w": WIDTH, "h": HEIGHT}
-    _write_json(args.out / "transforms.json", {"camera_model": "PINHOLE", **intrinsics, "frames": frames})
-    _write_json(args.out / "labels.json", {"labels": labels})
+    content = {"camera_model": "PINHOLE", **intrinsics, "labels": labels, "frames": frames}
+    (args.out / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _build() -> dict[str, int]:
@@ -141,10 +142,6 @@ def _id_material() -> Any:
     glow.inputs["Color"].default_value = (1, 1, 1, 1)
     links.new(glow.outputs["Emission"], out.inputs["Surface"])
     return material
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

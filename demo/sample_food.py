@@ -6,7 +6,8 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from sample_mesh import Parts, ball, grid, lathe, mottled, plain, spline, tube
+
+from demo.sample_mesh import Parts, ball, grid, lathe, mottled, plain, spline, tube
 
 
 def apple(colours: tuple[str, ...], seed: int) -> Parts:

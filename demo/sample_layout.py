@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sample_flora import plant, tulips, vase
-from sample_food import apple, banana, donut, orange
-from sample_mesh import Parts, place
-from sample_things import books, bottle, bowl, clock, cup, knife, plate, teddy
+from demo.sample_flora import plant, tulips, vase
+from demo.sample_food import apple, banana, donut, orange
+from demo.sample_mesh import Parts, place
+from demo.sample_things import books, bottle, bowl, clock, cup, knife, plate, teddy
 
 _RED = ("#8a1520", "#a81c26", "#b5242a", "#c95a4a")
 _GREEN = ("#7f9c30", "#94ae42", "#a2b850", "#bcc66c")

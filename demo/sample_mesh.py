@@ -8,7 +8,8 @@ from typing import Any
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sample_paint import hex_rgb
+
+from demo.sample_paint import hex_rgb
 
 Points = NDArray[np.float64]
 Parts = list[Any]
@@ -21,15 +22,15 @@ def spline(control: ArrayLike, count: int) -> Points:
     t = np.linspace(0, len(p) - 3 - 1e-9, count)
     i, s = t.astype(int), (t % 1)[:, None]
     a, b, c, d = p[i], p[i + 1], p[i + 2], p[i + 3]
-    return 0.5 * (2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3)
+    return np.asarray(0.5 * (2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3))
 
 
 def grid(name: str, points: ArrayLike, material: Any, wrap: bool = False, close: bool = False) -> Any:
     """A smooth surface through points [A, B, 3], UV = (b, a); `wrap` joins the ends of B, `close` those of A."""
     p = np.asarray(points, float)
     na, nb = p.shape[:2]
-    a, b = np.meshgrid(np.arange(na - (not close)), np.arange(nb - (not wrap)), indexing="ij")
-    a, b = a.ravel(), b.ravel()
+    lattice = np.meshgrid(np.arange(na - (not close)), np.arange(nb - (not wrap)), indexing="ij")
+    a, b = (axis.ravel() for axis in lattice)
     corners = [(a, b), (a, b + 1), (a + 1, b + 1), (a + 1, b)]
     faces = np.stack([(i % na) * nb + j % nb for i, j in corners], axis=1)
     sides_a, sides_b = max(na - (not close), 1), max(nb - (not wrap), 1)

@@ -31,7 +31,7 @@ def noise(height: int, width: int, slope: float, seed: int) -> Array:
     frequency = np.hypot(fy, fx)
     frequency[0, 0] = np.inf
     field = np.fft.irfft2(spectrum / frequency**slope, s=(height, width))
-    return np.clip(0.5 + 0.22 * (field - field.mean()) / field.std(), 0, 1).astype(np.float32)
+    return np.asarray(np.clip(0.5 + 0.22 * (field - field.mean()) / field.std(), 0, 1), np.float32)
 
 
 def ramp(field: Array, colours: Sequence[str]) -> Array:
@@ -112,7 +112,7 @@ def print_shapes(height: int, width: int, seed: int) -> Array:
 def cover(height: int, width: int, seed: int, colours: Sequence[str]) -> Array:
     """A book cover: warped bands in the given colours under a few leaves."""
     field = _warp(noise(height, width, 1.7, seed), seed + 1, 0.1)
-    picture = ramp(np.floor(field * 9) / 9, colours)
+    picture = ramp(np.floor(field * np.float32(9)) / np.float32(9), colours)
     _scatter(picture, 14, (height / 10, height / 4), seed + 2, strength=0.8)
     return _grain(picture, seed + 3, 0.08)
 
@@ -150,7 +150,7 @@ def _mat(picture: Array) -> Array:
 def _grain(picture: Array, seed: int, amount: float) -> Array:
     h, w = picture.shape[:2]
     field = 0.6 * noise(h, w, 0.9, seed) + 0.4 * noise(h, w, 0.45, seed + 1)
-    return np.clip(picture * (1 + 2 * amount * (field - 0.5))[..., None], 0, 1).astype(np.float32)
+    return np.asarray(np.clip(picture * (1 + 2 * amount * (field - 0.5))[..., None], 0, 1), np.float32)
 
 
 def _warp(field: Array, seed: int, amount: float) -> Array:
@@ -158,7 +158,7 @@ def _warp(field: Array, seed: int, amount: float) -> Array:
     dy = (noise(h, w, 1.8, seed) - 0.5) * amount * 4 * h
     dx = (noise(h, w, 1.8, seed + 1) - 0.5) * amount * 4 * h
     y, x = np.mgrid[0:h, 0:w]
-    return field[np.clip(y + dy, 0, h - 1).astype(int), np.clip(x + dx, 0, w - 1).astype(int)]
+    return np.asarray(field[np.clip(y + dy, 0, h - 1).astype(int), np.clip(x + dx, 0, w - 1).astype(int)])
 
 
 def _scatter(picture: Array, count: int, size: tuple[float, float], seed: int, strength: float) -> None:

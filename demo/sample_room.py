@@ -8,8 +8,9 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
-from sample_mesh import box, lathe, mottled, picture
-from sample_paint import cloth, mural, planks, print_landscape, print_shapes
+
+from demo.sample_mesh import box, lathe, mottled, picture
+from demo.sample_paint import cloth, mural, planks, print_landscape, print_shapes
 
 TABLE_RADIUS = 0.54
 TABLE_HEIGHT = 0.74

@@ -8,7 +8,8 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
-from sample_mesh import (
+
+from demo.sample_mesh import (
     Parts,
     ball,
     box,
@@ -24,7 +25,7 @@ from sample_mesh import (
     tube,
     writing,
 )
-from sample_paint import bottle_label, cover
+from demo.sample_paint import bottle_label, cover
 
 
 def bottle() -> Parts:
@@ -198,7 +199,7 @@ def clock() -> Parts:
             "hand",
             (length, 0.001, width),
             ink,
-            centre + 0.42 * length * np.array([np.cos(angle), 0, np.sin(angle)]) + (0, front - 0.001, 0),
+            (centre + 0.42 * length * np.array([np.cos(angle), 0, np.sin(angle)]) + (0, front - 0.001, 0)).tolist(),
             0,
         )
         hand.rotation_euler = (0, -angle, 0)

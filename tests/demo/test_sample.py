@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from itertools import combinations
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+
+from service.capture import admit_upload
+from service.capture.settings import CaptureSettings
 
 SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _LIMIT_BYTES = 5_000_000
@@ -23,7 +27,7 @@ def transforms() -> dict:
 
 @pytest.fixture(scope="module")
 def labels() -> dict[str, int]:
-    return json.loads((SAMPLE / "labels.json").read_text(encoding="utf-8"))["labels"]
+    return json.loads((SAMPLE / "transforms.json").read_text(encoding="utf-8"))["labels"]
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +126,12 @@ def test_neighbours_overlap(poses: NDArray[np.float64]) -> None:
     towards = poses[:, :3, 3] / np.linalg.norm(poses[:, :3, 3], axis=1, keepdims=True)
     angles = np.degrees(np.arccos(np.clip(towards @ towards.T, -1, 1)))
     assert np.sort(angles, axis=1)[:, 2].max() < 20.0
+
+
+def test_the_whole_folder_is_a_capture_with_poses_and_labels(tmp_path: Path) -> None:
+    """Uploaded as it is, it needs neither structure from motion nor a detector."""
+    shutil.copytree(SAMPLE, tmp_path / "upload")
+    admitted = admit_upload(tmp_path / "upload", CaptureSettings())
+    assert admitted.source == "nerfstudio"
+    assert admitted.has_labels
+    assert not admitted.warnings
