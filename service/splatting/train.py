@@ -42,7 +42,7 @@ from service.splatting.views import Frame, TrainingView, load_views, split_views
 
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
-_TARGET_BYTES = 2**28
+_TARGET_BYTES = 2**27
 
 
 def train(
@@ -63,7 +63,7 @@ def train(
             the run is bounded by iterations alone.
 
     Raises:
-        InvalidInputError: no views, points that are not finite, images that contradict their cameras.
+        InvalidInputError: no views, points that are not finite, images that contradict their cameras, backend cuda.
         ConflictError: the checkpoint belongs to another run.
         TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
     """
@@ -72,6 +72,10 @@ def train(
     if labelling.label_maps and len(labelling.label_maps) != len(capture.views):
         raise InvalidInputError(
             f"{len(labelling.label_maps)} label maps for {len(capture.views)} views", field="labelling.label_maps"
+        )
+    if settings.backend == "cuda":
+        raise InvalidInputError(
+            "training does not run on the cuda backend yet", field="training.backend", hint="Use cpu."
         )
     with _one_torch_thread():
         return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
@@ -366,7 +370,7 @@ def _cross_entropy(
     """Weighted cross-entropy over valid pixels: the others get a class of weight 0 that no code can reach."""
     weight, bias = parameters["weight"], parameters["bias"]
     if valid is not None:
-        labels = torch.where(valid, labels, len(bias))
+        labels = torch.where(valid, labels.to(torch.int32), len(bias))
         weight = torch.cat([weight, weight.new_zeros(1, weight.shape[1])])
         bias = torch.cat([bias, bias.new_full((1,), -1e30)])
         class_weights = torch.cat([class_weights, class_weights.new_zeros(1)])

@@ -25,7 +25,7 @@ class Frame:
     Attributes:
         camera: intrinsics for this size.
         rgb: uint8 [H, W, 3].
-        labels: int32 [H, W] class per pixel (0 undetected), or None when the scene has no labels.
+        labels: uint8 or int32 [H, W] class per pixel (0 undetected), or None when the scene has no labels.
         valid: bool [H, W], or None when every pixel has content.
     """
 
@@ -141,6 +141,8 @@ def _frame(
     return Frame(
         camera=camera,
         rgb=torch.from_numpy(rgb.copy()),
-        labels=None if labels is None else torch.from_numpy(labels.astype(np.int32)),
+        labels=None
+        if labels is None
+        else torch.from_numpy(labels.astype(np.uint8 if labels.max() < 256 else np.int32)),
         valid=None if valid is None else torch.from_numpy(valid == 255),
     )

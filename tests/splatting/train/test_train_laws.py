@@ -12,6 +12,7 @@ from PIL import Image
 from service.common.dictionary import Dictionary
 from service.common.errors import CancelledError, ConflictError, InvalidInputError
 from service.common.progress import ProgressEvent, silent
+from service.evaluation import evaluate_views
 from service.perception.types import Labelling
 from service.splatting.morton import morton_order
 from service.splatting.settings import LearningRates
@@ -27,18 +28,19 @@ def _same(a: TrainedSplats, b: TrainedSplats) -> bool:
 
 def test_a_run_learns_colour_and_meaning(world, quick) -> None:
     capture, labelling = world
-    losses: list[float] = []
-
-    def listen(event: ProgressEvent) -> None:
-        assert event.stage == "training" and 0 <= event.fraction <= 1
-        losses.append(event.metrics.get("loss", np.nan))
-
-    trained = train(capture, labelling, quick(iterations=300, max_gaussians=400), listen)
-    seen = [loss for loss in losses if np.isfinite(loss)]
-    assert seen[-1] < 0.6 * seen[0]
-    assert trained.quality["psnr"] > 22
-    assert trained.quality["ssim"] > 0.8
+    events: list[ProgressEvent] = []
+    trained = train(capture, labelling, quick(iterations=300, max_gaussians=400), events.append)
+    assert all(event.stage == "training" and 0 <= event.fraction <= 1 for event in events)
+    assert events[-1].fraction == 1 and events[-1].metrics["iteration"] == 300
+    start = train(capture, labelling, quick(iterations=5, max_gaussians=400), silent)
+    assert trained.quality["loss"] < 0.3 * start.quality["loss"]
+    assert trained.quality["psnr"] > 29 > start.quality["psnr"] + 8
+    assert trained.quality["ssim"] > 0.95
     assert trained.held_out == ("004.png",)
+    report = evaluate_views(trained.gaussians, trained.head, capture, labelling, trained.held_out)
+    assert report.psnr == pytest.approx(trained.quality["psnr"], abs=1e-3)
+    assert report.mean_iou > 0.85
+    print(report, trained.quality)
     assert trained.gaussians.codes.shape[1] == 3
     assert trained.head.weight.shape == (4, 3)
     assert trained.quality["ghost_share"] == 0
@@ -218,6 +220,8 @@ def test_bad_captures_are_named(world, quick) -> None:
         train(dataclasses.replace(capture, views=()), labelling, quick(), silent)
     with pytest.raises(InvalidInputError, match="11 label maps for 12"):
         train(capture, Labelling(labelling.dictionary, labelling.label_maps[1:]), quick(), silent)
+    with pytest.raises(InvalidInputError, match="cuda"):
+        train(capture, labelling, quick(backend="cuda"), silent)
     wrong = (labelling.label_maps[0][:-1], *labelling.label_maps[1:])
     with pytest.raises(InvalidInputError, match=r"label map of image 000\.png has 64×47"):
         train(capture, Labelling(labelling.dictionary, wrong), quick(), silent)
