@@ -196,4 +196,5 @@ def _picture(index: SceneIndex, text: str | None, kind: str, posed: PosedCamera)
         return pictures.png_bytes(seen.mask.astype(np.uint8) * 255)
     if kind == "relevancy":
         return pictures.png_bytes(pictures.relevancy_picture(seen.rgb, seen.relevancy))
-    return pictures.png_bytes(pictures.overlay(seen.rgb, seen.mask))
+    names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
+    return pictures.png_bytes(pictures.named_overlay(seen.rgb, seen.label_ids, names))

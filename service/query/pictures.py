@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from service.common.errors import InvalidInputError
 
@@ -26,6 +28,8 @@ _TURBO = np.array(
     ],
     dtype=np.float64,
 )
+_RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 200, 40))
+"""Tints of an answer's labels, best first; the last serves all further ones."""
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 
 
@@ -51,6 +55,37 @@ def overlay(
     picture[mask] = tinted.round().astype(np.uint8)
     picture[mask & ~_eroded(mask)] = _OUTLINE
     return picture
+
+
+def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[int, str]]) -> U8:
+    """uint8 [H, W, 3]: every label of an answer in a colour of its own, with its name where most of it is.
+
+    Args:
+        rgb: uint8 [H, W, 3], the view.
+        label_ids: uint16 [H, W], see `Mask2D.label_ids`.
+        names: label id and name, best first; the first gets the strongest tint.
+    """
+    picture, tags = rgb, []
+    for rank, (label_id, name) in enumerate(names):
+        mask = label_ids == label_id
+        if mask.any():
+            strength = 0.6 if rank == 0 else 0.4
+            picture = overlay(picture, mask, colour=_RANKED[min(rank, len(_RANKED) - 1)], strength=strength)
+            tags.append((_middle_of_largest(mask), name))
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    font = ImageFont.load_default(max(10, rgb.shape[0] // 28))
+    for place, name in tags:
+        draw.rectangle(draw.textbbox(place, name, font=font, anchor="mm"), fill=(0, 0, 0))
+        draw.text(place, name, font=font, anchor="mm", fill=(255, 255, 255))
+    return np.array(image)
+
+
+def _middle_of_largest(mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """(x, y) of the mean of the largest connected part, in pixels."""
+    _, _, stats, centroids = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    return float(centroids[largest, 0]), float(centroids[largest, 1])
 
 
 def relevancy_picture(rgb: U8, relevancy: NDArray[np.float32], *, strength: float = 0.7) -> U8:

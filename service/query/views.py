@@ -68,6 +68,7 @@ class Renderer:
         mask = wanted[classes] & (seen.alpha >= self._settings.alpha_min)
         return Mask2D(
             mask=np.asarray(mask.cpu().numpy()),
+            label_ids=np.asarray((classes * mask).cpu().numpy(), dtype=np.uint16),
             relevancy=_to_floats((expected * seen.alpha).clamp(0.0, 1.0)),
             rgb=_to_bytes(seen.image[..., :3]),
         )

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from service.common.errors import InvalidInputError
-from service.query.pictures import overlay, png_bytes, relevancy_picture, turbo
+from service.query.pictures import named_overlay, overlay, png_bytes, relevancy_picture, turbo
 
 
 def test_turbo_goes_from_blue_over_green_to_red() -> None:
@@ -47,6 +47,19 @@ def test_overlay_touches_the_mask_alone() -> None:
     np.testing.assert_array_equal(rgb, before)
     np.testing.assert_array_equal(picture[~mask], rgb[~mask])
     np.testing.assert_array_equal(overlay(rgb, np.zeros_like(mask)), rgb)
+
+
+def test_a_named_overlay_tints_each_label_differently_and_writes_on_nothing_else() -> None:
+    rgb = np.full((120, 200, 3), 90, dtype=np.uint8)
+    label_ids = np.zeros((120, 200), dtype=np.uint16)
+    label_ids[20:100, 10:90] = 3
+    label_ids[20:100, 110:190] = 7
+    picture = named_overlay(rgb, label_ids, [(7, "mug"), (3, "cup"), (9, "not in view")])
+    np.testing.assert_array_equal(picture[label_ids == 0], rgb[label_ids == 0])
+    inner = [tuple(picture[25, x]) for x in (15, 115)]
+    assert inner[0] != inner[1] and (90, 90, 90) not in inner
+    assert (picture[50:70, 30:70] == 0).all(axis=2).any(), "a name tag stands in the middle of its part"
+    np.testing.assert_array_equal(named_overlay(rgb, np.zeros_like(label_ids), [(3, "cup")]), rgb)
 
 
 def test_overlay_outlines_the_edge_and_not_the_inside() -> None:
