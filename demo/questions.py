@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-SAMPLE_QUESTIONS = ("banana", "tea", "fork", "bicycle")
-"""For the sample capture: a thing by its name, two words for things near it, and one that is nowhere near."""
+SAMPLE_QUESTIONS = ("banana", "coffee", "fruit", "something to read", "bicycle")
+"""For the sample capture: a thing by its name, three ambiguous questions, and a thing that is not there."""
 
 _WIDER = {
     "teddy bear": "plush toy",

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from demo.rest import Rest
+from demo.sheet import caption_of, write_sheet
 
 _SHOWN = 4
 
@@ -47,16 +48,19 @@ def report_of(
 
 
 def save_evidence(rest: Rest, scene: Mapping[str, Any], answers: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """A rendered view, an overlay and a relevancy picture per question, each answer's PLY, and the scene's PLY."""
+    """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
     scene_id, views = scene["id"], [camera["name"] for camera in scene["cameras"]]
     middle = views[len(views) // 2]
     (folder / "view.png").write_bytes(rest.picture(scene_id, "rgb", view=middle))
+    panels = [("rendered", folder / "view.png")]
     for answer in answers:
         stem = re.sub(r"\W+", "-", answer["text"]).strip("-") or "query"
         for kind in ("overlay", "relevancy"):
             picture = rest.picture(scene_id, kind, view=middle, text=answer["text"])
             (folder / f"{stem}-{kind}.png").write_bytes(picture)
+        panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
         rest.download(f"/v1/scenes/{scene_id}/mask.ply", {"text": answer["text"]}, folder / f"{stem}-mask.ply")
+    write_sheet(panels, folder / "summary.jpg")
     rest.download(f"/v1/scenes/{scene_id}/scene.ply", {}, folder / "scene.ply")
 
 

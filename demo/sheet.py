@@ -1,0 +1,44 @@
+"""One picture of a whole run: the rendered view and every question's answer in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageDraw, ImageFont
+
+_COLUMNS = 3
+_WIDTH = 480
+_CAPTION = 26
+_GAP = 6
+
+
+def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
+    """Captioned pictures in rows of three, as a JPEG.
+
+    Args:
+        panels: caption and picture file, in reading order; all pictures have the aspect of the first.
+        target: where to write.
+    """
+    pictures = [(caption, Image.open(path).convert("RGB")) for caption, path in panels]
+    first = pictures[0][1]
+    height = round(_WIDTH * first.height / first.width)
+    rows = -(-len(pictures) // _COLUMNS)
+    columns = min(_COLUMNS, len(pictures))
+    size = (columns * (_WIDTH + _GAP) - _GAP, rows * (height + _CAPTION + _GAP) - _GAP)
+    sheet = Image.new("RGB", size, "white")
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(15)
+    for index, (caption, picture) in enumerate(pictures):
+        left = index % _COLUMNS * (_WIDTH + _GAP)
+        top = index // _COLUMNS * (height + _CAPTION + _GAP)
+        draw.text((left + 2, top + _CAPTION / 2), caption, font=font, fill="black", anchor="lm")
+        sheet.paste(picture.resize((_WIDTH, height), Image.Resampling.LANCZOS), (left, top + _CAPTION))
+    sheet.save(target, quality=88)
+
+
+def caption_of(answer: Mapping[str, Any]) -> str:
+    """A question and what was found, in one line."""
+    found = [match["label"] for match in answer["matches"] if match["relevant"]]
+    return f"“{answer['text']}”: {answer['verdict']}" + (f" → {', '.join(found[:3])}" if found else "")
