@@ -23,6 +23,7 @@ from demo.rest import Rest
 _ROOT = Path(__file__).parent.parent
 _SAMPLE = _ROOT / "demo" / "sample" / "images"
 _SCORE_TOLERANCE = 1e-6
+_FIGURES = ("loss", "psnr", "iterations_per_second", "seconds_left")
 
 
 def main() -> None:
@@ -95,7 +96,7 @@ class _Progress:
         if not operation["stages"]:
             return
         stage = operation["stages"][-1]
-        figures = ", ".join(f"{name} {value:.4g}" for name, value in stage["metrics"].items())
+        figures = ", ".join(f"{name} {stage['metrics'][name]:.4g}" for name in _FIGURES if name in stage["metrics"])
         # Tenths of a stage are enough for a log; the message changes more often than anybody reads.
         step = f"{stage['stage']} {int(stage['fraction'] * 10)}"
         if step != self._last:

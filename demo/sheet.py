@@ -41,4 +41,4 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
 def caption_of(answer: Mapping[str, Any]) -> str:
     """A question and what was found, in one line."""
     found = [match["label"] for match in answer["matches"] if match["relevant"]]
-    return f"“{answer['text']}”: {answer['verdict']}" + (f" → {', '.join(found[:3])}" if found else "")
+    return f"“{answer['text']}” is {answer['verdict']}" + (f": {', '.join(found[:3])}" if found else "")
