@@ -39,7 +39,8 @@ def report_of(
                 "verdict": answer["verdict"],
                 "explanation": answer.get("explanation", ""),
                 "results": [
-                    {key: match[key] for key in ("label", "relevancy", "gaussian_count")} for match in answer["matches"]
+                    {key: match[key] for key in ("label", "relevancy", "gaussian_count", "relevant")}
+                    for match in answer["matches"]
                 ],
             }
             for answer in answers
@@ -78,10 +79,18 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     for row in report["dictionary"]:
         table.add_row(row["label"], str(row["views"]), f"{row['pixels']:,}")
     console.print(table)
-    table = Table("query", "verdict", "answer", "relevancy", "Gaussians", title="Asked and answered (REST = gRPC)")
+    table = Table(
+        "query",
+        "verdict",
+        "answer",
+        "relevancy",
+        "Gaussians",
+        title="Asked and answered, REST = gRPC; dim: not relevant",
+    )
     for query in report["queries"]:
         for rank, match in enumerate(query["results"][:_SHOWN]):
             first = (query["text"], query["verdict"]) if rank == 0 else ("", "")
-            table.add_row(*first, match["label"], f"{match['relevancy']:.3f}", str(match["gaussian_count"]))
+            figures = (match["label"], f"{match['relevancy']:.3f}", str(match["gaussian_count"]))
+            table.add_row(*first, *figures, style="" if match["relevant"] else "dim")
         table.add_section()
     console.print(table)
