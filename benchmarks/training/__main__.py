@@ -17,11 +17,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
 from benchmarks.training.data import load_posed_folder
 from service.common.progress import ProgressEvent
 from service.evaluation import evaluate_views
@@ -74,6 +69,7 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
     load_before, cpu_before = os.getloadavg()[0], time.process_time()
     trained = train(capture, labelling, settings, listen)
     cpu = time.process_time() - cpu_before
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
     report = evaluate_views(
         trained.gaussians, trained.head, capture, labelling, trained.held_out,
         max_side=settings.max_side, backend=settings.backend,
@@ -84,7 +80,7 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
         "date": time.strftime("%Y-%m-%d"),
         "load_average_before": round(load_before, 2),
         "cpu_seconds": round(cpu, 1),
-        "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+        "peak_mb": round(peak_mb, 1),
         **{key: round(value, 4) for key, value in trained.quality.items()},
         "mean_iou": round(report.mean_iou, 4),
         "iou": {label: round(value, 3) for label, value in report.iou.items()},
@@ -94,6 +90,12 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
 
 
 def _draw(result: dict[str, Any], path: Path) -> None:
+    # Loaded here, after the run: it is no part of the trainer, whose memory is measured.
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
     axes.plot([point["elapsed_s"] for point in result["curve"]], [point["psnr"] for point in result["curve"]], "o-")
     axes.set_xlabel("seconds of training")

@@ -1,8 +1,23 @@
-"""Photos to names: a dictionary of what is in the capture and a label map per view."""
+"""Photos to names: a dictionary of what is in the capture and a label map per view.
+
+The names below load what they need (onnxruntime, tokenizers) only when they are first used.
+"""
 
 from __future__ import annotations
 
-from service.perception.labelling import label_capture
-from service.perception.storage import load_labelling, save_labelling
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from service.perception.labelling import label_capture
+    from service.perception.storage import load_labelling, save_labelling
 
 __all__ = ["label_capture", "load_labelling", "save_labelling"]
+
+_HOMES = {"label_capture": "labelling", "load_labelling": "storage", "save_labelling": "storage"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

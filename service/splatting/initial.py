@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from service.common.errors import InvalidInputError
 from service.splatting.views import TrainingView
@@ -15,6 +15,8 @@ _SH_DC = 0.28209479177387814  # Y_0, the constant spherical harmonic
 _ENOUGH_POINTS = 100
 _RANDOM_POINTS = 5_000
 _START_OPACITY = 0.1
+_SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE
+_FARTHEST = 1e18  # squares of larger coordinates leave float32
 
 F32 = NDArray[np.float32]
 
@@ -67,12 +69,14 @@ def start_points(
     depths around the place that they look at, coloured by the pixel they were cast from.
 
     Raises:
-        InvalidInputError: a point is NaN or infinite.
+        InvalidInputError: a coordinate is NaN, infinite or beyond 1e18.
     """
-    if not np.isfinite(points).all():
+    sound = (np.abs(points) <= _FARTHEST).all(axis=1)  # False for NaN
+    if not sound.all():
         raise InvalidInputError(
-            f"{int((~np.isfinite(points)).any(axis=1).sum())} points have NaN or infinite coordinates",
+            f"{int((~sound).sum())} points have NaN, infinite or immense coordinates",
             field="points",
+            limit=f"{_FARTHEST:g} from the origin",
             hint="Remove these points from the point cloud.",
         )
     random = np.random.default_rng((seed, 1))
@@ -93,8 +97,7 @@ def start_gaussians(start: StartPoints, extent: float) -> StartGaussians:
     count = len(start.points)
     neighbours = min(3, count - 1)
     if neighbours > 0:
-        distances = cKDTree(start.points).query(start.points, k=neighbours + 1)[0][:, 1:]
-        width = np.sqrt((distances**2).mean(axis=1))
+        width = np.sqrt(_squared_distances(start.points, neighbours).mean(axis=1))
     else:
         width = np.full(count, 0.1 * extent)
     width = np.clip(width, 1e-5 * extent, 0.3 * extent)
@@ -105,6 +108,14 @@ def start_gaussians(start: StartPoints, extent: float) -> StartGaussians:
         logit_opacities=np.full(count, np.log(_START_OPACITY / (1 - _START_OPACITY)), np.float32),
         sh_dc=((start.colors - 0.5) / _SH_DC).astype(np.float32),
     )
+
+
+def _squared_distances(points: F32, neighbours: int) -> NDArray[np.float64]:
+    """[P, neighbours]: squared distances to the nearest other points, exact, ascending."""
+    # OpenCV is loaded anyway; scipy's tree would bring 26 MiB of modules into the trainer.
+    tree = cv2.flann.Index(points, {"algorithm": _SINGLE_TREE, "leaf_max_size": 10})
+    found = tree.knnSearch(points, neighbours + 1, params={"checks": -1, "eps": 0.0, "sorted": True})[1]
+    return np.asarray(found)[:, 1:].astype(np.float64)
 
 
 def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

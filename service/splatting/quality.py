@@ -6,7 +6,7 @@ import math
 
 from torch import Tensor
 
-from service.splatting.losses.reference import ssim_map
+from service.splatting.losses import image_loss
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
@@ -22,7 +22,9 @@ def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
 def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
     """Structural similarity (Wang et al. 2004) of [H, W, 3] pictures in 0..1, mean over `valid` pixels [H, W].
 
-    Window and padding are those of the training loss (and of 3DGS): 11×11, σ = 1.5, zeros outside.
+    Window and padding are those of the training loss (and of 3DGS): 11×11, σ = 1.5, zeros outside. NaN when no pixel
+    is valid.
     """
-    similarity = ssim_map(image.clamp(0, 1), target)
-    return float((similarity if valid is None else similarity[valid]).double().mean())
+    if valid is not None and not bool(valid.any()):
+        return math.nan
+    return 1 - float(image_loss(image.clamp(0, 1), target, 1.0, valid))

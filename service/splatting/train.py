@@ -18,19 +18,18 @@ from service.capture.types import Capture
 from service.common.errors import InvalidInputError
 from service.common.progress import Progress, ProgressEvent
 from service.perception.types import Labelling
-from service.scene.types import Gaussians, SemanticHead
 from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from service.splatting.densify import planned_count
 from service.splatting.initial import scene_extent, start_gaussians, start_points
-from service.splatting.losses import ImageTarget, image_loss, semantic_loss
-from service.splatting.morton import morton_order
+from service.splatting.losses import image_loss, semantic_loss
+from service.splatting.memory import release_free_memory
 from service.splatting.quality import psnr, ssim
 from service.splatting.raster import Splats, rasterize, sh_to_rgb
+from service.splatting.result import color_parameters, final_scene, ghosts_of
 from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
 from service.splatting.semantics import (
     class_weights,
     code_size,
-    ghost_share,
     separated_codes,
     start_codes,
     start_head,
@@ -42,7 +41,6 @@ from service.splatting.views import Frame, TrainingView, load_views, split_views
 
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
-_TARGET_BYTES = 2**27
 
 
 def train(
@@ -148,14 +146,12 @@ class _Run:
                 }
             )
         self.losses: deque[float] = deque(maxlen=50)
-        self.targets: dict[int, ImageTarget] = {}
-        self.level = -1
         self.latest = math.nan
         self.speed = 0.0
 
     def finish(self) -> TrainedSplats:
         self._optimise()
-        gaussians, head = self._result()
+        gaussians, head = final_scene(self.state, self.settings.cull_opacity)
         quality = {
             "iterations": float(self.state.iteration),
             "gaussians": float(len(gaussians)),
@@ -166,9 +162,9 @@ class _Run:
         if self.losses:
             quality["loss"] = sum(self.losses) / len(self.losses)
         if self.labels:
-            quality["ghost_share"] = self._ghosts(gaussians, head)
+            quality["ghost_share"] = ghosts_of(gaussians, head)
         if self.held_out:
-            measured = self._measure(_parameters(gaussians))
+            measured = self._measure(color_parameters(gaussians))
             quality |= {"psnr": measured.psnr, "ssim": measured.ssim}
         self._report(1.0)
         return TrainedSplats(gaussians, head, quality, tuple(view.name for view in self.held_out))
@@ -188,6 +184,7 @@ class _Run:
                 self._densify(share)
             if self.held_out and event_due(before, share, self.settings.evaluations):
                 self.latest = self._measure(self.state.parameters).psnr
+                release_free_memory()
                 last_report = -math.inf
             if now - last_report >= _REPORT_EVERY_S:
                 self.speed = (self.state.iteration - first_iteration) / max(self.elapsed - first_elapsed, 1e-9)
@@ -202,21 +199,20 @@ class _Run:
     def _step(self, share: float) -> None:
         settings, iteration = self.settings, self.state.iteration
         view = self._view_of(iteration)
-        level = image_level(share, settings)
-        if level != self.level:
-            self.level, self.targets = level, {}
-        frame = view.frames[level]
+        frame = view.frames[image_level(share, settings)]
         semantic = self.labels > 0 and frame.labels is not None and iteration % settings.semantic_every == 0
         parameters = self.state.parameters
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
         degree = sh_degree(share, settings)
         image, culled = self._render(parameters, opacities, scales, view, frame, degree, semantic, self._background())
-        target = self._target_of(frame)
-        loss = image_loss(image[..., :3], target, settings.ssim_weight)
+        # Split, not sliced: the backward pass of two slices would fill and add two whole images.
+        rgb, codes = torch.split(image, [3, image.shape[2] - 3], dim=2)
+        target = frame.target()
+        loss = image_loss(rgb, target, settings.ssim_weight, frame.valid)
         if not self.held_out and iteration % _PSNR_EVERY == 0:
-            self.latest = psnr(image[..., :3].detach(), target.image, frame.valid)
+            self.latest = psnr(rgb.detach(), target, frame.valid)
         if semantic and frame.labels is not None:
-            cross_entropy = _cross_entropy(image[..., 3:], parameters, frame.labels, frame.valid, self.class_weights)
+            cross_entropy = _cross_entropy(codes, parameters, frame.labels, frame.valid, self.class_weights)
             loss = loss + settings.semantic_weight * settings.semantic_every * cross_entropy
         if settings.opacity_decay:
             loss = loss + settings.opacity_decay * opacities.mean()
@@ -230,6 +226,7 @@ class _Run:
                 field="training.rates",
             )
         self.losses.append(value)
+        del image, rgb, codes  # the backward pass needs the room, not them
         loss.backward()  # type: ignore[no-untyped-call]
         adam_step(self.state, learning_rates(share, self.extent, settings))
 
@@ -264,16 +261,6 @@ class _Run:
         order = np.random.default_rng((self.settings.seed, 2, epoch)).permutation(len(self.views))
         return self.views[int(order[position])]
 
-    def _target_of(self, frame: Frame) -> ImageTarget:
-        """The frame's image with its moments; kept from step to step while memory lasts."""
-        found = self.targets.get(id(frame))
-        if found is not None:
-            return found
-        target = ImageTarget(frame.target(), frame.valid)
-        if (len(self.targets) + 1) * target.image.nbytes * 3 <= _TARGET_BYTES:
-            self.targets[id(frame)] = target
-        return target
-
     def _background(self) -> Tensor | None:
         if self.settings.background == "black":
             return None
@@ -291,6 +278,7 @@ class _Run:
         generator = torch.Generator().manual_seed(int(seed[0] >> 1))
         need = torch.sigmoid(self.state.parameters["logit_opacities"].detach())
         relocate_and_grow(self.state, need, target, settings.dead_opacity, generator)
+        release_free_memory()
 
     @torch.no_grad()
     def _measure(self, parameters: Mapping[str, Tensor]) -> _Measured:
@@ -304,38 +292,6 @@ class _Run:
             target = frame.target()
             results.append((psnr(image, target, frame.valid), ssim(image, target, frame.valid)))
         return _Measured(*(float(np.mean(values)) for values in zip(*results, strict=True)))
-
-    @torch.no_grad()
-    def _result(self) -> tuple[Gaussians, SemanticHead]:
-        """Visible Gaussians in Morton order, and the head.
-
-        Raises:
-            TrainingDivergedError: a parameter is not finite.
-        """
-        arrays = {name: value.detach().numpy() for name, value in self.state.parameters.items()}
-        for name, array in arrays.items():
-            if not np.isfinite(array).all():
-                raise TrainingDivergedError(f"after iteration {self.state.iteration} {name} is not finite")
-        opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
-        visible = np.flatnonzero(opacities > self.settings.cull_opacity)
-        rows = visible[morton_order(arrays["means"][visible])]
-        gaussians = Gaussians(
-            means=arrays["means"][rows],
-            quats=arrays["quats"][rows],
-            log_scales=arrays["log_scales"][rows],
-            logit_opacities=arrays["logit_opacities"][rows],
-            sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
-            codes=arrays["codes"][rows],
-        )
-        return gaussians, SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
-
-    def _ghosts(self, gaussians: Gaussians, head: SemanticHead) -> float:
-        return ghost_share(
-            torch.from_numpy(gaussians.codes),
-            torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
-            torch.from_numpy(head.weight),
-            torch.from_numpy(head.bias),
-        )
 
     def _checkpoint(self) -> None:
         assert self.checkpoint_dir is not None
@@ -375,15 +331,3 @@ def _cross_entropy(
         bias = torch.cat([bias, bias.new_full((1,), -1e30)])
         class_weights = torch.cat([class_weights, class_weights.new_zeros(1)])
     return semantic_loss(codes, weight, bias, labels, class_weights)
-
-
-def _parameters(gaussians: Gaussians) -> dict[str, Tensor]:
-    """The colour part of a result as parameters, to be rendered."""
-    return {
-        "means": torch.from_numpy(gaussians.means),
-        "quats": torch.from_numpy(gaussians.quats),
-        "log_scales": torch.from_numpy(gaussians.log_scales),
-        "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
-        "sh_dc": torch.from_numpy(gaussians.sh[:, :1].copy()),
-        "sh_rest": torch.from_numpy(gaussians.sh[:, 1:].copy()),
-    }

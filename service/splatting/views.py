@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from service.capture.images import load_rgb  # not `service.capture.load_image`, whose module loads COLMAP too
 from service.capture.types import Capture, View
 from service.common.camera import Camera
 from service.common.dictionary import UNDETECTED
@@ -102,8 +103,7 @@ def _load_view(
     view: View, label_map: NDArray[np.uint16] | None, max_side: int, scales: tuple[float, ...]
 ) -> TrainingView:
     camera, name = view.posed.camera, view.posed.name
-    with Image.open(view.image_path) as image:
-        rgb = np.asarray(image.convert("RGB"))
+    rgb = load_rgb(view.image_path)
     _check_size(rgb, camera, f"image {name}")
     valid = None
     if view.valid_path is not None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from service.common.camera import Camera
 from service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from service.splatting.densify import MAX_COPIES, planned_count, split_in_place
-from service.splatting.initial import start_gaussians, start_points
+from service.splatting.initial import StartPoints, start_gaussians, start_points
 from service.splatting.morton import morton_order
 from service.splatting.quality import psnr, ssim
 from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
@@ -232,3 +232,13 @@ def test_a_checkpoint_keeps_every_bit_and_leaves_no_other_file(tmp_path: Path) -
     assert found is not None and (found.iteration, found.elapsed_s) == (2, 2.1)
     assert all(torch.equal(found.tensors[name], value) for name, value in tensors.items())
     assert read_checkpoint(tmp_path / "none", "f") is None
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 700])
+def test_start_widths_agree_with_every_distance_measured(count: int) -> None:
+    points = np.random.default_rng(count).normal(size=(count, 3)).astype(np.float32)
+    points[-1] = points[0]  # two at one place
+    away = np.sort(np.linalg.norm(points[:, None].astype(np.float64) - points, axis=2), axis=1)[:, 1:4]
+    expected = np.clip(np.sqrt((away**2).mean(axis=1)), 1e-3, None)
+    gaussians = start_gaussians(StartPoints(points, np.zeros_like(points), 0), extent=100)
+    assert np.exp(gaussians.log_scales[:, 0]) == pytest.approx(expected, rel=1e-4)

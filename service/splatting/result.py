@@ -1,0 +1,59 @@
+"""From a run's state to the scene that it leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from service.scene.types import Gaussians, SemanticHead
+from service.splatting.morton import morton_order
+from service.splatting.semantics import ghost_share
+from service.splatting.state import SplatState
+from service.splatting.types import TrainingDivergedError
+
+
+def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, SemanticHead]:
+    """Gaussians with an opacity above `cull_opacity` in Morton order, and the head.
+
+    Raises:
+        TrainingDivergedError: a parameter is not finite.
+    """
+    arrays = {name: value.detach().numpy() for name, value in state.parameters.items()}
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise TrainingDivergedError(f"after iteration {state.iteration} {name} is not finite")
+    opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
+    visible = np.flatnonzero(opacities > cull_opacity)
+    rows = visible[morton_order(arrays["means"][visible])]
+    gaussians = Gaussians(
+        means=arrays["means"][rows],
+        quats=arrays["quats"][rows],
+        log_scales=arrays["log_scales"][rows],
+        logit_opacities=arrays["logit_opacities"][rows],
+        sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
+        codes=arrays["codes"][rows],
+    )
+    return gaussians, SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
+
+
+def ghosts_of(gaussians: Gaussians, head: SemanticHead) -> float:
+    """`ghost_share` of a finished scene."""
+    return ghost_share(
+        torch.from_numpy(gaussians.codes),
+        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
+        torch.from_numpy(head.weight),
+        torch.from_numpy(head.bias),
+    )
+
+
+def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
+    """The colour part of a finished scene under the names of `SplatState.parameters`, to be rendered."""
+    return {
+        "means": torch.from_numpy(gaussians.means),
+        "quats": torch.from_numpy(gaussians.quats),
+        "log_scales": torch.from_numpy(gaussians.log_scales),
+        "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
+        "sh_dc": torch.from_numpy(gaussians.sh[:, :1].copy()),
+        "sh_rest": torch.from_numpy(gaussians.sh[:, 1:].copy()),
+    }
