@@ -116,3 +116,28 @@ def test_what_the_capture_room_refuses_leaves_nothing(settings):
                 upload.commit("", "", SceneOptions())
         assert service.list_scenes() == ((), "")
     assert list((settings.data_dir / "uploads").iterdir()) == []
+
+
+def test_photos_of_two_places_end_as_a_failure_that_says_what_to_do(settings, test_data):
+    photos = (test_data / "plush" / "images" / "20240212_003919.jpg", test_data / "kitchen" / "images" / "00.jpg")
+    worker = _work(settings)
+    try:
+        with open_service(settings) as service:
+            with service.new_upload() as upload:
+                for path in photos:
+                    with path.open("rb") as file:
+                        upload.write(path.name, file)
+                operation = upload.commit("two places", "", SceneOptions())
+            deadline = time.monotonic() + 100
+            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+                assert time.monotonic() < deadline, now
+                time.sleep(0.2)
+            assert now.state == "FAILED" and now.error is not None
+            assert (now.error.kind, now.error.stage) == ("FAILED_PRECONDITION", "capture")
+            assert now.error.reason == "RECONSTRUCTION_FAILED" and now.error.details["hint"]
+            assert service.get_scene(operation.scene_id).state == "FAILED"
+    finally:
+        worker.terminate()
+        assert worker.wait(timeout=60) == 0
+    left = [path for kind in ("jobs", "scenes") for path in (settings.data_dir / kind).rglob("*") if path.is_file()]
+    assert left == []
