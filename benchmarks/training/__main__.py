@@ -13,6 +13,7 @@ import json
 import os
 import platform
 import resource
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from typing import Any
 from benchmarks.training.data import load_posed_folder
 from service.common.progress import ProgressEvent
 from service.evaluation import evaluate_views
+from service.splatting.raster.cpu import instruction_set, thread_count
 from service.splatting.settings import TrainingSettings
 from service.splatting.train import train
 
@@ -68,7 +70,7 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
 
     load_before, cpu_before = os.getloadavg()[0], time.process_time()
     trained = train(capture, labelling, settings, listen)
-    cpu = time.process_time() - cpu_before
+    cpu, load_after = time.process_time() - cpu_before, os.getloadavg()[0]
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
     report = evaluate_views(
         trained.gaussians, trained.head, capture, labelling, trained.held_out,
@@ -76,9 +78,11 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
     )  # fmt: skip
     return {
         "data": folder.resolve().name,
-        "machine": f"{platform.machine()}, {os.cpu_count()} CPUs",
+        "machine": _machine(),
+        "command": _command(),
         "date": time.strftime("%Y-%m-%d"),
         "load_average_before": round(load_before, 2),
+        "load_average_after": round(load_after, 2),
         "cpu_seconds": round(cpu, 1),
         "peak_mb": round(peak_mb, 1),
         **{key: round(value, 4) for key, value in trained.quality.items()},
@@ -87,6 +91,19 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
         "curve": curve,
         "settings": settings.model_dump(mode="json"),
     }
+
+
+def _machine() -> str:
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    model = models[0] if models else platform.machine()
+    return f"{model}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
+
+
+def _command() -> str:
+    """As typed, with folders outside the working directory by their name alone."""
+    words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
+    return " ".join(["python", "-m", "benchmarks.training", *words])
 
 
 def _draw(result: dict[str, Any], path: Path) -> None:

@@ -10,7 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 class LearningRates(BaseModel):
     """Adam step sizes at the start of a run; each decays exponentially to `final_share` of it (means: `means_final`).
 
-    Larger than 3DGS's, whose runs are ten times as long.
+    Larger than 3DGS's, whose runs are ten times as long. Measured once each on held-out views after 1,500 steps with
+    12,000 Gaussians at 240×180: these 29.4 dB on a table scene and 27.1 on the demo's sample, 3DGS's 27.4 and 23.8;
+    another seed moves that by 0.1 to 0.3 dB.
 
     Attributes:
         means: times the scene's extent, scene units a step.
