@@ -90,7 +90,12 @@ constexpr int BLOCK_H = 1;
 typedef float vf __attribute__((vector_size(W * 4)));
 typedef int32_t vi __attribute__((vector_size(W * 4)));
 using vm = vi;
-FS_INLINE vf set1(float x) { return vf{} + x; }
+// Written out: `vf{} + x` is an addition, and 0 + x is not x for x = -0.
+#if defined(FS_AVX2)
+FS_INLINE vf set1(float x) { return _mm256_set1_ps(x); }
+#else
+FS_INLINE vf set1(float x) { return vf{x, x, x, x}; }
+#endif
 FS_INLINE vf zero() { return vf{}; }
 FS_INLINE vi set1i(int32_t x) { return vi{} + x; }
 FS_INLINE vf load(const float* p) { return *(const vf*)p; }
@@ -175,11 +180,39 @@ FS_INLINE void store_sums(const vf* v, int n, float* out) {
 #endif
 }
 
+// Bit i of the result = bit `bit` of byte i, i < 64.
+FS_INLINE uint64_t column(const uint8_t* bytes, int bit) {
+#if defined(FS_AVX512)
+  return _mm512_test_epi8_mask(_mm512_loadu_si512(bytes), _mm512_set1_epi8((char)(1 << bit)));
+#elif defined(FS_AVX2)
+  const __m128i shift = _mm_cvtsi32_si128(7 - bit);
+  const __m256i low = _mm256_loadu_si256((const __m256i*)bytes), high = _mm256_loadu_si256((const __m256i*)(bytes + 32));
+  return (uint32_t)_mm256_movemask_epi8(_mm256_sll_epi16(low, shift)) |
+         (uint64_t)(uint32_t)_mm256_movemask_epi8(_mm256_sll_epi16(high, shift)) << 32;
+#elif defined(__SSE2__)
+  const __m128i shift = _mm_cvtsi32_si128(7 - bit);
+  uint64_t out = 0;
+  for (int i = 0; i < 4; i++) {
+    const __m128i part = _mm_loadu_si128((const __m128i*)(bytes + 16 * i));
+    out |= (uint64_t)(uint32_t)_mm_movemask_epi8(_mm_sll_epi16(part, shift)) << (16 * i);
+  }
+  return out;
+#else
+  uint64_t out = 0;
+  for (int i = 0; i < 64; i++) out |= (uint64_t)(bytes[i] >> bit & 1) << i;
+  return out;
+#endif
+}
+
 // Doubles, for what is done once per Gaussian: needles and large images need the digits.
 constexpr int DW = W / 2 < 2 ? 2 : W / 2;
 typedef double vd __attribute__((vector_size(DW * 8)));
 typedef int64_t vl __attribute__((vector_size(DW * 8)));
-FS_INLINE vd set1d(double x) { return vd{} + x; }
+FS_INLINE vd set1d(double x) {
+  vd a;
+  for (int i = 0; i < DW; i++) a[i] = x;
+  return a;
+}
 FS_INLINE vd vsqrt(vd a) {
 #if defined(FS_AVX512)
   return (vd)_mm512_sqrt_pd((__m512d)a);

@@ -1,0 +1,166 @@
+// The backward inner loop, Gaussian by Gaussian from back to front, and the sums of blend weights.
+#include "pixels.h"
+
+namespace FS_NS {
+
+// Sums over one Gaussian's pixels of a tile. On narrow machines the registers hold the moments or the features, not both:
+// then the weights of all blocks are kept and the features follow in a loop of their own.
+template <int K>
+struct Sums {
+  static constexpr int SLOTS = (MOMENTS + K + W - 1) / W * W;
+  static constexpr bool TOGETHER = W == 16;
+  vf slot[SLOTS];
+};
+
+// With R the colour behind a pixel's Gaussian, seen through it and weighted by the gradient, d loss / d alpha = T (dot − R)
+// and, one step to the front, R + alpha (dot − R): nothing is divided by what is left, however little that is.
+template <int K>
+FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits, int64_t i, vf log_min, vf alpha_max,
+                         Block<K>* blocks, Sums<K>& sums) {
+  vf zeroth = zero(), first[2] = {zero(), zero()}, second[3] = {zero(), zero(), zero()}, feature[K];
+  alignas(64) float weights[BLOCKS][W];
+  uint8_t visited[BLOCKS];
+  int count = 0;
+  const vi now = set1i((int32_t)i);
+#pragma GCC unroll 20
+  for (int k = 0; k < K; k++) feature[k] = zero();
+  for (; bits; bits &= bits - 1) {
+    const int index = __builtin_ctzll(bits);
+    Block<K>& block = blocks[index];
+    vf u, v;
+    const vf exponent = Ellipse::exponent(e, block, u, v);
+    const vm on = both(ge(exponent, log_min), gti(loadi(block.stop), now));
+    const vf raw = keep(on, exp2(exponent));
+    const vf alpha = vmin(raw, alpha_max);
+    const vf before = load(block.remaining) / (set1(1.0f) - alpha);
+    const vf weight = alpha * before;
+    store(block.remaining, before);
+    vf dot = load(block.extra);
+#pragma GCC unroll 20
+    for (int k = 0; k < K; k++) {
+      const vf grad = load(block.values[k]);
+      dot = fma(set1(features[k]), grad, dot);
+      if (Sums<K>::TOGETHER) feature[k] = fma(weight, grad, feature[k]);
+    }
+    if (!Sums<K>::TOGETHER) {
+      store(weights[count], weight);
+      visited[count++] = (uint8_t)index;
+    }
+    const vf behind = load(block.other), difference = dot - behind;
+    store(block.other, fma(alpha, difference, behind));
+    const vf g = keep(le(raw, alpha_max), weight * difference);
+    const vf gu = g * u, gv = g * v;
+    zeroth = zeroth + g;
+    first[0] = first[0] + gu;
+    first[1] = first[1] + gv;
+    second[0] = fma(gu, u, second[0]);
+    second[1] = fma(gu, v, second[1]);
+    second[2] = fma(gv, v, second[2]);
+  }
+  if (!Sums<K>::TOGETHER)
+    for (int n = 0; n < count; n++) {
+      const Block<K>& block = blocks[visited[n]];
+      const vf weight = load(weights[n]);
+#pragma GCC unroll 20
+      for (int k = 0; k < K; k++) feature[k] = fma(weight, load(block.values[k]), feature[k]);
+    }
+  sums.slot[0] = zeroth;
+  for (int m = 0; m < 2; m++) sums.slot[1 + m] = first[m];
+  for (int m = 0; m < 3; m++) sums.slot[3 + m] = second[m];
+#pragma GCC unroll 20
+  for (int k = 0; k < K; k++) sums.slot[MOMENTS + k] = feature[k];
+  for (int k = MOMENTS + K; k < Sums<K>::SLOTS; k++) sums.slot[k] = zero();
+}
+
+template <int K>
+static void backward_group(const TileJob& job, int32_t tile) {
+  const Tile t = tile_of(job, tile);
+  prefetch_pixels(t, job, job.grad_image);
+  Block<K> blocks[BLOCKS];  // other: R above; extra: gradient of alpha
+  start_blocks(blocks);
+  const int skip = job.first ? 1 : 0;
+  for (int b = 0; b < BLOCKS; b++) {
+    store(blocks[b].remaining, load(job.final_t + (int64_t)tile * PIXELS + b * W));
+    storei(blocks[b].stop, loadi(job.stop + (int64_t)tile * PIXELS + b * W));
+  }
+  read_pixels<K>(job, t, blocks);
+  const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
+  const int offset = job.first ? GEOMETRY : GEOMETRY + 1 + job.channel_begin;
+  const int place = job.first ? MOMENTS : MOMENTS + 1 + job.channel_begin, kept = job.group + skip;
+  const bool whole = job.first && job.sum_stride >= Sums<K>::SLOTS;
+  const int64_t used = job.tile_used[tile];
+  for (int64_t i = t.count - 1; i >= 0; i--) {
+    if (i >= AHEAD) {
+      prefetch(job.records + (int64_t)job.pair_rank[t.begin + i - AHEAD] * job.stride, job.stride);
+      __builtin_prefetch(job.sums + (int64_t)job.pair_slot[t.begin + i - AHEAD] * job.sum_stride, 1);
+    }
+    float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride;
+    const uint64_t bits = i < used ? job.pair_blocks[t.begin + i] : 0;
+    if (!bits) {
+      if (job.first) for (int k = 0; k < MOMENTS; k++) out[k] = 0;
+      for (int k = 0; k < kept; k++) out[place + k] = 0;
+      continue;
+    }
+    const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    Sums<K> sums;
+    gradients(Ellipse::from(record, t.left, t.top), record + offset, bits, i, log_min, alpha_max, blocks, sums);
+    if (whole) {
+      store_sums(sums.slot, Sums<K>::SLOTS, out);
+      continue;
+    }
+    alignas(64) float totals[Sums<K>::SLOTS];
+    store_sums(sums.slot, Sums<K>::SLOTS, totals);
+    for (int k = 0; k < MOMENTS; k++) out[k] = job.first ? totals[k] : out[k] + totals[k];
+    for (int k = 0; k < kept; k++) out[place + k] = totals[MOMENTS + k];
+  }
+}
+
+// Front to back like the forward pass, but adding up w·value(p) per Gaussian instead of w·feature per pixel.
+template <int K>
+static void blend_group(const TileJob& job, int32_t tile) {
+  constexpr int SLOTS = (K + W - 1) / W * W;
+  const Tile t = tile_of(job, tile);
+  prefetch_pixels(t, job, job.grad_image);
+  Block<K> blocks[BLOCKS];
+  uint64_t open = start_pixels(t, blocks);
+  for (int y = 0; y < t.height; y++)
+    for (int x = 0; x < t.width; x++) {
+      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
+      const float* in = job.grad_image + pixel * job.channels + job.channel_begin;
+      for (int c = 0; c < job.group; c++) blocks[block_of(x, y)].values[c][lane_of(x, y)] = in[c];
+    }
+  const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
+  const vf t_min = set1((float)job.view.transmittance_min);
+  for (int64_t i = 0; i < t.count; i++) {
+    if (i + AHEAD < t.count) prefetch(job.records + (int64_t)job.pair_rank[t.begin + i + AHEAD] * job.stride, GEOMETRY);
+    float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride + job.channel_begin;
+    vf acc[SLOTS];
+    for (int k = 0; k < SLOTS; k++) acc[k] = zero();
+    const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    const Ellipse e = Ellipse::from(record, t.left, t.top);
+    for (uint64_t bits = job.pair_blocks[t.begin + i] & open; bits; bits &= bits - 1) {
+      const int index = __builtin_ctzll(bits);
+      Block<K>& block = blocks[index];
+      vf u, v;
+      const vf exponent = Ellipse::exponent(e, block, u, v);
+      const vm hit = ge(exponent, log_min);
+      const vf before = load(block.remaining);
+      const vf alpha = vmin(exp2(exponent), alpha_max);
+      const vf after = fnma(alpha, before, before);
+      const vm ok = both(hit, gt(after, t_min)), ends = but(hit, ok);
+      const vf weight = keep(ok, alpha * before);
+      for (int k = 0; k < K; k++) acc[k] = fma(weight, load(block.values[k]), acc[k]);
+      const vf now = select(ends, negative(before), select(ok, after, before));
+      store(block.remaining, now);
+      if (__builtin_expect(any(ends), 0) && !any(gt(now, zero()))) open &= ~(1ull << index);
+    }
+    alignas(64) float totals[SLOTS];
+    store_sums(acc, SLOTS, totals);
+    for (int k = 0; k < job.group; k++) out[k] = totals[k];
+  }
+}
+
+void backward(const TileJob& job, int32_t tile) { FS_DISPATCH(backward_group, job.group + job.first) }
+void blend(const TileJob& job, int32_t tile) { FS_DISPATCH(blend_group, job.group) }
+
+}  // namespace FS_NS
