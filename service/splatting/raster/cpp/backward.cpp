@@ -91,17 +91,17 @@ static void backward_group(const TileJob& job, int32_t tile) {
   const int64_t used = job.tile_used[tile];
   for (int64_t i = t.count - 1; i >= 0; i--) {
     if (i >= AHEAD) {
-      prefetch(job.records + (int64_t)job.pair_rank[t.begin + i - AHEAD] * job.stride, job.stride);
-      __builtin_prefetch(job.sums + (int64_t)job.pair_slot[t.begin + i - AHEAD] * job.sum_stride, 1);
+      prefetch(job.records + (int64_t)job.pairs[t.begin + i - AHEAD].rank * job.stride, job.stride);
+      __builtin_prefetch(job.sums + (int64_t)job.pairs[t.begin + i - AHEAD].slot * job.sum_stride, 1);
     }
-    float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride;
-    const uint64_t bits = i < used ? job.pair_blocks[t.begin + i] : 0;
+    float* out = job.sums + (int64_t)job.pairs[t.begin + i].slot * job.sum_stride;
+    const uint64_t bits = i < used ? job.pairs[t.begin + i].blocks : 0;
     if (!bits) {
       if (job.first) for (int k = 0; k < MOMENTS; k++) out[k] = 0;
       for (int k = 0; k < kept; k++) out[place + k] = 0;
       continue;
     }
-    const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    const float* record = job.records + (int64_t)job.pairs[t.begin + i].rank * job.stride;
     Sums<K> sums;
     gradients(Ellipse::from(record, t.left, t.top), record + offset, bits, i, log_min, alpha_max, blocks, sums);
     if (whole) {
@@ -132,13 +132,13 @@ static void blend_group(const TileJob& job, int32_t tile) {
   const vf log_min = set1(job.log_alpha_min), alpha_max = set1((float)job.view.alpha_max);
   const vf t_min = set1((float)job.view.transmittance_min);
   for (int64_t i = 0; i < t.count; i++) {
-    if (i + AHEAD < t.count) prefetch(job.records + (int64_t)job.pair_rank[t.begin + i + AHEAD] * job.stride, GEOMETRY);
-    float* out = job.sums + (int64_t)job.pair_slot[t.begin + i] * job.sum_stride + job.channel_begin;
+    if (i + AHEAD < t.count) prefetch(job.records + (int64_t)job.pairs[t.begin + i + AHEAD].rank * job.stride, GEOMETRY);
+    float* out = job.sums + (int64_t)job.pairs[t.begin + i].slot * job.sum_stride + job.channel_begin;
     vf acc[SLOTS];
     for (int k = 0; k < SLOTS; k++) acc[k] = zero();
-    const float* record = job.records + (int64_t)job.pair_rank[t.begin + i] * job.stride;
+    const float* record = job.records + (int64_t)job.pairs[t.begin + i].rank * job.stride;
     const Ellipse e = Ellipse::from(record, t.left, t.top);
-    for (uint64_t bits = job.pair_blocks[t.begin + i] & open; bits; bits &= bits - 1) {
+    for (uint64_t bits = job.pairs[t.begin + i].blocks & open; bits; bits &= bits - 1) {
       const int index = __builtin_ctzll(bits);
       Block<K>& block = blocks[index];
       vf u, v;

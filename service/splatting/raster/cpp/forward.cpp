@@ -20,13 +20,13 @@ FS_INLINE void gather(const TileJob& job, const Tile& t, int64_t start, Part<K>&
   part.count = t.count - start < PART ? t.count - start : PART;
   const int64_t begin = t.begin + start, ahead = t.count - start - AHEAD;
   for (int64_t j = 0; j < part.count; j++) {
-    if (j < ahead) prefetch(job.records + (int64_t)job.pair_rank[begin + j + AHEAD] * job.stride, job.stride);
-    const float* record = job.records + (int64_t)job.pair_rank[begin + j] * job.stride;
+    if (j < ahead) prefetch(job.records + (int64_t)job.pairs[begin + j + AHEAD].rank * job.stride, job.stride);
+    const float* record = job.records + (int64_t)job.pairs[begin + j].rank * job.stride;
     float* out = part.seen[j];
     offsets(record, t.left, t.top, out[Part<K>::U], out[Part<K>::V]);
     std::memcpy(out + Part<K>::SHAPE, record + 4, 4 * sizeof(float));
     std::memcpy(out + Part<K>::FEATURES, record + offset, K * sizeof(float));
-    const uint64_t mask = job.pair_blocks[begin + j];
+    const uint64_t mask = job.pairs[begin + j].blocks;
     for (int p = 0; p < BLOCKS / 8; p++) part.masks[p][j] = (uint8_t)(mask >> (8 * p));
   }
   for (int64_t j = part.count; j % 64; j++)
@@ -117,7 +117,7 @@ static void forward_group(const TileJob& job, int32_t tile) {
     if (!open) used = start + last + 1;
     if (any_closed || running != ALL_BLOCKS)
       for (int64_t j = 0; j < part.count; j++) {
-        job.pair_blocks[t.begin + start + j] &= running;
+        job.pairs[t.begin + start + j].blocks &= running;
         if (any_closed) running &= ~left[j];
       }
   }

@@ -33,6 +33,7 @@ struct Projected {
   float a, b, c, log_opacity;
   float depth;
   int32_t id;
+  float half_height, tip;  // of the ellipse alpha >= alpha_min: half its height; how far below its rightmost point lies
 };
 
 struct Pairs {  // output of one chunk of Gaussians, in the order of depth
@@ -42,6 +43,12 @@ struct Pairs {  // output of one chunk of Gaussians, in the order of depth
   float log_alpha_min;  // base 2
 };
 
+struct Pair {
+  uint64_t blocks;  // bit = block of the tile; the forward pass drops blocks behind the last open pixel
+  uint32_t rank;    // of depth
+  uint32_t slot;    // where the pair's sums go: pairs of one Gaussian are neighbours there
+};
+
 struct TileJob {
   View view;
   int32_t tiles_x, tiles_y;
@@ -49,9 +56,7 @@ struct TileJob {
   const float* records;  // by depth rank: x, y (doubles), a, b, c, log_opacity, depth, features, zeros
   int64_t stride;        // floats
   const int64_t* tile_start;   // [tiles + 1]
-  const uint32_t* pair_rank;   // sorted by tile, then depth
-  uint64_t* pair_blocks;       // bit = block of the tile; the forward pass drops blocks without a contribution
-  const uint32_t* pair_slot;   // where the pair's sums go: pairs of one Gaussian are neighbours there
+  Pair* pairs;                 // sorted by tile, then depth
   int32_t* tile_used;          // pairs a tile looked at before all its pixels were finished
   float* final_t;              // [tiles, 256], block order
   int32_t* stop;               // [tiles, 256]: index in the tile's list at which a pixel finished

@@ -11,10 +11,10 @@ int64_t census(const TileJob& job, int32_t tile) {
   const double left = (tile % job.tiles_x) * TILE + 0.5, top = (tile / job.tiles_x) * TILE + 0.5;
   int64_t useful = 0;
   for (int64_t i = 0; i < job.tile_used[tile]; i++) {
-    const float* record = job.records + (int64_t)job.pair_rank[begin + i] * job.stride;
+    const float* record = job.records + (int64_t)job.pairs[begin + i].rank * job.stride;
     double center[2];
     std::memcpy(center, record, sizeof center);
-    for (uint64_t bits = job.pair_blocks[begin + i]; bits; bits &= bits - 1) {
+    for (uint64_t bits = job.pairs[begin + i].blocks; bits; bits &= bits - 1) {
       const int block = __builtin_ctzll(bits);
       for (int l = 0; l < W; l++) {
         const double dx = left + (block % (TILE / 4)) * 4 + l % 4 - center[0];

@@ -6,6 +6,7 @@ namespace FS_NS {
 using namespace fs;
 
 constexpr int MAX_CHUNK = 4096;  // rows a call
+constexpr int COLUMNS = TILE / 4;  // blocks across a tile
 
 static bool finite_row(const float* p, int64_t n) {
   uint32_t bad = 0;
@@ -58,6 +59,15 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
     const vd radius = vsqrt(reach * (0.5 * (s.a + s.c) + vsqrt(gap * gap + s.b * s.b)));
     const vd hx = vsqrt(reach * s.a), hy = vsqrt(reach * s.c);
     const vd root = WHITEN / vsqrt(s.c * s.det), wa = s.c * root, wb = -s.b * root, wc = WHITEN / vsqrt(s.c);
+    // In whitened units the ellipse alpha >= alpha_min is a circle. From the floats that the tiles will compute with.
+    vd radius2 = vd{}, slope = vd{}, tall = set1d(1.0);
+    for (int l = 0; l < lanes; l++) {
+      radius2[l] = log_opacity[l] - log_min;
+      slope[l] = (float)wb[l];
+      tall[l] = (float)wc[l];
+    }
+    slope /= tall;
+    const vd half_height = vsqrt(vmax(radius2, vd{})) / tall, tip = -half_height * slope / vsqrt(1.0 + slope * slope);
     for (int l = 0; l < lanes; l++) {
       const double x = s.u[l], y = s.v[l];
       if (!(radius[l] < HUGE_VAL) || !(std::fabs(x) < HUGE_VAL) || !(std::fabs(y) < HUGE_VAL)) continue;
@@ -78,6 +88,8 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
       p.log_opacity = (float)log_opacity[l];
       p.depth = (float)s.z[l];
       p.id = g;
+      p.half_height = (float)(half_height[l] * 1.000001);
+      p.tip = (float)tip[l];
     }
   }
   *bad = broken;
@@ -87,62 +99,55 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
 // Exact spans of the ellipse alpha >= alpha_min: for each strip of BLOCK_H pixel rows its leftmost and rightmost point,
 // DW strips at a time.
 bool spans(const View& view, const Projected& p, Pairs& pairs) {
-  constexpr int STRIPS = TILE / BLOCK_H, COLUMNS = TILE / 4, BATCH = STRIPS > DW ? STRIPS : DW;
-  const double a = p.a, b = p.b, c = p.c, margin = 1e-3;
-  const double reach = (double)p.log_opacity - (double)pairs.log_alpha_min;
-  const double radius2 = reach > 0 ? reach : 0, radius = std::sqrt(radius2);
-  const double inverse_c = 1.0 / c, inverse = 1.0 / a, half = radius * inverse_c, slope = b * inverse_c;
-  const double tip = -radius * slope / std::sqrt(1.0 + slope * slope) * inverse_c;  // dy of the rightmost point
+  typedef int32_t vh __attribute__((vector_size(DW * 4)));
+  constexpr int STRIPS = TILE / BLOCK_H, BATCH = STRIPS > DW ? STRIPS : DW, NONE = 1 << 20, WIDE = 64 / COLUMNS;
+  const double b = p.b, c = p.c, margin = 1e-3, half = p.half_height, tip = p.tip, inverse = 1.0 / (double)p.a;
+  const double reach = (double)p.log_opacity - (double)pairs.log_alpha_min, radius2 = reach > 0 ? reach : 0;
   const double top = p.y - half - 0.5 - margin, bottom = p.y + half - 0.5 + margin;
-  const int y0 = top > 0 ? (int)top : 0;
-  const int y1 = bottom < view.height - 1 ? (int)std::floor(bottom) : view.height - 1;
-  if (y0 > y1) return true;
+  const int y0 = top > 0 ? (int)top : 0, y1 = bottom < view.height - 1 ? (int)std::floor(bottom) : view.height - 1;
   const int tiles_x = (view.width + TILE - 1) / TILE;
   vd steps;
   for (int l = 0; l < DW; l++) steps[l] = l * BLOCK_H;
-  const vd last = set1d(view.width - 1), floor_x = set1d(p.x - 0.5), cc = set1d(c * c);
-  for (int row = y0 / TILE; row <= y1 / TILE; row += BATCH / STRIPS) {
-    alignas(64) double left[BATCH], right[BATCH];
+  const vd end = set1d(view.width), floor_x = set1d(p.x - 0.5), cc = set1d(c * c);
+  for (int row = y0 / TILE; y0 <= y1 && row <= y1 / TILE; row += BATCH / STRIPS) {
+    alignas(64) int32_t from_block[BATCH], to_block[BATCH];
     for (int s = 0; s < BATCH; s += DW) {
       const vd start = (row * TILE + s * BLOCK_H + 0.5 - p.y) + steps;
       const vd from = vmax(start, set1d(-half)), to = vmin(start + (BLOCK_H - 1), set1d(half));
       const vd d1 = vmin(vmax(set1d(tip), from), to), d0 = vmin(vmax(set1d(-tip), from), to);
-      vd x1 = floor_x + (vsqrt(vmax(radius2 - cc * d1 * d1, vd{})) - b * d1) * inverse + margin;
-      vd x0 = floor_x - (vsqrt(vmax(radius2 - cc * d0 * d0, vd{})) + b * d0) * inverse - margin;
-      x0 = vmax(x0, vd{});
-      x1 = vmin(x1, last);
-      x1 = from > to + margin ? set1d(-1.0) : x1;
-      *(vd*)(left + s) = x0;
-      *(vd*)(right + s) = x1;
+      const vd x1 = floor_x + (vsqrt(vmax(radius2 - cc * d1 * d1, vd{})) - b * d1) * inverse + margin;
+      const vd x0 = floor_x - (vsqrt(vmax(radius2 - cc * d0 * d0, vd{})) + b * d0) * inverse - margin;
+      // First and last pixel in reach: x0 rounded up, x1 rounded down; conversion rounds to 0.
+      const vh first = __builtin_convertvector(vmin(vmax(x0 + 0.999999999, vd{}), end), vh);
+      const vh last = __builtin_convertvector(vmin(vmax(x1 + 1.0, vd{}), end), vh) - 1;
+      const vh inside = (first <= last) & __builtin_convertvector(from <= to + margin, vh);
+      *(vh*)(from_block + s) = inside ? first / 4 : vh{} + NONE;
+      *(vh*)(to_block + s) = inside ? last / 4 : vh{} - 1;
     }
     for (int r = 0; r < BATCH / STRIPS && row + r <= y1 / TILE; r++) {
-      int from_block[STRIPS], to_block[STRIPS], lowest = INT32_MAX, highest = -1;
+      const int32_t *from = from_block + r * STRIPS, *to = to_block + r * STRIPS;
+      int32_t lowest = NONE, highest = -1;
       for (int s = 0; s < STRIPS; s++) {
-        const double x0 = left[r * STRIPS + s], x1 = right[r * STRIPS + s];
-        from_block[s] = 1;
-        to_block[s] = 0;
-        if (!(x1 >= 0) || !(x0 <= x1)) continue;
-        const int first = (int)x0 + ((double)(int)x0 < x0), final = (int)x1;
-        if (first > final) continue;
-        from_block[s] = first / 4;
-        to_block[s] = final / 4;
-        lowest = from_block[s] < lowest ? from_block[s] : lowest;
-        highest = to_block[s] > highest ? to_block[s] : highest;
+        lowest = from[s] < lowest ? from[s] : lowest;
+        highest = to[s] > highest ? to[s] : highest;
       }
-      if (highest < 0) continue;
-      for (int tile = lowest / COLUMNS; tile <= highest / COLUMNS; tile++) {
-        uint64_t blocks = 0;
+      for (int begin = lowest / COLUMNS; begin <= highest / COLUMNS && highest >= 0; begin += WIDE) {
+        const int tiles = highest / COLUMNS - begin < WIDE ? highest / COLUMNS - begin + 1 : WIDE;
+        if (pairs.count + tiles > pairs.capacity) return false;
+        // The blocks of each strip as bits of one word, then a tile's four of them from every word.
+        uint64_t strip[STRIPS];
         for (int s = 0; s < STRIPS; s++) {
-          int from = from_block[s] - tile * COLUMNS, to = to_block[s] - tile * COLUMNS;
-          from = from < 0 ? 0 : from;
-          to = to > COLUMNS - 1 ? COLUMNS - 1 : to;
-          if (from_block[s] <= to_block[s] && from <= to)
-            blocks |= (((1ull << (to - from + 1)) - 1) << from) << (s * COLUMNS);
+          const int32_t low = from[s] - begin * COLUMNS, high = to[s] - begin * COLUMNS;
+          const int32_t start = low > 0 ? low : 0, stop = high < 63 ? high : 63;
+          strip[s] = start <= stop ? (~0ull >> (63 - (stop - start))) << start : 0;
         }
-        if (!blocks) continue;
-        if (pairs.count == pairs.capacity) return false;
-        pairs.tile[pairs.count] = (row + r) * tiles_x + tile;
-        pairs.blocks[pairs.count++] = blocks;
+        for (int tile = 0; tile < tiles; tile++) {
+          uint64_t blocks = 0;
+          for (int s = 0; s < STRIPS; s++) blocks |= (strip[s] >> (tile * COLUMNS) & 15) << (s * COLUMNS);
+          pairs.tile[pairs.count] = (row + r) * tiles_x + begin + tile;
+          pairs.blocks[pairs.count] = blocks;
+          pairs.count += blocks != 0;
+        }
       }
     }
   }

@@ -252,19 +252,14 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
     at += n;
   }
   slot_start[visible] = at;
-  uint32_t* pair_rank = space_->pair_rank.get<uint32_t>(pairs);
-  uint64_t* pair_blocks = space_->pair_blocks.get<uint64_t>(pairs);
-  uint32_t* pair_slot = space_->pair_slot.get<uint32_t>(pairs);
+  Pair* sorted = space_->pairs.get<Pair>(pairs);
   done = run(call.threads, parts, [&](int64_t part) {
     const Pairs& list = lists[part];
     uint32_t* mine = counts + part * tiles;
     int64_t i = 0;
     for (int64_t rank = visible * part / parts; rank < visible * (part + 1) / parts; rank++)
       for (int64_t slot = slot_start[rank]; slot < slot_start[rank + 1]; slot++, i++) {
-        const uint32_t to = mine[list.tile[i]]++;
-        pair_rank[to] = (uint32_t)rank;
-        pair_blocks[to] = list.blocks[i];
-        pair_slot[to] = (uint32_t)slot;
+        sorted[mine[list.tile[i]]++] = {list.blocks[i], (uint32_t)rank, (uint32_t)slot};
       }
   }, call.poll);
   return done ? Status::done : Status::cancelled;
@@ -280,9 +275,7 @@ TileJob Frame::job() const {
   job.records = space_->records.data<float>();
   job.stride = stride_;
   job.tile_start = space_->tile_start.data<int64_t>();
-  job.pair_rank = space_->pair_rank.data<uint32_t>();
-  job.pair_blocks = space_->pair_blocks.data<uint64_t>();
-  job.pair_slot = space_->pair_slot.data<uint32_t>();
+  job.pairs = space_->pairs.data<Pair>();
   job.tile_used = space_->tile_used.get<int32_t>(tiles);
   job.final_t = space_->final_t.get<float>(tiles * TILE * TILE);
   job.stop = space_->stop.get<int32_t>(tiles * TILE * TILE);

@@ -37,7 +37,7 @@ struct Workspace {
   ~Workspace();
   std::vector<Pairs> lists;  // malloc'ed arrays
   Buffer projected, visible_in_chunk, bad_in_chunk, keys[2], order[2], histogram, rank_of, records, slot_start, counts, tile_start,
-      pair_rank, pair_blocks, pair_slot, tile_used, final_t, stop, sums;
+      pairs, tile_used, final_t, stop, sums;
 };
 
 struct Outputs {
