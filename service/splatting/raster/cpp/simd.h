@@ -223,8 +223,25 @@ FS_INLINE vd vsqrt(vd a) {
   return a;
 #endif
 }
-FS_INLINE vd vmax(vd a, vd b) { return a > b ? a : b; }
-FS_INLINE vd vmin(vd a, vd b) { return a < b ? a : b; }
-FS_INLINE vd vabs(vd a) { return a < 0 ? -a : a; }
+// If a is NaN, b.
+FS_INLINE vd vmax(vd a, vd b) {
+#if defined(FS_AVX512)
+  return (vd)_mm512_max_pd((__m512d)a, (__m512d)b);
+#elif defined(FS_AVX2)
+  return (vd)_mm256_max_pd((__m256d)a, (__m256d)b);
+#else
+  return a > b ? a : b;
+#endif
+}
+FS_INLINE vd vmin(vd a, vd b) {
+#if defined(FS_AVX512)
+  return (vd)_mm512_min_pd((__m512d)a, (__m512d)b);
+#elif defined(FS_AVX2)
+  return (vd)_mm256_min_pd((__m256d)a, (__m256d)b);
+#else
+  return a < b ? a : b;
+#endif
+}
+FS_INLINE vd vabs(vd a) { return (vd)((vl)a & INT64_MAX); }
 
 }  // namespace FS_NS
