@@ -32,7 +32,7 @@ FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits,
     const vm on = both(ge(exponent, log_min), gti(loadi(block.stop), now));
     const vf raw = keep(on, exp2(exponent));
     const vf alpha = vmin(raw, alpha_max);
-    const vf before = load(block.remaining) / (set1(1.0f) - alpha);
+    const vf before = load(block.remaining) * (set1(1.0f) / (set1(1.0f) - alpha));
     const vf weight = alpha * before;
     store(block.remaining, before);
     vf dot = load(block.extra);

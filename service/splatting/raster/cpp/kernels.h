@@ -4,7 +4,7 @@
 
 namespace fs {
 
-constexpr int TILE = 16;            // pixels a side
+constexpr int TILE_H = 16;          // pixels of a tile; its width is the kernels' own
 constexpr int MAX_GROUP = 16;       // feature channels composited in one pass
 constexpr int GEOMETRY = 8;         // floats of a record before depth and features: see Record
 constexpr int MOMENTS = 6;          // floats of a pair's sums before depth and features
@@ -144,7 +144,7 @@ struct Kernels {
   void (*adam)(const AdamJob&, int64_t begin, int64_t end);
   int64_t (*census)(const TileJob&, int32_t tile);
   int64_t (*peak)(int64_t rounds, float* sink);
-  int32_t lanes;
+  int32_t lanes, tile_width;
 };
 
 }  // namespace fs

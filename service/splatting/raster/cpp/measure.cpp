@@ -8,7 +8,7 @@ using namespace fs;
 // Pixel-Gaussian pairs of a rendered tile that count: alpha at or above the limit, pixel not finished.
 int64_t census(const TileJob& job, int32_t tile) {
   const int64_t begin = job.tile_start[tile];
-  const double left = (tile % job.tiles_x) * TILE + 0.5, top = (tile / job.tiles_x) * TILE + 0.5;
+  const double left = (tile % job.tiles_x) * TILE_W + 0.5, top = (tile / job.tiles_x) * TILE_H + 0.5;
   int64_t useful = 0;
   for (int64_t i = 0; i < job.tile_used[tile]; i++) {
     const float* record = job.records + (int64_t)job.pairs[begin + i].rank * job.stride;
@@ -17,11 +17,11 @@ int64_t census(const TileJob& job, int32_t tile) {
     for (uint64_t bits = job.pairs[begin + i].blocks; bits; bits &= bits - 1) {
       const int block = __builtin_ctzll(bits);
       for (int l = 0; l < W; l++) {
-        const double dx = left + (block % (TILE / 4)) * 4 + l % 4 - center[0];
-        const double dy = top + (block / (TILE / 4)) * BLOCK_H + l / 4 - center[1];
+        const double dx = left + (block % (TILE_W / 4)) * 4 + l % 4 - center[0];
+        const double dy = top + (block / (TILE_W / 4)) * BLOCK_H + l / 4 - center[1];
         const double u = record[4] * dx + record[5] * dy, v = record[6] * dy;
         useful += record[7] - u * u - v * v >= job.log_alpha_min &&
-                  job.stop[(int64_t)tile * TILE * TILE + block * W + l] > i;
+                  job.stop[(int64_t)tile * TILE_W * TILE_H + block * W + l] > i;
       }
     }
   }

@@ -6,7 +6,7 @@ namespace FS_NS {
 using namespace fs;
 
 constexpr int MAX_CHUNK = 4096;  // rows a call
-constexpr int COLUMNS = TILE / 4;  // blocks across a tile
+constexpr int COLUMNS = TILE_W / 4;  // blocks across a tile
 
 static bool finite_row(const float* p, int64_t n) {
   uint32_t bad = 0;
@@ -100,19 +100,19 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
 // DW strips at a time.
 bool spans(const View& view, const Projected& p, Pairs& pairs) {
   typedef int32_t vh __attribute__((vector_size(DW * 4)));
-  constexpr int STRIPS = TILE / BLOCK_H, BATCH = STRIPS > DW ? STRIPS : DW, NONE = 1 << 20, WIDE = 64 / COLUMNS;
+  constexpr int STRIPS = TILE_H / BLOCK_H, BATCH = STRIPS > DW ? STRIPS : DW, NONE = 1 << 20, WIDE = 64 / COLUMNS;
   const double b = p.b, c = p.c, margin = 1e-3, half = p.half_height, tip = p.tip, inverse = 1.0 / (double)p.a;
   const double reach = (double)p.log_opacity - (double)pairs.log_alpha_min, radius2 = reach > 0 ? reach : 0;
   const double top = p.y - half - 0.5 - margin, bottom = p.y + half - 0.5 + margin;
   const int y0 = top > 0 ? (int)top : 0, y1 = bottom < view.height - 1 ? (int)std::floor(bottom) : view.height - 1;
-  const int tiles_x = (view.width + TILE - 1) / TILE;
+  const int tiles_x = (view.width + TILE_W - 1) / TILE_W;
   vd steps;
   for (int l = 0; l < DW; l++) steps[l] = l * BLOCK_H;
   const vd end = set1d(view.width), floor_x = set1d(p.x - 0.5), cc = set1d(c * c);
-  for (int row = y0 / TILE; y0 <= y1 && row <= y1 / TILE; row += BATCH / STRIPS) {
+  for (int row = y0 / TILE_H; y0 <= y1 && row <= y1 / TILE_H; row += BATCH / STRIPS) {
     alignas(64) int32_t from_block[BATCH], to_block[BATCH];
     for (int s = 0; s < BATCH; s += DW) {
-      const vd start = (row * TILE + s * BLOCK_H + 0.5 - p.y) + steps;
+      const vd start = (row * TILE_H + s * BLOCK_H + 0.5 - p.y) + steps;
       const vd from = vmax(start, set1d(-half)), to = vmin(start + (BLOCK_H - 1), set1d(half));
       const vd d1 = vmin(vmax(set1d(tip), from), to), d0 = vmin(vmax(set1d(-tip), from), to);
       const vd x1 = floor_x + (vsqrt(vmax(radius2 - cc * d1 * d1, vd{})) - b * d1) * inverse + margin;
@@ -124,7 +124,7 @@ bool spans(const View& view, const Projected& p, Pairs& pairs) {
       *(vh*)(from_block + s) = inside ? first / 4 : vh{} + NONE;
       *(vh*)(to_block + s) = inside ? last / 4 : vh{} - 1;
     }
-    for (int r = 0; r < BATCH / STRIPS && row + r <= y1 / TILE; r++) {
+    for (int r = 0; r < BATCH / STRIPS && row + r <= y1 / TILE_H; r++) {
       const int32_t *from = from_block + r * STRIPS, *to = to_block + r * STRIPS;
       int32_t lowest = NONE, highest = -1;
       for (int s = 0; s < STRIPS; s++) {
@@ -134,7 +134,7 @@ bool spans(const View& view, const Projected& p, Pairs& pairs) {
       for (int begin = lowest / COLUMNS; begin <= highest / COLUMNS && highest >= 0; begin += WIDE) {
         const int tiles = highest / COLUMNS - begin < WIDE ? highest / COLUMNS - begin + 1 : WIDE;
         if (pairs.count + tiles > pairs.capacity) return false;
-        // The blocks of each strip as bits of one word, then a tile's four of them from every word.
+        // The blocks of each strip as bits of one word, then a tile's share of every word.
         uint64_t strip[STRIPS];
         for (int s = 0; s < STRIPS; s++) {
           const int32_t low = from[s] - begin * COLUMNS, high = to[s] - begin * COLUMNS;
@@ -143,7 +143,7 @@ bool spans(const View& view, const Projected& p, Pairs& pairs) {
         }
         for (int tile = 0; tile < tiles; tile++) {
           uint64_t blocks = 0;
-          for (int s = 0; s < STRIPS; s++) blocks |= (strip[s] >> (tile * COLUMNS) & 15) << (s * COLUMNS);
+          for (int s = 0; s < STRIPS; s++) blocks |= (strip[s] >> (tile * COLUMNS) & ((1 << COLUMNS) - 1)) << (s * COLUMNS);
           pairs.tile[pairs.count] = (row + r) * tiles_x + begin + tile;
           pairs.blocks[pairs.count] = blocks;
           pairs.count += blocks != 0;

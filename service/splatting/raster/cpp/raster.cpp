@@ -75,8 +75,9 @@ Status Frame::prepare(const Call& call, const View& view, const Inputs& in, int6
   view_ = view;
   count_ = in.count;
   channels_ = in.channels;
-  tiles_x_ = (view.width + TILE - 1) / TILE;
-  tiles_y_ = (view.height + TILE - 1) / TILE;
+  tile_width_ = call.kernels->tile_width;
+  tiles_x_ = (view.width + tile_width_ - 1) / tile_width_;
+  tiles_y_ = (view.height + TILE_H - 1) / TILE_H;
   chunks_ = (count_ + CHUNK - 1) / CHUNK;
   // Room for the widest group of slots behind the last feature: the kernels read, and ignore, padding there.
   stride_ = (GEOMETRY + 1 + channels_ + 3) / 4 * 4;
@@ -277,8 +278,8 @@ TileJob Frame::job() const {
   job.tile_start = space_->tile_start.data<int64_t>();
   job.pairs = space_->pairs.data<Pair>();
   job.tile_used = space_->tile_used.get<int32_t>(tiles);
-  job.final_t = space_->final_t.get<float>(tiles * TILE * TILE);
-  job.stop = space_->stop.get<int32_t>(tiles * TILE * TILE);
+  job.final_t = space_->final_t.get<float>(tiles * tile_width_ * TILE_H);
+  job.stop = space_->stop.get<int32_t>(tiles * tile_width_ * TILE_H);
   job.channels = channels_;
   return job;
 }

@@ -83,7 +83,7 @@ class Frame {
   std::unique_ptr<Workspace> space_;
   View view_{};
   int64_t count_ = 0, chunks_ = 0, stride_ = 0;
-  int32_t channels_ = 0, tiles_x_ = 0, tiles_y_ = 0;
+  int32_t channels_ = 0, tiles_x_ = 0, tiles_y_ = 0, tile_width_ = 0;
 };
 
 }  // namespace fs

@@ -23,6 +23,7 @@ namespace FS_NS {
 #if defined(FS_AVX512)
 constexpr int W = 16;   // float lanes
 constexpr int BLOCK_H = 4;  // a block is 4 pixels wide and BLOCK_H high: one vector
+constexpr int TILE_W = 32;  // pixels: wide tiles make few pairs; 64 blocks are what a mask can name
 using vf = __m512;
 using vi = __m512i;
 using vm = __mmask16;
@@ -83,9 +84,11 @@ FS_INLINE vf sums16(const vf* v) {
 #if defined(FS_AVX2)
 constexpr int W = 8;
 constexpr int BLOCK_H = 2;
+constexpr int TILE_W = 32;
 #else
 constexpr int W = 4;
 constexpr int BLOCK_H = 1;
+constexpr int TILE_W = 16;
 #endif
 typedef float vf __attribute__((vector_size(W * 4)));
 typedef int32_t vi __attribute__((vector_size(W * 4)));

@@ -25,6 +25,6 @@ int64_t peak(int64_t, float*);
 #define FS_NAME(x) FS_TEXT(x)
 extern const Kernels kernels = {FS_NAME(FS_NS), project, spans, forward, backward, blend, finish,
                                 harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic, adam,
-                                census, peak, W};
+                                census, peak, W, TILE_W};
 
 }  // namespace FS_NS

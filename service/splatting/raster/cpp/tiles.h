@@ -1,4 +1,4 @@
-// What the inner loops share. A tile is 16×16 pixels in blocks of one vector (4 pixels wide, BLOCK_H high); state of all
+// What the inner loops share. A tile is TILE_W×TILE_H pixels in blocks of one vector (4 pixels wide, BLOCK_H high); state of all
 // blocks lives in the first-level cache, Gaussians come in order of depth, each only to the blocks its ellipse touches.
 #pragma once
 #include "kernels.h"
@@ -7,9 +7,9 @@
 namespace FS_NS {
 using namespace fs;
 
-constexpr int BLOCKS = TILE * TILE / W;
-constexpr int COLUMNS = TILE / 4;
-constexpr int PIXELS = TILE * TILE;
+constexpr int PIXELS = TILE_W * TILE_H;
+constexpr int BLOCKS = PIXELS / W;
+constexpr int COLUMNS = TILE_W / 4;
 constexpr uint64_t ALL_BLOCKS = ~0ull >> (64 - BLOCKS);
 
 // Everything about one block in one place: a single base register reaches all of it. x and y are the offsets of each
@@ -77,10 +77,10 @@ struct Tile {
 
 FS_INLINE Tile tile_of(const TileJob& job, int32_t tile) {
   Tile t;
-  t.x0 = (tile % job.tiles_x) * TILE;
-  t.y0 = (tile / job.tiles_x) * TILE;
-  t.width = job.view.width - t.x0 < TILE ? job.view.width - t.x0 : TILE;
-  t.height = job.view.height - t.y0 < TILE ? job.view.height - t.y0 : TILE;
+  t.x0 = (tile % job.tiles_x) * TILE_W;
+  t.y0 = (tile / job.tiles_x) * TILE_H;
+  t.width = job.view.width - t.x0 < TILE_W ? job.view.width - t.x0 : TILE_W;
+  t.height = job.view.height - t.y0 < TILE_H ? job.view.height - t.y0 : TILE_H;
   t.left = t.x0 + 0.5;
   t.top = t.y0 + 0.5;
   t.begin = job.tile_start[tile];
@@ -101,7 +101,7 @@ FS_INLINE vf negative(vf a) { return vabs(a) * set1(-1.0f); }
 template <int K>
 FS_INLINE uint64_t start_pixels(const Tile& t, Block<K>* blocks) {
   start_blocks(blocks);
-  if (t.width == TILE && t.height == TILE) {
+  if (t.width == TILE_W && t.height == TILE_H) {
     for (int b = 0; b < BLOCKS; b++) {
       store(blocks[b].remaining, set1(1.0f));
       storei(blocks[b].stop, set1i(INT32_MAX));
@@ -109,8 +109,8 @@ FS_INLINE uint64_t start_pixels(const Tile& t, Block<K>* blocks) {
     return ALL_BLOCKS;
   }
   uint64_t open = 0;
-  for (int y = 0; y < TILE; y++)
-    for (int x = 0; x < TILE; x++) {
+  for (int y = 0; y < TILE_H; y++)
+    for (int x = 0; x < TILE_W; x++) {
       const int b = block_of(x, y), l = lane_of(x, y);
       const bool inside = x < t.width && y < t.height;
       blocks[b].remaining[l] = inside ? 1.0f : -1.0f;
