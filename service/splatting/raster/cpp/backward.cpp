@@ -35,18 +35,18 @@ FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits,
     const vf before = load(block.remaining) * (set1(1.0f) / (set1(1.0f) - alpha));
     const vf weight = alpha * before;
     store(block.remaining, before);
-    vf dot = load(block.extra);
+    vf dots[2] = {load(block.extra), zero()};
 #pragma GCC unroll 20
     for (int k = 0; k < K; k++) {
       const vf grad = load(block.values[k]);
-      dot = fma(set1(features[k]), grad, dot);
+      dots[k % 2] = fma(set1(features[k]), grad, dots[k % 2]);
       if (Sums<K>::TOGETHER) feature[k] = fma(weight, grad, feature[k]);
     }
     if (!Sums<K>::TOGETHER) {
       store(weights[count], weight);
       visited[count++] = (uint8_t)index;
     }
-    const vf behind = load(block.other), difference = dot - behind;
+    const vf behind = load(block.other), difference = dots[0] + dots[1] - behind;
     store(block.other, fma(alpha, difference, behind));
     const vf g = keep(le(raw, alpha_max), weight * difference);
     const vf gu = g * u, gv = g * v;
