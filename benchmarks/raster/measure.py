@@ -17,7 +17,8 @@ from service.splatting.losses import ImageTarget, image_loss, semantic_loss
 from service.splatting.optim import adam_update
 from service.splatting.raster import RasterSettings, Splats, cpu, rasterize, sh_to_rgb
 
-# Arithmetic vector instructions per visit of a block, counted in tiles.cpp: exponent, 2^x, blending; per channel.
+# Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
+# channel.
 _FORWARD = (16, 1)
 _BACKWARD = (30, 2)
 
@@ -76,7 +77,7 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
             forwards.append((middle - start) * 1e3)
             backwards.append((end - middle) * 1e3)
             stages.append(dict(frame.milliseconds))
-        useful = frame.census(isa)
+        useful = frame.census()
         rate, lanes = cpu.kernels.peak(threads, isa)
     forward_ms, backward_ms = statistics.median(forwards[3:]), statistics.median(backwards[3:])
     operations = _FORWARD[0] + _FORWARD[1] * (channels + 1)

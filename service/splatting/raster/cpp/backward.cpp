@@ -3,22 +3,23 @@
 
 namespace FS_NS {
 
-// Sums over one Gaussian's pixels of a tile. On narrow machines the registers hold the moments or the features, not both:
-// then the weights of all blocks are kept and the features follow in a loop of their own.
+// Sums over one Gaussian's pixels of a tile. Where registers hold either the moments or the features, the weights of all
+// blocks are kept and the features follow in a loop of their own.
 template <int K>
 struct Sums {
   static constexpr int SLOTS = (MOMENTS + K + W - 1) / W * W;
-  static constexpr bool TOGETHER = W == 16;
+  static constexpr bool TOGETHER = W == 16 && K <= 12;
   vf slot[SLOTS];
 };
 
 // With R the colour behind a pixel's Gaussian, seen through it and weighted by the gradient, d loss / d alpha = T (dot − R)
-// and, one step to the front, R + alpha (dot − R): nothing is divided by what is left, however little that is.
+// and, one step to the front, R + alpha (dot − R): nothing is divided by what is left, however little that is. First, for all
+// blocks, what waits for no other block: a processor looks only so far ahead, and one block's way from end to end is long.
 template <int K>
 FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits, int64_t i, vf log_min, vf alpha_max,
                          Block<K>* blocks, Sums<K>& sums) {
   vf zeroth = zero(), first[2] = {zero(), zero()}, second[3] = {zero(), zero(), zero()}, feature[K];
-  alignas(64) float weights[BLOCKS][W];
+  alignas(64) float weights[BLOCKS][W], raws[BLOCKS][W], us[BLOCKS][W], dot[BLOCKS][W], vs[BLOCKS][W];
   uint8_t visited[BLOCKS];
   int count = 0;
   const vi now = set1i((int32_t)i);
@@ -26,27 +27,32 @@ FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits,
   for (int k = 0; k < K; k++) feature[k] = zero();
   for (; bits; bits &= bits - 1) {
     const int index = __builtin_ctzll(bits);
-    Block<K>& block = blocks[index];
+    const Block<K>& block = blocks[index];
     vf u, v;
     const vf exponent = Ellipse::exponent(e, block, u, v);
     const vm on = both(ge(exponent, log_min), gti(loadi(block.stop), now));
-    const vf raw = keep(on, exp2(exponent));
-    const vf alpha = vmin(raw, alpha_max);
+    store(raws[count], keep(on, exp2(exponent)));
+    store(us[count], u);
+    store(vs[count], v);
+    vf dots[2] = {load(block.extra), zero()};
+#pragma GCC unroll 20
+    for (int k = 0; k < K; k++) dots[k % 2] = fma(set1(features[k]), load(block.values[k]), dots[k % 2]);
+    store(dot[count], dots[0] + dots[1]);
+    visited[count++] = (uint8_t)index;
+  }
+  for (int n = 0; n < count; n++) {
+    Block<K>& block = blocks[visited[n]];
+    const vf raw = load(raws[n]), u = load(us[n]), v = load(vs[n]), alpha = vmin(raw, alpha_max);
     const vf before = load(block.remaining) * (set1(1.0f) / (set1(1.0f) - alpha));
     const vf weight = alpha * before;
     store(block.remaining, before);
-    vf dots[2] = {load(block.extra), zero()};
 #pragma GCC unroll 20
     for (int k = 0; k < K; k++) {
       const vf grad = load(block.values[k]);
-      dots[k % 2] = fma(set1(features[k]), grad, dots[k % 2]);
       if (Sums<K>::TOGETHER) feature[k] = fma(weight, grad, feature[k]);
     }
-    if (!Sums<K>::TOGETHER) {
-      store(weights[count], weight);
-      visited[count++] = (uint8_t)index;
-    }
-    const vf behind = load(block.other), difference = dots[0] + dots[1] - behind;
+    if (!Sums<K>::TOGETHER) store(weights[n], weight);
+    const vf behind = load(block.other), difference = load(dot[n]) - behind;
     store(block.other, fma(alpha, difference, behind));
     const vf g = keep(le(raw, alpha_max), weight * difference);
     const vf gu = g * u, gv = g * v;

@@ -42,17 +42,26 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
   const vf x = load(block.x), y = load(block.y);
   vf remaining = load(block.remaining), median = load(block.other), floor = load(block.extra), values[K];
   int64_t closed = -1;
+  alignas(64) float alphas[64][W];
 #pragma GCC unroll 20
   for (int k = 0; k < K; k++) values[k] = load(block.values[k]);
   for (int64_t base = 0; base < part.count && closed < 0; base += 64) {
-    for (uint64_t bits = column(part.masks[index / 8] + base, index % 8); bits; bits &= bits - 1) {
-      const int64_t j = base + __builtin_ctzll(bits);
-      const float *s = part.seen[j], *shape = s + Part<K>::SHAPE, *features = s + Part<K>::FEATURES;
+    // Two loops: how strong each is, which takes long but waits for nothing, then what comes through, in order.
+    uint8_t list[64];
+    int count = 0;
+    for (uint64_t bits = column(part.masks[index / 8] + base, index % 8); bits; bits &= bits - 1)
+      list[count++] = (uint8_t)__builtin_ctzll(bits);
+    for (int n = 0; n < count; n++) {
+      const float *s = part.seen[base + list[n]], *shape = s + Part<K>::SHAPE;
       const vf u = fma(set1(shape[0]), x, fma(set1(shape[1]), y, set1(s[Part<K>::U])));
       const vf v = fma(set1(shape[2]), y, set1(s[Part<K>::V]));
       const vf exponent = fnma(u, u, fnma(v, v, set1(shape[3])));
-      const vm hit = ge(exponent, log_min);
-      const vf alpha = keep(hit, vmin(exp2(exponent), alpha_max));
+      store(alphas[n], keep(ge(exponent, log_min), vmin(exp2(exponent), alpha_max)));
+    }
+    for (int n = 0; n < count; n++) {
+      const int64_t j = base + list[n];
+      const float* features = part.seen[j] + Part<K>::FEATURES;
+      const vf alpha = load(alphas[n]);
       vf after = fnma(alpha, remaining, remaining);
       const vm ends = le(after, floor);
       if (__builtin_expect(any(ends), 0)) {
@@ -70,7 +79,7 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
 #pragma GCC unroll 20
       for (int k = 0; k < K; k++) values[k] = fma(weight, set1(features[k]), values[k]);
       // The last Gaussian that finds more than half left is the one that crosses it, if any does. Slot 0 is the depth.
-      median = select(both(hit, gt(remaining, half)), set1(features[0]), median);
+      median = select(both(gt(alpha, zero()), gt(remaining, half)), set1(features[0]), median);
       remaining = after;
     }
   }

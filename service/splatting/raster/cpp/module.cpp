@@ -154,7 +154,7 @@ void blend(Held& held, const In& values, const Out& sums, int threads, const std
   check(held.frame.blend(call, values.data(), (int32_t)values.shape(2), sums.data()));
 }
 
-int64_t census(Held& held, const std::string& isa) { return held.frame.census(fs::kernels(isa)); }
+int64_t census(Held& held) { return held.frame.census(); }
 
 // Vector multiply-adds a nanosecond that `threads` threads reach together, and the lanes of a vector.
 std::pair<double, int> peak(int threads, const std::string& isa) {

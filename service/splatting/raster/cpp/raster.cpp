@@ -73,9 +73,10 @@ Frame::~Frame() {
 
 Status Frame::prepare(const Call& call, const View& view, const Inputs& in, int64_t max_pairs, int32_t* radii) {
   view_ = view;
+  kernels_ = call.kernels;  // the other passes must read the tiles as these wrote them
   count_ = in.count;
   channels_ = in.channels;
-  tile_width_ = call.kernels->tile_width;
+  tile_width_ = kernels_->tile_width;
   tiles_x_ = (view.width + tile_width_ - 1) / tile_width_;
   tiles_y_ = (view.height + TILE_H - 1) / TILE_H;
   chunks_ = (count_ + CHUNK - 1) / CHUNK;
@@ -97,7 +98,7 @@ Status Frame::prepare(const Call& call, const View& view, const Inputs& in, int6
     Timer timer(milliseconds[PROJECT]);
     const bool done = run(call.threads, chunks_, [&](int64_t c) {
       const int64_t begin = c * CHUNK, end = begin + CHUNK < count_ ? begin + CHUNK : count_;
-      visible_in[c] = call.kernels->project(view_, in, begin, end, projected + begin, radii, bad_in + c);
+      visible_in[c] = kernels_->project(view_, in, begin, end, projected + begin, radii, bad_in + c);
     }, call.poll);
     if (!done) return Status::cancelled;
   }
@@ -203,7 +204,7 @@ Status Frame::bin(const Call& call, const Inputs& in, int64_t max_pairs) {
       for (int64_t i = 0; i < channels_; i++) record[GEOMETRY + 1 + i] = features[i];
       for (int64_t i = GEOMETRY + 1 + channels_; i < stride_; i++) record[i] = 0;
       const int64_t before = list.count;
-      while (!call.kernels->spans(view_, p, list)) {
+      while (!kernels_->spans(view_, p, list)) {
         list.count = before;
         const int64_t capacity = list.capacity ? list.capacity * 2 : 4096;
         if (capacity > 2 * max_pairs + 8192) {
@@ -305,7 +306,7 @@ Status Frame::forward(const Call& call, const float* background, const Outputs& 
   job.median = out.median;
   const bool done = each_group(channels_, job, [&] {
     return run(call.threads, (int64_t)tiles_x_ * tiles_y_,
-               [&](int64_t tile) { call.kernels->forward(job, (int32_t)tile); }, call.poll);
+               [&](int64_t tile) { kernels_->forward(job, (int32_t)tile); }, call.poll);
   });
   return done ? Status::done : Status::cancelled;
 }
@@ -324,7 +325,7 @@ Status Frame::backward(const Call& call, const Inputs& in, const float* backgrou
     Timer timer(milliseconds[BACKWARD]);
     done = each_group(channels_, job, [&] {
       return run(call.threads, (int64_t)tiles_x_ * tiles_y_,
-                 [&](int64_t tile) { call.kernels->backward(job, (int32_t)tile); }, call.poll);
+                 [&](int64_t tile) { kernels_->backward(job, (int32_t)tile); }, call.poll);
     });
   }
   if (!done) return Status::cancelled;
@@ -334,15 +335,15 @@ Status Frame::backward(const Call& call, const Inputs& in, const float* backgrou
   const int64_t* visible_in = space_->visible_in_chunk.data<int64_t>();
   done = run(call.threads, chunks_, [&](int64_t c) {
     const int64_t begin = c * CHUNK, end = begin + CHUNK < count_ ? begin + CHUNK : count_;
-    call.kernels->finish(finish, begin, end, begin, visible_in[c]);
+    kernels_->finish(finish, begin, end, begin, visible_in[c]);
   }, call.poll);
   return done ? Status::done : Status::cancelled;
 }
 
-int64_t Frame::census(const Kernels& kernels) {
+int64_t Frame::census() {
   const TileJob job = this->job();
   int64_t useful = 0;
-  for (int32_t tile = 0; tile < tiles_x_ * tiles_y_; tile++) useful += kernels.census(job, tile);
+  for (int32_t tile = 0; tile < tiles_x_ * tiles_y_; tile++) useful += kernels_->census(job, tile);
   return useful;
 }
 
@@ -354,7 +355,7 @@ Status Frame::blend(const Call& call, const float* values, int32_t width, float*
   job.sums = space_->sums.get<float>(pairs * width);
   bool done = each_group(width, job, [&] {
     return run(call.threads, (int64_t)tiles_x_ * tiles_y_,
-               [&](int64_t tile) { call.kernels->blend(job, (int32_t)tile); }, call.poll);
+               [&](int64_t tile) { kernels_->blend(job, (int32_t)tile); }, call.poll);
   });
   if (!done) return Status::cancelled;
   const Projected* projected = space_->projected.data<Projected>();

@@ -70,7 +70,7 @@ class Frame {
   Status blend(const Call& call, const float* values, int32_t width, float* out);
 
   // After forward: pixel-Gaussian pairs that count.
-  int64_t census(const Kernels& kernels);
+  int64_t census();
 
   int64_t bad = 0, visible = 0, pairs = 0;
   double milliseconds[STAGES] = {};
@@ -82,6 +82,7 @@ class Frame {
 
   std::unique_ptr<Workspace> space_;
   View view_{};
+  const Kernels* kernels_ = nullptr;
   int64_t count_ = 0, chunks_ = 0, stride_ = 0;
   int32_t channels_ = 0, tiles_x_ = 0, tiles_y_ = 0, tile_width_ = 0;
 };
