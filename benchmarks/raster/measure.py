@@ -156,9 +156,9 @@ def _step(scene: Scene, labels: int) -> Callable[[], None]:
         colours = sh_to_rgb(p["means"], p["sh"], position, 1)
         features = torch.cat((colours, p["codes"]), dim=1)
         drawn = Splats(p["means"], p["quats"], p["log_scales"].exp(), torch.sigmoid(p["logits"]), features)
-        image = rasterize(drawn, scene.viewmat, camera).image
-        loss = image_loss(image[..., :3], target, 0.2)
-        loss = loss + semantic_loss(image[..., 3:], p["weight"], p["bias"], truth, class_weights)
+        rgb, codes = torch.split(rasterize(drawn, scene.viewmat, camera).image, [3, code], dim=2)
+        loss = image_loss(rgb, target, 0.2)
+        loss = loss + semantic_loss(codes, p["weight"], p["bias"], truth, class_weights)
         loss.backward()
         done[0] += 1
         for name, value in parameters.items():
