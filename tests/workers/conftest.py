@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -85,6 +87,19 @@ class House:
         self.wait_for(lambda: len(self.visits(stage)) >= visit)
         return self.visits(stage)[visit - 1]
 
+    def freeze(self, worker: subprocess.Popen[bytes]) -> None:
+        """Stop a worker between two transactions. One that is frozen inside a transaction on SQLite holds the file's
+        lock until it wakes or is killed, and nobody else on the machine can write: that is SQLite's, not ours."""
+
+        def frozen() -> bool:
+            os.kill(worker.pid, signal.SIGSTOP)
+            if all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
+                return True
+            os.kill(worker.pid, signal.SIGCONT)
+            return False
+
+        self.wait_for(frozen)
+
     def left_over(self) -> list[str]:
         """Everything on disk that belongs to jobs and uploads."""
         folders = [self.settings.data_dir / name for name in ("jobs", "uploads")]
@@ -144,3 +159,13 @@ def house(tmp_path: Path, database_url: str) -> Iterator[House]:
     house = House(tmp_path, database_url)
     yield house
     house.close()
+
+
+def _writable(database: Path) -> bool:
+    with closing(sqlite3.connect(database, timeout=0.5, isolation_level=None)) as connection:
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError:
+            return False
+        connection.execute("ROLLBACK")
+        return True

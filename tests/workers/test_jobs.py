@@ -167,7 +167,7 @@ def test_a_frozen_worker_that_wakes_is_fenced(house):
     operation = house.post("training:sleep_once 60", "export:sleep 2")
     frozen = house.start_worker()
     trainer = house.wait_in("training")
-    os.kill(frozen.pid, signal.SIGSTOP)
+    house.freeze(frozen)
     house.start_worker()
     house.wait_in("export")
     os.kill(frozen.pid, signal.SIGCONT)
