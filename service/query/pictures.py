@@ -30,6 +30,7 @@ _TURBO = np.array(
 )
 _RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 200, 40))
 """Tints of an answer's labels, best first; the last serves all further ones."""
+_WIDEST_TAG = 1 / 3
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 
 
@@ -60,6 +61,8 @@ def overlay(
 def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[int, str]]) -> U8:
     """uint8 [H, W, 3]: every label of an answer in a colour of its own, with its name where most of it is.
 
+    A name wider than a third of the picture is left out.
+
     Args:
         rgb: uint8 [H, W, 3], the view.
         label_ids: uint16 [H, W], see `Mask2D.label_ids`.
@@ -76,7 +79,10 @@ def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[
     draw = ImageDraw.Draw(image)
     font = ImageFont.load_default(max(10, rgb.shape[0] // 28))
     for place, name in tags:
-        draw.rectangle(draw.textbbox(place, name, font=font, anchor="mm"), fill=(0, 0, 0))
+        box = draw.textbbox(place, name, font=font, anchor="mm")
+        if box[2] - box[0] > _WIDEST_TAG * rgb.shape[1]:
+            continue  # on a thumbnail the name would hide what it names
+        draw.rectangle(box, fill=(0, 0, 0))
         draw.text(place, name, font=font, anchor="mm", fill=(255, 255, 255))
     return np.array(image)
 
