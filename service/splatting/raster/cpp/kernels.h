@@ -33,7 +33,8 @@ struct Projected {
   float a, b, c, log_opacity;
   float depth;
   int32_t id;
-  float half_height, tip;  // of the ellipse alpha >= alpha_min: half its height; how far below its rightmost point lies
+  // Of the ellipse alpha >= alpha_min: half its extent, and how far below the centre its rightmost point lies.
+  float half_width, half_height, tip;
 };
 
 struct Pairs {  // output of one chunk of Gaussians, in the order of depth

@@ -88,6 +88,7 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
       p.log_opacity = (float)log_opacity[l];
       p.depth = (float)s.z[l];
       p.id = g;
+      p.half_width = (float)(hx[l] * 1.000001);
       p.half_height = (float)(half_height[l] * 1.000001);
       p.tip = (float)tip[l];
     }
@@ -100,55 +101,56 @@ int64_t project(const View& view, const Inputs& in, int64_t begin, int64_t end, 
 // DW strips at a time.
 bool spans(const View& view, const Projected& p, Pairs& pairs) {
   typedef int32_t vh __attribute__((vector_size(DW * 4)));
-  constexpr int STRIPS = TILE_H / BLOCK_H, BATCH = STRIPS > DW ? STRIPS : DW, NONE = 1 << 20, WIDE = 64 / COLUMNS;
+  typedef uint64_t vu __attribute__((vector_size(DW * 8)));
+  constexpr int STRIPS = TILE_H / BLOCK_H, BATCH = STRIPS > DW ? STRIPS : DW, WIDE = 64 / COLUMNS;
   const double b = p.b, c = p.c, margin = 1e-3, half = p.half_height, tip = p.tip, inverse = 1.0 / (double)p.a;
   const double reach = (double)p.log_opacity - (double)pairs.log_alpha_min, radius2 = reach > 0 ? reach : 0;
+  const auto inside = [](double x, double limit) { return x > 0 ? (x < limit ? (int)x : (int)limit) : 0; };
+  const double left = p.x - p.half_width - 0.5 - margin, right = p.x + p.half_width - 0.5 + margin;
   const double top = p.y - half - 0.5 - margin, bottom = p.y + half - 0.5 + margin;
-  const int y0 = top > 0 ? (int)top : 0, y1 = bottom < view.height - 1 ? (int)std::floor(bottom) : view.height - 1;
+  if (right < 0 || bottom < 0 || left >= view.width || top >= view.height) return true;
+  const int first_row = inside(top, view.height - 1) / TILE_H, last_row = inside(bottom, view.height - 1) / TILE_H;
+  const int first_tile = inside(left, view.width - 1) / TILE_W, last_tile = inside(right, view.width - 1) / TILE_W;
   const int tiles_x = (view.width + TILE_W - 1) / TILE_W;
   vd steps;
   for (int l = 0; l < DW; l++) steps[l] = l * BLOCK_H;
   const vd end = set1d(view.width), floor_x = set1d(p.x - 0.5), cc = set1d(c * c);
-  for (int row = y0 / TILE_H; y0 <= y1 && row <= y1 / TILE_H; row += BATCH / STRIPS) {
-    alignas(64) int32_t from_block[BATCH], to_block[BATCH];
-    for (int s = 0; s < BATCH; s += DW) {
-      const vd start = (row * TILE_H + s * BLOCK_H + 0.5 - p.y) + steps;
-      const vd from = vmax(start, set1d(-half)), to = vmin(start + (BLOCK_H - 1), set1d(half));
-      const vd d1 = vmin(vmax(set1d(tip), from), to), d0 = vmin(vmax(set1d(-tip), from), to);
+  for (int row = first_row; row <= last_row; row += BATCH / STRIPS) {
+    vh from[BATCH / DW], to[BATCH / DW];  // blocks from the left edge of the image; to < from: none
+    for (int s = 0; s < BATCH / DW; s++) {
+      const vd start = (row * TILE_H + s * DW * BLOCK_H + 0.5 - p.y) + steps;
+      const vd high = vmax(start, set1d(-half)), low = vmin(start + (BLOCK_H - 1), set1d(half));
+      const vd d1 = vmin(vmax(set1d(tip), high), low), d0 = vmin(vmax(set1d(-tip), high), low);
       const vd x1 = floor_x + (vsqrt(vmax(radius2 - cc * d1 * d1, vd{})) - b * d1) * inverse + margin;
       const vd x0 = floor_x - (vsqrt(vmax(radius2 - cc * d0 * d0, vd{})) + b * d0) * inverse - margin;
       // First and last pixel in reach: x0 rounded up, x1 rounded down; conversion rounds to 0.
       const vh first = __builtin_convertvector(vmin(vmax(x0 + 0.999999999, vd{}), end), vh);
       const vh last = __builtin_convertvector(vmin(vmax(x1 + 1.0, vd{}), end), vh) - 1;
-      const vh inside = (first <= last) & __builtin_convertvector(from <= to + margin, vh);
-      *(vh*)(from_block + s) = inside ? first / 4 : vh{} + NONE;
-      *(vh*)(to_block + s) = inside ? last / 4 : vh{} - 1;
+      const vh some = (first <= last) & __builtin_convertvector(high <= low + margin, vh);
+      from[s] = first >> 2;
+      to[s] = some ? last >> 2 : vh{} - 1;
     }
-    for (int r = 0; r < BATCH / STRIPS && row + r <= y1 / TILE_H; r++) {
-      const int32_t *from = from_block + r * STRIPS, *to = to_block + r * STRIPS;
-      int32_t lowest = NONE, highest = -1;
-      for (int s = 0; s < STRIPS; s++) {
-        lowest = from[s] < lowest ? from[s] : lowest;
-        highest = to[s] > highest ? to[s] : highest;
+    const int rows = last_row - row + 1 < BATCH / STRIPS ? last_row - row + 1 : BATCH / STRIPS;
+    for (int begin = first_tile; begin <= last_tile; begin += WIDE) {
+      const int tiles = last_tile - begin < WIDE ? last_tile - begin + 1 : WIDE;
+      if (pairs.count + rows * tiles > pairs.capacity) return false;
+      // The blocks of each strip as bits of one word, then a tile's share of every word.
+      alignas(64) uint64_t strip[BATCH];
+      for (int s = 0; s < BATCH / DW; s++) {
+        const vh low = from[s] - begin * COLUMNS, high = to[s] - begin * COLUMNS;
+        const vh start = low > 0 ? low : vh{}, stop = high < 63 ? high : vh{} + 63, some = start <= stop;
+        const vu words = (~vu{} >> __builtin_convertvector((63 - (stop - start)) & 63, vu)) << __builtin_convertvector(start & 63, vu);
+        *(vu*)(strip + s * DW) = words & (vu)__builtin_convertvector(some, vl);
       }
-      for (int begin = lowest / COLUMNS; begin <= highest / COLUMNS && highest >= 0; begin += WIDE) {
-        const int tiles = highest / COLUMNS - begin < WIDE ? highest / COLUMNS - begin + 1 : WIDE;
-        if (pairs.count + tiles > pairs.capacity) return false;
-        // The blocks of each strip as bits of one word, then a tile's share of every word.
-        uint64_t strip[STRIPS];
-        for (int s = 0; s < STRIPS; s++) {
-          const int32_t low = from[s] - begin * COLUMNS, high = to[s] - begin * COLUMNS;
-          const int32_t start = low > 0 ? low : 0, stop = high < 63 ? high : 63;
-          strip[s] = start <= stop ? (~0ull >> (63 - (stop - start))) << start : 0;
-        }
+      for (int r = 0; r < rows; r++)
         for (int tile = 0; tile < tiles; tile++) {
           uint64_t blocks = 0;
-          for (int s = 0; s < STRIPS; s++) blocks |= (strip[s] >> (tile * COLUMNS) & ((1 << COLUMNS) - 1)) << (s * COLUMNS);
+          for (int s = 0; s < STRIPS; s++)
+            blocks |= (strip[r * STRIPS + s] >> (tile * COLUMNS) & ((1 << COLUMNS) - 1)) << (s * COLUMNS);
           pairs.tile[pairs.count] = (row + r) * tiles_x + begin + tile;
           pairs.blocks[pairs.count] = blocks;
           pairs.count += blocks != 0;
         }
-      }
     }
   }
   return true;
