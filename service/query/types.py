@@ -23,7 +23,10 @@ class Match:
         nearest_negative: the canonical negative that set the relevancy.
         gaussian_count: Gaussians whose most probable class is this entry.
         relevant: whether the answer speaks of this entry: for `exact` the thing itself and nothing else, for
-            `related` every entry that passes the encoder's threshold.
+            `related` the entries that pass the encoder's threshold and come close enough to the best of them.
+        probability: calibrated probability, 0..1, that who asked for the text wants to be shown this entry; entries are
+            judged one by one, so that several may be likely and the sum means nothing. None: the encoder was not
+            calibrated with these prompts.
     """
 
     label_id: int
@@ -33,6 +36,7 @@ class Match:
     nearest_negative: str
     gaussian_count: int
     relevant: bool
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -46,12 +50,27 @@ class Answer:
         matches: every entry; relevant ones lead, each group by descending score (`QuerySettings.score`: similarity,
             or relevancy as in the paper).
         explanation: one sentence for people, e.g. 'No "fork" here; the closest is "spoon".'
+        probability: calibrated probability, 0..1, that the verdict is right: for `exact` and `related` that the leading
+            entry answers, for `absent` that nothing here does. None: the encoder was not calibrated with these
+            prompts.
+        label_set: label ids that together answer with probability `coverage` at least, likeliest first; id 0 in it
+            says that perhaps nothing here answers. Empty if the encoder was not calibrated.
+        coverage: the coverage that was asked for, 0..1 (split conformal prediction; the unit is a question to a scene
+            of its own). None: the encoder was not calibrated with these prompts, so nothing is promised.
+        decided_by: `name`: the hash table knew the name; `score`: the verdict comes from `threshold`.
+        threshold: the score (`QuerySettings.score`) that the leading entry was held against: what it passed, or for
+            `absent` what it missed. None if a name decided, or without calibration.
     """
 
     text: str
     verdict: Verdict
     matches: tuple[Match, ...]
     explanation: str
+    probability: float | None = None
+    label_set: tuple[int, ...] = ()
+    coverage: float | None = None
+    decided_by: Literal["name", "score"] = "score"
+    threshold: float | None = None
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:
