@@ -71,6 +71,30 @@ SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
 
+class _EditAction:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    EDIT_ACTION_UNSPECIFIED: _EditAction.ValueType  # 0
+    """refused"""
+    EDIT_ACTION_RECOLOUR: _EditAction.ValueType  # 1
+    EDIT_ACTION_REMOVE: _EditAction.ValueType  # 2
+    EDIT_ACTION_MOVE: _EditAction.ValueType  # 3
+    EDIT_ACTION_DUPLICATE: _EditAction.ValueType  # 4
+
+class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
+    """-------------------------------------------------------------------------------------------------- versions"""
+
+EDIT_ACTION_UNSPECIFIED: EditAction.ValueType  # 0
+"""refused"""
+EDIT_ACTION_RECOLOUR: EditAction.ValueType  # 1
+EDIT_ACTION_REMOVE: EditAction.ValueType  # 2
+EDIT_ACTION_MOVE: EditAction.ValueType  # 3
+EDIT_ACTION_DUPLICATE: EditAction.ValueType  # 4
+Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
+
 class _OperationState:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -129,6 +153,8 @@ class _OutputEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Output.ValueTy
     """a 2D mask per text and camera or view"""
     OUTPUT_MASK3D: _Output.ValueType  # 2
     """a 3D mask per text"""
+    OUTPUT_OBJECTS: _Output.ValueType  # 3
+    """the things that answer, as boxes"""
 
 class Output(_Output, metaclass=_OutputEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- queries"""
@@ -139,7 +165,63 @@ OUTPUT_MASK2D: Output.ValueType  # 1
 """a 2D mask per text and camera or view"""
 OUTPUT_MASK3D: Output.ValueType  # 2
 """a 3D mask per text"""
+OUTPUT_OBJECTS: Output.ValueType  # 3
+"""the things that answer, as boxes"""
 Global___Output: _TypeAlias = Output  # noqa: Y015
+
+class _MaskEncoding:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _MaskEncodingEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_MaskEncoding.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    MASK_ENCODING_UNSPECIFIED: _MaskEncoding.ValueType  # 0
+    """read as RLE"""
+    MASK_ENCODING_RLE: _MaskEncoding.ValueType  # 1
+    """COCO run lengths"""
+    MASK_ENCODING_PNG: _MaskEncoding.ValueType  # 2
+    """8-bit grey, 255 inside, 0 outside"""
+
+class MaskEncoding(_MaskEncoding, metaclass=_MaskEncodingEnumTypeWrapper): ...
+
+MASK_ENCODING_UNSPECIFIED: MaskEncoding.ValueType  # 0
+"""read as RLE"""
+MASK_ENCODING_RLE: MaskEncoding.ValueType  # 1
+"""COCO run lengths"""
+MASK_ENCODING_PNG: MaskEncoding.ValueType  # 2
+"""8-bit grey, 255 inside, 0 outside"""
+Global___MaskEncoding: _TypeAlias = MaskEncoding  # noqa: Y015
+
+class _Mask3dEncoding:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _Mask3dEncodingEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Mask3dEncoding.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    MASK3D_ENCODING_UNSPECIFIED: _Mask3dEncoding.ValueType  # 0
+    """read as BITS"""
+    MASK3D_ENCODING_BITS: _Mask3dEncoding.ValueType  # 1
+    """⌈G/8⌉ bytes: one bit per Gaussian in row order, most significant bit first"""
+    MASK3D_ENCODING_RUNS: _Mask3dEncoding.ValueType  # 2
+    """little-endian uint32 each: lengths of the alternating runs in row order, outside first"""
+    MASK3D_ENCODING_INDICES: _Mask3dEncoding.ValueType  # 3
+    """little-endian uint32 each: the row numbers inside, ascending"""
+    MASK3D_ENCODING_PLY: _Mask3dEncoding.ValueType  # 4
+    """the Gaussians themselves, as DownloadMaskPly gives them"""
+
+class Mask3dEncoding(_Mask3dEncoding, metaclass=_Mask3dEncodingEnumTypeWrapper): ...
+
+MASK3D_ENCODING_UNSPECIFIED: Mask3dEncoding.ValueType  # 0
+"""read as BITS"""
+MASK3D_ENCODING_BITS: Mask3dEncoding.ValueType  # 1
+"""⌈G/8⌉ bytes: one bit per Gaussian in row order, most significant bit first"""
+MASK3D_ENCODING_RUNS: Mask3dEncoding.ValueType  # 2
+"""little-endian uint32 each: lengths of the alternating runs in row order, outside first"""
+MASK3D_ENCODING_INDICES: Mask3dEncoding.ValueType  # 3
+"""little-endian uint32 each: the row numbers inside, ascending"""
+MASK3D_ENCODING_PLY: Mask3dEncoding.ValueType  # 4
+"""the Gaussians themselves, as DownloadMaskPly gives them"""
+Global___Mask3dEncoding: _TypeAlias = Mask3dEncoding  # noqa: Y015
 
 class _Verdict:
     ValueType = _typing.NewType("ValueType", _builtins.int)
@@ -166,6 +248,27 @@ VERDICT_ABSENT: Verdict.ValueType  # 3
 """nothing relevant is here"""
 Global___Verdict: _TypeAlias = Verdict  # noqa: Y015
 
+class _DecidedBy:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _DecidedByEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_DecidedBy.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    DECIDED_BY_UNSPECIFIED: _DecidedBy.ValueType  # 0
+    DECIDED_BY_NAME: _DecidedBy.ValueType  # 1
+    """the dictionary knows the name"""
+    DECIDED_BY_SCORE: _DecidedBy.ValueType  # 2
+    """the verdict comes from `threshold`"""
+
+class DecidedBy(_DecidedBy, metaclass=_DecidedByEnumTypeWrapper): ...
+
+DECIDED_BY_UNSPECIFIED: DecidedBy.ValueType  # 0
+DECIDED_BY_NAME: DecidedBy.ValueType  # 1
+"""the dictionary knows the name"""
+DECIDED_BY_SCORE: DecidedBy.ValueType  # 2
+"""the verdict comes from `threshold`"""
+Global___DecidedBy: _TypeAlias = DecidedBy  # noqa: Y015
+
 class _PictureKind:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -182,6 +285,12 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     """relevancy 0..1 in turbo colours"""
     PICTURE_KIND_MASK: _PictureKind.ValueType  # 4
     """255 inside, 0 outside"""
+    PICTURE_KIND_LABEL_MAP: _PictureKind.ValueType  # 5
+    """16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+    PICTURE_KIND_DEPTH: _PictureKind.ValueType  # 6
+    """16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+    PICTURE_KIND_DEPTH_PICTURE: _PictureKind.ValueType  # 7
+    """depth in turbo colours, near is red; for people"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -196,7 +305,61 @@ PICTURE_KIND_RELEVANCY: PictureKind.ValueType  # 3
 """relevancy 0..1 in turbo colours"""
 PICTURE_KIND_MASK: PictureKind.ValueType  # 4
 """255 inside, 0 outside"""
+PICTURE_KIND_LABEL_MAP: PictureKind.ValueType  # 5
+"""16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+PICTURE_KIND_DEPTH: PictureKind.ValueType  # 6
+"""16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+PICTURE_KIND_DEPTH_PICTURE: PictureKind.ValueType  # 7
+"""depth in turbo colours, near is red; for people"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
+
+class _PictureFormat:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _PictureFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureFormat.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    PICTURE_FORMAT_UNSPECIFIED: _PictureFormat.ValueType  # 0
+    """read as PNG"""
+    PICTURE_FORMAT_PNG: _PictureFormat.ValueType  # 1
+    PICTURE_FORMAT_NPY: _PictureFormat.ValueType  # 2
+    """LABEL_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+
+class PictureFormat(_PictureFormat, metaclass=_PictureFormatEnumTypeWrapper): ...
+
+PICTURE_FORMAT_UNSPECIFIED: PictureFormat.ValueType  # 0
+"""read as PNG"""
+PICTURE_FORMAT_PNG: PictureFormat.ValueType  # 1
+PICTURE_FORMAT_NPY: PictureFormat.ValueType  # 2
+"""LABEL_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+Global___PictureFormat: _TypeAlias = PictureFormat  # noqa: Y015
+
+class _CameraFormat:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _CameraFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_CameraFormat.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    CAMERA_FORMAT_UNSPECIFIED: _CameraFormat.ValueType  # 0
+    """read as JSON"""
+    CAMERA_FORMAT_JSON: _CameraFormat.ValueType  # 1
+    """{"cameras": [PosedCamera, ...]} as in the REST interface"""
+    CAMERA_FORMAT_TRANSFORMS: _CameraFormat.ValueType  # 2
+    """nerfstudio's transforms.json, OpenGL axes"""
+    CAMERA_FORMAT_COLMAP: _CameraFormat.ValueType  # 3
+    """a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"""
+
+class CameraFormat(_CameraFormat, metaclass=_CameraFormatEnumTypeWrapper): ...
+
+CAMERA_FORMAT_UNSPECIFIED: CameraFormat.ValueType  # 0
+"""read as JSON"""
+CAMERA_FORMAT_JSON: CameraFormat.ValueType  # 1
+"""{"cameras": [PosedCamera, ...]} as in the REST interface"""
+CAMERA_FORMAT_TRANSFORMS: CameraFormat.ValueType  # 2
+"""nerfstudio's transforms.json, OpenGL axes"""
+CAMERA_FORMAT_COLMAP: CameraFormat.ValueType  # 3
+"""a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"""
+Global___CameraFormat: _TypeAlias = CameraFormat  # noqa: Y015
 
 @_typing.final
 class CreateSceneRequest(_message.Message):
@@ -243,6 +406,8 @@ class CreateSceneHeader(_message.Message):
     LABELS_FIELD_NUMBER: _builtins.int
     TIME_BUDGET_S_FIELD_NUMBER: _builtins.int
     MAX_GAUSSIANS_FIELD_NUMBER: _builtins.int
+    PRESET_FIELD_NUMBER: _builtins.int
+    PRIORITY_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -251,6 +416,10 @@ class CreateSceneHeader(_message.Message):
     """training seconds, > 0; absent: the server's default"""
     max_gaussians: _builtins.int
     """hard budget, > 0; absent: the server's default"""
+    preset: _builtins.str
+    """"draft", "balanced" or "best"; empty: the server's default"""
+    priority: _builtins.int
+    """higher ones are trained first; 0 is usual"""
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for; empty: the server decides"""
@@ -263,10 +432,12 @@ class CreateSceneHeader(_message.Message):
         labels: _abc.Iterable[_builtins.str] | None = ...,
         time_budget_s: _builtins.float | None = ...,
         max_gaussians: _builtins.int | None = ...,
+        preset: _builtins.str = ...,
+        priority: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_time_budget_s", b"_time_budget_s", "max_gaussians", b"max_gaussians", "time_budget_s", b"time_budget_s"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_time_budget_s", b"_time_budget_s", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "request_id", b"request_id", "time_budget_s", b"time_budget_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_time_budget_s", b"_time_budget_s", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
@@ -405,6 +576,9 @@ class Scene(_message.Message):
     DICTIONARY_FIELD_NUMBER: _builtins.int
     CAMERAS_FIELD_NUMBER: _builtins.int
     QUALITY_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    LABEL_COUNT_FIELD_NUMBER: _builtins.int
+    CAMERA_COUNT_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -413,15 +587,21 @@ class Scene(_message.Message):
     gaussians: _builtins.int
     """G, the length of every 3D mask; 0 until ready"""
     scale: Global___Scale.ValueType
+    version: _builtins.str
+    """the current version; empty until ready"""
+    label_count: _builtins.int
+    """length of the whole dictionary"""
+    camera_count: _builtins.int
+    """number of the scene's own cameras; 0 in lists"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
     def dictionary(self) -> _containers.RepeatedCompositeFieldContainer[Global___DictionaryEntry]:
-        """empty until ready, and in lists"""
+        """empty until ready, and in lists; the first 5,000, see ListLabels"""
 
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___PosedCamera]:
-        """the scene's own views; empty until ready, and in lists"""
+        """empty until ready, and in lists; the first 5,000, see DownloadCameras"""
 
     @_builtins.property
     def quality(self) -> _struct_pb2.Struct:
@@ -440,14 +620,68 @@ class Scene(_message.Message):
         dictionary: _abc.Iterable[Global___DictionaryEntry] | None = ...,
         cameras: _abc.Iterable[Global___PosedCamera] | None = ...,
         quality: _struct_pb2.Struct | None = ...,
+        version: _builtins.str = ...,
+        label_count: _builtins.int = ...,
+        camera_count: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "quality", b"quality"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "state", b"state", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
+
+@_typing.final
+class ListLabelsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListLabelsRequest: _TypeAlias = ListLabelsRequest  # noqa: Y015
+
+@_typing.final
+class ListLabelsResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LABELS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    @_builtins.property
+    def labels(self) -> _containers.RepeatedCompositeFieldContainer[Global___DictionaryEntry]: ...
+    def __init__(
+        self,
+        *,
+        labels: _abc.Iterable[Global___DictionaryEntry] | None = ...,
+        next_page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["labels", b"labels", "next_page_token", b"next_page_token"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListLabelsResponse: _TypeAlias = ListLabelsResponse  # noqa: Y015
 
 @_typing.final
 class DictionaryEntry(_message.Message):
@@ -491,6 +725,389 @@ class DictionaryEntry(_message.Message):
 Global___DictionaryEntry: _TypeAlias = DictionaryEntry  # noqa: Y015
 
 @_typing.final
+class ListObjectsRequest(_message.Message):
+    """--------------------------------------------------------------------------------------------------- objects"""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    LABEL_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """empty: the current one"""
+    label: _builtins.str
+    """only those of this dictionary entry (its label or an alias); empty: all"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        label: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["label", b"label", "page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListObjectsRequest: _TypeAlias = ListObjectsRequest  # noqa: Y015
+
+@_typing.final
+class ListObjectsResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OBJECTS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneObject]:
+        """those with the most Gaussians first within a label, labels by id"""
+
+    def __init__(
+        self,
+        *,
+        objects: _abc.Iterable[Global___SceneObject] | None = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["next_page_token", b"next_page_token", "objects", b"objects", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListObjectsResponse: _TypeAlias = ListObjectsResponse  # noqa: Y015
+
+@_typing.final
+class Pose(_message.Message):
+    """Where something stands: position and orientation in the world frame."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POSITION_FIELD_NUMBER: _builtins.int
+    ORIENTATION_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def position(self) -> Global___Vector3: ...
+    @_builtins.property
+    def orientation(self) -> Global___Quaternion: ...
+    def __init__(
+        self,
+        *,
+        position: Global___Vector3 | None = ...,
+        orientation: Global___Quaternion | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["orientation", b"orientation", "position", b"position"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["orientation", b"orientation", "position", b"position"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Pose: _TypeAlias = Pose  # noqa: Y015
+
+@_typing.final
+class Box(_message.Message):
+    """An oriented box, as in vision_msgs/BoundingBox3D."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CENTER_FIELD_NUMBER: _builtins.int
+    SIZE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def center(self) -> Global___Pose:
+        """of the box's middle; orientation rotates box axes into world axes"""
+
+    @_builtins.property
+    def size(self) -> Global___Vector3:
+        """whole edge lengths along the box's axes, scene units"""
+
+    def __init__(
+        self,
+        *,
+        center: Global___Pose | None = ...,
+        size: Global___Vector3 | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["center", b"center", "size", b"size"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["center", b"center", "size", b"size"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Box: _TypeAlias = Box  # noqa: Y015
+
+@_typing.final
+class SceneObject(_message.Message):
+    """One thing, as in vision_msgs/Detection3D: connected Gaussians of one label."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ID_FIELD_NUMBER: _builtins.int
+    LABEL_ID_FIELD_NUMBER: _builtins.int
+    LABEL_FIELD_NUMBER: _builtins.int
+    SCORE_FIELD_NUMBER: _builtins.int
+    CENTROID_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
+    METRES_FIELD_NUMBER: _builtins.int
+    BEST_VIEWS_FIELD_NUMBER: _builtins.int
+    id: _builtins.str
+    """stable within a version of a scene"""
+    label_id: _builtins.int
+    label: _builtins.str
+    score: _builtins.float
+    """how sure its Gaussians are of the label, 0..1"""
+    gaussian_count: _builtins.int
+    metres: _builtins.bool
+    """whether lengths are metres"""
+    @_builtins.property
+    def centroid(self) -> Global___Vector3:
+        """world frame, scene units"""
+
+    @_builtins.property
+    def box(self) -> Global___Box: ...
+    @_builtins.property
+    def best_views(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """the scene's cameras that see it best, best first"""
+
+    def __init__(
+        self,
+        *,
+        id: _builtins.str = ...,
+        label_id: _builtins.int = ...,
+        label: _builtins.str = ...,
+        score: _builtins.float = ...,
+        centroid: Global___Vector3 | None = ...,
+        box: Global___Box | None = ...,
+        gaussian_count: _builtins.int = ...,
+        metres: _builtins.bool = ...,
+        best_views: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "centroid", b"centroid"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "metres", b"metres", "score", b"score"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneObject: _TypeAlias = SceneObject  # noqa: Y015
+
+@_typing.final
+class Colour(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    R_FIELD_NUMBER: _builtins.int
+    G_FIELD_NUMBER: _builtins.int
+    B_FIELD_NUMBER: _builtins.int
+    r: _builtins.float
+    """0..1"""
+    g: _builtins.float
+    """0..1"""
+    b: _builtins.float
+    """0..1"""
+    def __init__(
+        self,
+        *,
+        r: _builtins.float = ...,
+        g: _builtins.float = ...,
+        b: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["b", b"b", "g", b"g", "r", b"r"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Colour: _TypeAlias = Colour  # noqa: Y015
+
+@_typing.final
+class Edit(_message.Message):
+    """What to do to everything of a label, or to one object."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ACTION_FIELD_NUMBER: _builtins.int
+    LABEL_FIELD_NUMBER: _builtins.int
+    OBJECT_ID_FIELD_NUMBER: _builtins.int
+    COLOUR_FIELD_NUMBER: _builtins.int
+    TRANSFORM_FIELD_NUMBER: _builtins.int
+    action: Global___EditAction.ValueType
+    label: _builtins.str
+    object_id: _builtins.str
+    @_builtins.property
+    def colour(self) -> Global___Colour:
+        """for RECOLOUR"""
+
+    @_builtins.property
+    def transform(self) -> Global___Pose:
+        """for MOVE and DUPLICATE: the rigid motion, in the world frame, x' = R x + t, of what is"""
+
+    def __init__(
+        self,
+        *,
+        action: Global___EditAction.ValueType = ...,
+        label: _builtins.str = ...,
+        object_id: _builtins.str = ...,
+        colour: Global___Colour | None = ...,
+        transform: Global___Pose | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["label", "object_id"]  # noqa: Y015
+    _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
+
+Global___Edit: _TypeAlias = Edit  # noqa: Y015
+
+@_typing.final
+class EditSceneRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    EDITS_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    request_id: _builtins.str
+    """same id: the version that it made is returned again (AIP-155); may be empty"""
+    @_builtins.property
+    def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
+        """at least one, applied in order"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        edits: _abc.Iterable[Global___Edit] | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["edits", b"edits", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___EditSceneRequest: _TypeAlias = EditSceneRequest  # noqa: Y015
+
+@_typing.final
+class UndoEditRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """when given, undo only if this is the current version; makes a retry safe"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___UndoEditRequest: _TypeAlias = UndoEditRequest  # noqa: Y015
+
+@_typing.final
+class ListVersionsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListVersionsRequest: _TypeAlias = ListVersionsRequest  # noqa: Y015
+
+@_typing.final
+class ListVersionsResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSIONS_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def versions(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneVersion]: ...
+    def __init__(
+        self,
+        *,
+        versions: _abc.Iterable[Global___SceneVersion] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["versions", b"versions"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListVersionsResponse: _TypeAlias = ListVersionsResponse  # noqa: Y015
+
+@_typing.final
+class SceneVersion(_message.Message):
+    """One state of a scene; never changes."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PARENT_FIELD_NUMBER: _builtins.int
+    CREATED_AT_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
+    CURRENT_FIELD_NUMBER: _builtins.int
+    EDITS_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    parent: _builtins.str
+    """the version it was made of; empty for the trained one"""
+    gaussians: _builtins.int
+    current: _builtins.bool
+    """whether questions that name no version go here"""
+    @_builtins.property
+    def created_at(self) -> _timestamp_pb2.Timestamp: ...
+    @_builtins.property
+    def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
+        """what made it of its parent"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        parent: _builtins.str = ...,
+        created_at: _timestamp_pb2.Timestamp | None = ...,
+        gaussians: _builtins.int = ...,
+        current: _builtins.bool = ...,
+        edits: _abc.Iterable[Global___Edit] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneVersion: _TypeAlias = SceneVersion  # noqa: Y015
+
+@_typing.final
 class GetOperationRequest(_message.Message):
     """------------------------------------------------------------------------------------------------ operations"""
 
@@ -510,6 +1127,81 @@ class GetOperationRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___GetOperationRequest: _TypeAlias = GetOperationRequest  # noqa: Y015
+
+@_typing.final
+class ListOperationsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    state: Global___OperationState.ValueType
+    """only those in this state; UNSPECIFIED: all"""
+    def __init__(
+        self,
+        *,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+        state: Global___OperationState.ValueType = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListOperationsRequest: _TypeAlias = ListOperationsRequest  # noqa: Y015
+
+@_typing.final
+class ListOperationsResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATIONS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    @_builtins.property
+    def operations(self) -> _containers.RepeatedCompositeFieldContainer[Global___Operation]: ...
+    def __init__(
+        self,
+        *,
+        operations: _abc.Iterable[Global___Operation] | None = ...,
+        next_page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["next_page_token", b"next_page_token", "operations", b"operations"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListOperationsResponse: _TypeAlias = ListOperationsResponse  # noqa: Y015
+
+@_typing.final
+class WaitOperationRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
+    TIMEOUT_S_FIELD_NUMBER: _builtins.int
+    operation_id: _builtins.str
+    timeout_s: _builtins.float
+    """seconds to wait at most, 0..300"""
+    def __init__(
+        self,
+        *,
+        operation_id: _builtins.str = ...,
+        timeout_s: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id", "timeout_s", b"timeout_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WaitOperationRequest: _TypeAlias = WaitOperationRequest  # noqa: Y015
 
 @_typing.final
 class CancelOperationRequest(_message.Message):
@@ -865,8 +1557,23 @@ class QueryRequest(_message.Message):
     CAMERAS_FIELD_NUMBER: _builtins.int
     VIEWS_FIELD_NUMBER: _builtins.int
     OUTPUTS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    NEGATIVES_FIELD_NUMBER: _builtins.int
+    TEMPLATES_FIELD_NUMBER: _builtins.int
+    COVERAGE_FIELD_NUMBER: _builtins.int
+    MAX_MATCHES_FIELD_NUMBER: _builtins.int
+    MASK2D_ENCODING_FIELD_NUMBER: _builtins.int
+    MASK3D_ENCODING_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """empty: all ready scenes, without cameras and views"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    coverage: _builtins.float
+    """of the label set, in (0, 1); absent: the server's"""
+    max_matches: _builtins.int
+    """best entries to return; 0: the server's default, -1: all"""
+    mask2d_encoding: Global___MaskEncoding.ValueType
+    mask3d_encoding: Global___Mask3dEncoding.ValueType
     @_builtins.property
     def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """the questions, at least one"""
@@ -883,6 +1590,14 @@ class QueryRequest(_message.Message):
     def outputs(self) -> _containers.RepeatedScalarFieldContainer[Global___Output.ValueType]:
         """what to compute beside the ranking"""
 
+    @_builtins.property
+    def negatives(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """canonical negatives of the relevancy; empty: the server's"""
+
+    @_builtins.property
+    def templates(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """sentences with one {} that texts are put into; empty: the server's"""
+
     def __init__(
         self,
         *,
@@ -891,20 +1606,29 @@ class QueryRequest(_message.Message):
         cameras: _abc.Iterable[Global___PosedCamera] | None = ...,
         views: _abc.Iterable[_builtins.str] | None = ...,
         outputs: _abc.Iterable[Global___Output.ValueType] | None = ...,
+        version: _builtins.str = ...,
+        negatives: _abc.Iterable[_builtins.str] | None = ...,
+        templates: _abc.Iterable[_builtins.str] | None = ...,
+        coverage: _builtins.float | None = ...,
+        max_matches: _builtins.int = ...,
+        mask2d_encoding: Global___MaskEncoding.ValueType = ...,
+        mask3d_encoding: Global___Mask3dEncoding.ValueType = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "coverage", b"coverage"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["cameras", b"cameras", "outputs", b"outputs", "scene_id", b"scene_id", "texts", b"texts", "views", b"views"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "cameras", b"cameras", "coverage", b"coverage", "mask2d_encoding", b"mask2d_encoding", "mask3d_encoding", b"mask3d_encoding", "max_matches", b"max_matches", "negatives", b"negatives", "outputs", b"outputs", "scene_id", b"scene_id", "templates", b"templates", "texts", b"texts", "version", b"version", "views", b"views"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
+    _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__coverage) -> _WhichOneofReturnType__coverage | None: ...
 
 Global___QueryRequest: _TypeAlias = QueryRequest  # noqa: Y015
 
 @_typing.final
 class QueryResponse(_message.Message):
     """The answer to one text of one scene, or a piece of it. The first message of an answer carries `answer`; messages
-    without it continue the one before: append their `masks`, and append their `mask3d` bytes. A very long mask comes in
-    pieces, see ViewMask.continues.
+    without it continue the one before: append their `matches`, `masks` and `objects`, and append their `mask3d` bytes.
+    A very long mask comes in pieces, see ViewMask.continues.
     """
 
     DESCRIPTOR: _descriptor.Descriptor
@@ -912,13 +1636,23 @@ class QueryResponse(_message.Message):
     ANSWER_FIELD_NUMBER: _builtins.int
     MASKS_FIELD_NUMBER: _builtins.int
     MASK3D_FIELD_NUMBER: _builtins.int
+    OBJECTS_FIELD_NUMBER: _builtins.int
+    MATCHES_FIELD_NUMBER: _builtins.int
     mask3d: _builtins.bytes
-    """⌈G/8⌉ bytes in all: one bit per Gaussian in row order, most significant bit first"""
+    """in the encoding asked for; empty unless asked for"""
     @_builtins.property
     def answer(self) -> Global___Answer: ...
     @_builtins.property
     def masks(self) -> _containers.RepeatedCompositeFieldContainer[Global___ViewMask]:
         """cameras first, then views, each in the order asked"""
+
+    @_builtins.property
+    def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneObject]:
+        """those that answer, by label in the order of the matches; empty unless asked for"""
+
+    @_builtins.property
+    def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
+        """more of the answer's matches"""
 
     def __init__(
         self,
@@ -926,10 +1660,12 @@ class QueryResponse(_message.Message):
         answer: Global___Answer | None = ...,
         masks: _abc.Iterable[Global___ViewMask] | None = ...,
         mask3d: _builtins.bytes = ...,
+        objects: _abc.Iterable[Global___SceneObject] | None = ...,
+        matches: _abc.Iterable[Global___Match] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer", "mask3d", b"mask3d", "masks", b"masks"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -944,15 +1680,39 @@ class Answer(_message.Message):
     VERDICT_FIELD_NUMBER: _builtins.int
     EXPLANATION_FIELD_NUMBER: _builtins.int
     MATCHES_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    LABEL_SET_FIELD_NUMBER: _builtins.int
+    COVERAGE_FIELD_NUMBER: _builtins.int
+    DECIDED_BY_FIELD_NUMBER: _builtins.int
+    THRESHOLD_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    MATCH_COUNT_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
     verdict: Global___Verdict.ValueType
     explanation: _builtins.str
     """one sentence for people"""
+    probability: _builtins.float
+    """calibrated, 0..1, that the verdict is right; absent without calibration"""
+    coverage: _builtins.float
+    """them: perhaps nothing here answers
+    0..1; absent without calibration: nothing is promised
+    """
+    decided_by: Global___DecidedBy.ValueType
+    threshold: _builtins.float
+    """the score that the leading entry was held against; absent if a name decided"""
+    version: _builtins.str
+    """of the scene"""
+    match_count: _builtins.int
+    """entries in the whole dictionary"""
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
-        """every entry of the dictionary, best first"""
+        """entries of the dictionary, best first; how many, QueryRequest.max_matches says"""
+
+    @_builtins.property
+    def label_set(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """label ids that together answer with probability `coverage` at least; 0 among"""
 
     def __init__(
         self,
@@ -962,12 +1722,30 @@ class Answer(_message.Message):
         verdict: Global___Verdict.ValueType = ...,
         explanation: _builtins.str = ...,
         matches: _abc.Iterable[Global___Match] | None = ...,
+        probability: _builtins.float | None = ...,
+        label_set: _abc.Iterable[_builtins.int] | None = ...,
+        coverage: _builtins.float | None = ...,
+        decided_by: Global___DecidedBy.ValueType = ...,
+        threshold: _builtins.float | None = ...,
+        version: _builtins.str = ...,
+        match_count: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "probability", b"probability", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["explanation", b"explanation", "matches", b"matches", "scene_id", b"scene_id", "text", b"text", "verdict", b"verdict"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
+    _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
+    _WhichOneofReturnType__probability: _TypeAlias = _typing.Literal["probability"]  # noqa: Y015
+    _WhichOneofArgType__probability: _TypeAlias = _typing.Literal["_probability", b"_probability"]  # noqa: Y015
+    _WhichOneofReturnType__threshold: _TypeAlias = _typing.Literal["threshold"]  # noqa: Y015
+    _WhichOneofArgType__threshold: _TypeAlias = _typing.Literal["_threshold", b"_threshold"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__coverage) -> _WhichOneofReturnType__coverage | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__probability) -> _WhichOneofReturnType__probability | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__threshold) -> _WhichOneofReturnType__threshold | None: ...
 
 Global___Answer: _TypeAlias = Answer  # noqa: Y015
 
@@ -982,6 +1760,7 @@ class Match(_message.Message):
     NEAREST_NEGATIVE_FIELD_NUMBER: _builtins.int
     GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
     RELEVANT_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
     label_id: _builtins.int
     label: _builtins.str
     relevancy: _builtins.float
@@ -993,6 +1772,8 @@ class Match(_message.Message):
     gaussian_count: _builtins.int
     relevant: _builtins.bool
     """passes the encoder's threshold, or was asked for by name"""
+    probability: _builtins.float
+    """calibrated, 0..1, that this entry is wanted; absent without calibration"""
     def __init__(
         self,
         *,
@@ -1003,12 +1784,15 @@ class Match(_message.Message):
         nearest_negative: _builtins.str = ...,
         gaussian_count: _builtins.int = ...,
         relevant: _builtins.bool = ...,
+        probability: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_probability", b"_probability", "probability", b"probability"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["gaussian_count", b"gaussian_count", "label", b"label", "label_id", b"label_id", "nearest_negative", b"nearest_negative", "relevancy", b"relevancy", "relevant", b"relevant", "similarity", b"similarity"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_probability", b"_probability", "gaussian_count", b"gaussian_count", "label", b"label", "label_id", b"label_id", "nearest_negative", b"nearest_negative", "probability", b"probability", "relevancy", b"relevancy", "relevant", b"relevant", "similarity", b"similarity"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__probability: _TypeAlias = _typing.Literal["probability"]  # noqa: Y015
+    _WhichOneofArgType__probability: _TypeAlias = _typing.Literal["_probability", b"_probability"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__probability) -> _WhichOneofReturnType__probability | None: ...
 
 Global___Match: _TypeAlias = Match  # noqa: Y015
 
@@ -1050,6 +1834,7 @@ class ViewMask(_message.Message):
     SEGMENTATION_FIELD_NUMBER: _builtins.int
     AREA_FIELD_NUMBER: _builtins.int
     CONTINUES_FIELD_NUMBER: _builtins.int
+    PNG_FIELD_NUMBER: _builtins.int
     view: _builtins.str
     """the scene's camera, or empty for a free viewpoint"""
     camera_index: _builtins.int
@@ -1057,9 +1842,13 @@ class ViewMask(_message.Message):
     area: _builtins.int
     """pixels inside"""
     continues: _builtins.bool
-    """append this one's counts to those of the mask before; nothing else is new"""
+    """append this one's counts or png to those of the mask before; nothing else is new"""
+    png: _builtins.bytes
+    """if asked for"""
     @_builtins.property
-    def segmentation(self) -> Global___RleMask: ...
+    def segmentation(self) -> Global___RleMask:
+        """unless PNG was asked for"""
+
     def __init__(
         self,
         *,
@@ -1068,14 +1857,253 @@ class ViewMask(_message.Message):
         segmentation: Global___RleMask | None = ...,
         area: _builtins.int = ...,
         continues: _builtins.bool = ...,
+        png: _builtins.bytes = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["segmentation", b"segmentation"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["area", b"area", "camera_index", b"camera_index", "continues", b"continues", "segmentation", b"segmentation", "view", b"view"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["area", b"area", "camera_index", b"camera_index", "continues", b"continues", "png", b"png", "segmentation", b"segmentation", "view", b"view"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___ViewMask: _TypeAlias = ViewMask  # noqa: Y015
+
+@_typing.final
+class StreamQueryRequest(_message.Message):
+    """------------------------------------------------------------------------------------------- standing questions
+
+    The first message is a question; then come poses, and a new question whenever the robot wants one. Poses that arrive
+    while another is being answered replace each other: the newest wins, and what it replaced is announced as dropped.
+    Every pose is either answered or announced. The call ends with an error if the scene goes away.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    QUESTION_FIELD_NUMBER: _builtins.int
+    POSE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def question(self) -> Global___StandingQuestion: ...
+    @_builtins.property
+    def pose(self) -> Global___StreamPose: ...
+    def __init__(
+        self,
+        *,
+        question: Global___StandingQuestion | None = ...,
+        pose: Global___StreamPose | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["part", b"part", "pose", b"pose", "question", b"question"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["part", b"part", "pose", b"pose", "question", b"question"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_part: _TypeAlias = _typing.Literal["question", "pose"]  # noqa: Y015
+    _WhichOneofArgType_part: _TypeAlias = _typing.Literal["part", b"part"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_part) -> _WhichOneofReturnType_part | None: ...
+
+Global___StreamQueryRequest: _TypeAlias = StreamQueryRequest  # noqa: Y015
+
+@_typing.final
+class StandingQuestion(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    QUERY_FIELD_NUMBER: _builtins.int
+    HEARTBEAT_S_FIELD_NUMBER: _builtins.int
+    heartbeat_s: _builtins.float
+    """a heartbeat after so long a silence, at least 0.1; 0: the server's default"""
+    @_builtins.property
+    def query(self) -> Global___QueryRequest:
+        """one scene; cameras and views are left empty; outputs as in Query"""
+
+    def __init__(
+        self,
+        *,
+        query: Global___QueryRequest | None = ...,
+        heartbeat_s: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["query", b"query"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["heartbeat_s", b"heartbeat_s", "query", b"query"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___StandingQuestion: _TypeAlias = StandingQuestion  # noqa: Y015
+
+@_typing.final
+class StreamPose(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SEQUENCE_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    STAMP_FIELD_NUMBER: _builtins.int
+    sequence: _builtins.int
+    """the client's own count; must grow"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera: ...
+    @_builtins.property
+    def stamp(self) -> _timestamp_pb2.Timestamp:
+        """echoed"""
+
+    def __init__(
+        self,
+        *,
+        sequence: _builtins.int = ...,
+        camera: Global___PosedCamera | None = ...,
+        stamp: _timestamp_pb2.Timestamp | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "stamp", b"stamp"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "sequence", b"sequence", "stamp", b"stamp"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___StreamPose: _TypeAlias = StreamPose  # noqa: Y015
+
+@_typing.final
+class StreamQueryResponse(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SEQUENCE_FIELD_NUMBER: _builtins.int
+    QUESTION_FIELD_NUMBER: _builtins.int
+    STAMP_FIELD_NUMBER: _builtins.int
+    ACCEPTED_FIELD_NUMBER: _builtins.int
+    RESPONSE_FIELD_NUMBER: _builtins.int
+    DONE_FIELD_NUMBER: _builtins.int
+    DROPPED_FIELD_NUMBER: _builtins.int
+    HEARTBEAT_FIELD_NUMBER: _builtins.int
+    sequence: _builtins.int
+    """of the pose that is answered; 0 in `accepted`, `dropped` and `heartbeat`"""
+    question: _builtins.int
+    """which of the stream's questions, counting from 1"""
+    @_builtins.property
+    def stamp(self) -> _timestamp_pb2.Timestamp:
+        """that of the pose"""
+
+    @_builtins.property
+    def accepted(self) -> Global___Accepted:
+        """the question can be asked; once for each question, before its first answer"""
+
+    @_builtins.property
+    def response(self) -> Global___QueryResponse:
+        """a piece of the answer to the pose, as Query would send it"""
+
+    @_builtins.property
+    def done(self) -> Global___PoseDone:
+        """the pose is answered: no more pieces follow"""
+
+    @_builtins.property
+    def dropped(self) -> Global___DroppedPoses: ...
+    @_builtins.property
+    def heartbeat(self) -> Global___Heartbeat: ...
+    def __init__(
+        self,
+        *,
+        sequence: _builtins.int = ...,
+        question: _builtins.int = ...,
+        stamp: _timestamp_pb2.Timestamp | None = ...,
+        accepted: Global___Accepted | None = ...,
+        response: Global___QueryResponse | None = ...,
+        done: Global___PoseDone | None = ...,
+        dropped: Global___DroppedPoses | None = ...,
+        heartbeat: Global___Heartbeat | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["accepted", b"accepted", "done", b"done", "dropped", b"dropped", "heartbeat", b"heartbeat", "part", b"part", "response", b"response", "stamp", b"stamp"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["accepted", b"accepted", "done", b"done", "dropped", b"dropped", "heartbeat", b"heartbeat", "part", b"part", "question", b"question", "response", b"response", "sequence", b"sequence", "stamp", b"stamp"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_part: _TypeAlias = _typing.Literal["accepted", "response", "done", "dropped", "heartbeat"]  # noqa: Y015
+    _WhichOneofArgType_part: _TypeAlias = _typing.Literal["part", b"part"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_part) -> _WhichOneofReturnType_part | None: ...
+
+Global___StreamQueryResponse: _TypeAlias = StreamQueryResponse  # noqa: Y015
+
+@_typing.final
+class Accepted(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """of the scene, as it is now"""
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Accepted: _TypeAlias = Accepted  # noqa: Y015
+
+@_typing.final
+class PoseDone(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SECONDS_FIELD_NUMBER: _builtins.int
+    seconds: _builtins.float
+    """spent on it, waiting aside"""
+    def __init__(
+        self,
+        *,
+        seconds: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["seconds", b"seconds"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PoseDone: _TypeAlias = PoseDone  # noqa: Y015
+
+@_typing.final
+class DroppedPoses(_message.Message):
+    """Poses that no answer will come for, because newer ones took their place."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FIRST_FIELD_NUMBER: _builtins.int
+    LAST_FIELD_NUMBER: _builtins.int
+    COUNT_FIELD_NUMBER: _builtins.int
+    first: _builtins.int
+    """sequence numbers, all that the client sent from `first` to `last`"""
+    last: _builtins.int
+    count: _builtins.int
+    """how many those are"""
+    def __init__(
+        self,
+        *,
+        first: _builtins.int = ...,
+        last: _builtins.int = ...,
+        count: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["count", b"count", "first", b"first", "last", b"last"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DroppedPoses: _TypeAlias = DroppedPoses  # noqa: Y015
+
+@_typing.final
+class Heartbeat(_message.Message):
+    """Nothing has happened for a while, and the stream and the scene are alive."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIME_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def time(self) -> _timestamp_pb2.Timestamp: ...
+    def __init__(
+        self,
+        *,
+        time: _timestamp_pb2.Timestamp | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["time", b"time"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["time", b"time"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Heartbeat: _TypeAlias = Heartbeat  # noqa: Y015
 
 @_typing.final
 class RenderViewRequest(_message.Message):
@@ -1086,12 +2114,20 @@ class RenderViewRequest(_message.Message):
     TEXT_FIELD_NUMBER: _builtins.int
     CAMERA_FIELD_NUMBER: _builtins.int
     VIEW_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    FORMAT_FIELD_NUMBER: _builtins.int
+    DEPTH_SCALE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     kind: Global___PictureKind.ValueType
     text: _builtins.str
-    """the question; every kind but RGB needs one"""
+    """the question; OVERLAY, RELEVANCY and MASK need one"""
     view: _builtins.str
     """name of one of the scene's own cameras"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    format: Global___PictureFormat.ValueType
+    depth_scale: _builtins.float
+    """scene units that one step of a 16-bit depth PNG means; 0: 0.001"""
     @_builtins.property
     def camera(self) -> Global___PosedCamera: ...
     def __init__(
@@ -1102,10 +2138,13 @@ class RenderViewRequest(_message.Message):
         text: _builtins.str = ...,
         camera: Global___PosedCamera | None = ...,
         view: _builtins.str = ...,
+        version: _builtins.str = ...,
+        format: Global___PictureFormat.ValueType = ...,
+        depth_scale: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "depth_scale", b"depth_scale", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_viewpoint: _TypeAlias = _typing.Literal["camera", "view"]  # noqa: Y015
     _WhichOneofArgType_viewpoint: _TypeAlias = _typing.Literal["viewpoint", b"viewpoint"]  # noqa: Y015
@@ -1114,19 +2153,49 @@ class RenderViewRequest(_message.Message):
 Global___RenderViewRequest: _TypeAlias = RenderViewRequest  # noqa: Y015
 
 @_typing.final
-class DownloadScenePlyRequest(_message.Message):
+class DownloadCamerasRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
+    FORMAT_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
+    format: Global___CameraFormat.ValueType
     def __init__(
         self,
         *,
         scene_id: _builtins.str = ...,
+        format: Global___CameraFormat.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["format", b"format", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DownloadCamerasRequest: _TypeAlias = DownloadCamerasRequest  # noqa: Y015
+
+@_typing.final
+class DownloadScenePlyRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    OFFSET_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """empty: the current one"""
+    offset: _builtins.int
+    """bytes to leave out at the beginning, to go on where a download broke; needs a version"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        offset: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["offset", b"offset", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1138,17 +2207,21 @@ class DownloadMaskPlyRequest(_message.Message):
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
     TEXT_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
+    version: _builtins.str
+    """of the scene; empty: the current one"""
     def __init__(
         self,
         *,
         scene_id: _builtins.str = ...,
         text: _builtins.str = ...,
+        version: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "text", b"text"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "text", b"text", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

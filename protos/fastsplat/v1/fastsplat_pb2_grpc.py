@@ -55,14 +55,49 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
                 response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                 _registered_method=True)
+        self.ListLabels = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListLabels',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsResponse.FromString,
+                _registered_method=True)
+        self.ListObjects = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListObjects',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.FromString,
+                _registered_method=True)
+        self.EditScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/EditScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
+        self.UndoEdit = channel.unary_unary(
+                '/fastsplat.v1.SceneService/UndoEdit',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
+        self.ListVersions = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListVersions',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.FromString,
+                _registered_method=True)
         self.GetOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetOperationRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.ListOperations = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListOperations',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsResponse.FromString,
+                _registered_method=True)
         self.CancelOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/CancelOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
+        self.WaitOperation = channel.unary_unary(
+                '/fastsplat.v1.SceneService/WaitOperation',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
         self.WatchOperation = channel.unary_stream(
@@ -75,9 +110,19 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.QueryRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.QueryResponse.FromString,
                 _registered_method=True)
+        self.StreamQuery = channel.stream_stream(
+                '/fastsplat.v1.SceneService/StreamQuery',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryResponse.FromString,
+                _registered_method=True)
         self.RenderView = channel.unary_stream(
                 '/fastsplat.v1.SceneService/RenderView',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RenderViewRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+                _registered_method=True)
+        self.DownloadCameras = channel.unary_stream(
+                '/fastsplat.v1.SceneService/DownloadCameras',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadCamerasRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
                 _registered_method=True)
         self.DownloadScenePly = channel.unary_stream(
@@ -122,14 +167,64 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListLabels(self, request, context):
+        """The dictionary in pages, by label id.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListObjects(self, request, context):
+        """The things of a scene as oriented boxes, in pages.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def EditScene(self, request, context):
+        """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
+        they began with.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def UndoEdit(self, request, context):
+        """Goes back to the version before the current one.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListVersions(self, request, context):
+        """Every version, oldest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def GetOperation(self, request, context):
         """Missing associated documentation comment in .proto file."""
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListOperations(self, request, context):
+        """Operations in pages (AIP-158), newest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CancelOperation(self, request, context):
         """Missing associated documentation comment in .proto file."""
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def WaitOperation(self, request, context):
+        """The operation as soon as it is done, or as it stands when the time is up.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
@@ -142,15 +237,29 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def Query(self, request, context):
-        """Ranked labels, and masks if asked for. Each text is answered by one or several messages that follow each other;
-        see QueryResponse.
+        """Ranked labels, and masks and objects if asked for. Each text is answered by one or several messages that follow
+        each other; see QueryResponse.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def StreamQuery(self, request_iterator, context):
+        """A standing question and pose after pose; see StreamQueryRequest.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RenderView(self, request, context):
-        """One PNG picture, in chunks.
+        """One picture, in chunks.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DownloadCameras(self, request, context):
+        """The scene's own cameras as a file, in chunks.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -193,14 +302,49 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.FromString,
                     response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             ),
+            'ListLabels': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListLabels,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsResponse.SerializeToString,
+            ),
+            'ListObjects': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListObjects,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.SerializeToString,
+            ),
+            'EditScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.EditScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'UndoEdit': grpc.unary_unary_rpc_method_handler(
+                    servicer.UndoEdit,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'ListVersions': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListVersions,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.SerializeToString,
+            ),
             'GetOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.GetOperation,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetOperationRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
+            'ListOperations': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListOperations,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsResponse.SerializeToString,
+            ),
             'CancelOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.CancelOperation,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'WaitOperation': grpc.unary_unary_rpc_method_handler(
+                    servicer.WaitOperation,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'WatchOperation': grpc.unary_stream_rpc_method_handler(
@@ -213,9 +357,19 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.QueryRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.QueryResponse.SerializeToString,
             ),
+            'StreamQuery': grpc.stream_stream_rpc_method_handler(
+                    servicer.StreamQuery,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryResponse.SerializeToString,
+            ),
             'RenderView': grpc.unary_stream_rpc_method_handler(
                     servicer.RenderView,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RenderViewRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'DownloadCameras': grpc.unary_stream_rpc_method_handler(
+                    servicer.DownloadCameras,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadCamerasRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
             ),
             'DownloadScenePly': grpc.unary_stream_rpc_method_handler(
@@ -348,6 +502,141 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def ListLabels(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListLabels',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListObjects(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListObjects',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def EditScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/EditScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def UndoEdit(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/UndoEdit',
+            fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListVersions(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListVersions',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def GetOperation(request,
             target,
             options=(),
@@ -375,6 +664,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def ListOperations(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListOperations',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListOperationsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def CancelOperation(request,
             target,
             options=(),
@@ -390,6 +706,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/CancelOperation',
             fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def WaitOperation(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/WaitOperation',
+            fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,
@@ -456,6 +799,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def StreamQuery(request_iterator,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.stream_stream(
+            request_iterator,
+            target,
+            '/fastsplat.v1.SceneService/StreamQuery',
+            fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.StreamQueryResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def RenderView(request,
             target,
             options=(),
@@ -471,6 +841,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/RenderView',
             fastsplat_dot_v1_dot_fastsplat__pb2.RenderViewRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DownloadCameras(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/DownloadCameras',
+            fastsplat_dot_v1_dot_fastsplat__pb2.DownloadCamerasRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
             options,
             channel_credentials,

@@ -50,16 +50,36 @@ class SceneServiceStub:
     ListScenes: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
     DeleteScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]
+    ListLabels: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]
+    """The dictionary in pages, by label id."""
+    ListObjects: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]
+    """The things of a scene as oriented boxes, in pages."""
+    EditScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]
+    """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
+    they began with.
+    """
+    UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
+    """Goes back to the version before the current one."""
+    ListVersions: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]
+    """Every version, oldest first."""
     GetOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]
+    ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
+    """Operations in pages (AIP-158), newest first."""
     CancelOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]
+    WaitOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]
+    """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]
     """Sends the operation now and on every change, and ends after a state that is final."""
     Query: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.QueryRequest, _fastsplat_pb2.QueryResponse]
-    """Ranked labels, and masks if asked for. Each text is answered by one or several messages that follow each other;
-    see QueryResponse.
+    """Ranked labels, and masks and objects if asked for. Each text is answered by one or several messages that follow
+    each other; see QueryResponse.
     """
+    StreamQuery: _grpc.StreamStreamMultiCallable[_fastsplat_pb2.StreamQueryRequest, _fastsplat_pb2.StreamQueryResponse]
+    """A standing question and pose after pose; see StreamQueryRequest."""
     RenderView: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.RenderViewRequest, _fastsplat_pb2.Chunk]
-    """One PNG picture, in chunks."""
+    """One picture, in chunks."""
+    DownloadCameras: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadCamerasRequest, _fastsplat_pb2.Chunk]
+    """The scene's own cameras as a file, in chunks."""
     DownloadScenePly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadScenePlyRequest, _fastsplat_pb2.Chunk]
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]
@@ -76,16 +96,36 @@ class SceneServiceAsyncStub(SceneServiceStub):
     ListScenes: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]  # type: ignore[assignment]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
     DeleteScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]  # type: ignore[assignment]
+    ListLabels: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]  # type: ignore[assignment]
+    """The dictionary in pages, by label id."""
+    ListObjects: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]  # type: ignore[assignment]
+    """The things of a scene as oriented boxes, in pages."""
+    EditScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
+    they began with.
+    """
+    UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Goes back to the version before the current one."""
+    ListVersions: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]  # type: ignore[assignment]
+    """Every version, oldest first."""
     GetOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
+    """Operations in pages (AIP-158), newest first."""
     CancelOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    WaitOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Sends the operation now and on every change, and ends after a state that is final."""
     Query: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.QueryRequest, _fastsplat_pb2.QueryResponse]  # type: ignore[assignment]
-    """Ranked labels, and masks if asked for. Each text is answered by one or several messages that follow each other;
-    see QueryResponse.
+    """Ranked labels, and masks and objects if asked for. Each text is answered by one or several messages that follow
+    each other; see QueryResponse.
     """
+    StreamQuery: _aio.StreamStreamMultiCallable[_fastsplat_pb2.StreamQueryRequest, _fastsplat_pb2.StreamQueryResponse]  # type: ignore[assignment]
+    """A standing question and pose after pose; see StreamQueryRequest."""
     RenderView: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.RenderViewRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
-    """One PNG picture, in chunks."""
+    """One picture, in chunks."""
+    DownloadCameras: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadCamerasRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
+    """The scene's own cameras as a file, in chunks."""
     DownloadScenePly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadScenePlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
@@ -125,6 +165,48 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_empty_pb2.Empty, _abc.Awaitable[_empty_pb2.Empty]]: ...
 
     @_abc_1.abstractmethod
+    def ListLabels(
+        self,
+        request: _fastsplat_pb2.ListLabelsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListLabelsResponse, _abc.Awaitable[_fastsplat_pb2.ListLabelsResponse]]:
+        """The dictionary in pages, by label id."""
+
+    @_abc_1.abstractmethod
+    def ListObjects(
+        self,
+        request: _fastsplat_pb2.ListObjectsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListObjectsResponse, _abc.Awaitable[_fastsplat_pb2.ListObjectsResponse]]:
+        """The things of a scene as oriented boxes, in pages."""
+
+    @_abc_1.abstractmethod
+    def EditScene(
+        self,
+        request: _fastsplat_pb2.EditSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
+        they began with.
+        """
+
+    @_abc_1.abstractmethod
+    def UndoEdit(
+        self,
+        request: _fastsplat_pb2.UndoEditRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Goes back to the version before the current one."""
+
+    @_abc_1.abstractmethod
+    def ListVersions(
+        self,
+        request: _fastsplat_pb2.ListVersionsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListVersionsResponse, _abc.Awaitable[_fastsplat_pb2.ListVersionsResponse]]:
+        """Every version, oldest first."""
+
+    @_abc_1.abstractmethod
     def GetOperation(
         self,
         request: _fastsplat_pb2.GetOperationRequest,
@@ -132,11 +214,27 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]: ...
 
     @_abc_1.abstractmethod
+    def ListOperations(
+        self,
+        request: _fastsplat_pb2.ListOperationsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListOperationsResponse, _abc.Awaitable[_fastsplat_pb2.ListOperationsResponse]]:
+        """Operations in pages (AIP-158), newest first."""
+
+    @_abc_1.abstractmethod
     def CancelOperation(
         self,
         request: _fastsplat_pb2.CancelOperationRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]: ...
+
+    @_abc_1.abstractmethod
+    def WaitOperation(
+        self,
+        request: _fastsplat_pb2.WaitOperationRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """The operation as soon as it is done, or as it stands when the time is up."""
 
     @_abc_1.abstractmethod
     def WatchOperation(
@@ -152,9 +250,17 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _fastsplat_pb2.QueryRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.QueryResponse], _abc.AsyncIterator[_fastsplat_pb2.QueryResponse]]:
-        """Ranked labels, and masks if asked for. Each text is answered by one or several messages that follow each other;
-        see QueryResponse.
+        """Ranked labels, and masks and objects if asked for. Each text is answered by one or several messages that follow
+        each other; see QueryResponse.
         """
+
+    @_abc_1.abstractmethod
+    def StreamQuery(
+        self,
+        request_iterator: _MaybeAsyncIterator[_fastsplat_pb2.StreamQueryRequest],
+        context: _ServicerContext,
+    ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.StreamQueryResponse], _abc.AsyncIterator[_fastsplat_pb2.StreamQueryResponse]]:
+        """A standing question and pose after pose; see StreamQueryRequest."""
 
     @_abc_1.abstractmethod
     def RenderView(
@@ -162,7 +268,15 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _fastsplat_pb2.RenderViewRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
-        """One PNG picture, in chunks."""
+        """One picture, in chunks."""
+
+    @_abc_1.abstractmethod
+    def DownloadCameras(
+        self,
+        request: _fastsplat_pb2.DownloadCamerasRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
+        """The scene's own cameras as a file, in chunks."""
 
     @_abc_1.abstractmethod
     def DownloadScenePly(
