@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED
 from service.common.errors import InvalidInputError
+from service.evaluation.masks import MaskCounts
 
 
 @dataclass(frozen=True)
@@ -24,24 +24,11 @@ class Confusion:
     def __add__(self, other: Confusion) -> Confusion:
         return Confusion(self.counts + other.counts)
 
-    def iou(self) -> NDArray[np.float64]:
-        """[N + 1]: intersection over union of each class, NaN for a class in neither truth nor prediction."""
-        hits = np.diagonal(self.counts).astype(np.float64)
-        union = self.counts.sum(axis=0) + self.counts.sum(axis=1) - hits
-        scores = np.full(len(hits), np.nan)
-        np.divide(hits, union, out=scores, where=union > 0)
-        return scores
-
-    def mean_iou(self) -> float:
-        """Mean IoU over the labels that occur in the truth (undetected is no label); NaN when none does."""
-        present = self.counts.sum(axis=1) > 0
-        present[UNDETECTED] = False
-        return float(self.iou()[present].mean()) if present.any() else float("nan")
-
-    def accuracy(self) -> float:
-        """Share of truly labelled pixels that carry their label; NaN when there is none."""
-        total = self.counts[UNDETECTED + 1 :].sum()
-        return float(np.diagonal(self.counts)[UNDETECTED + 1 :].sum() / total) if total else float("nan")
+    def masks(self) -> MaskCounts:
+        """The counts of each class's mask."""
+        return MaskCounts(
+            np.stack([np.diagonal(self.counts), self.counts.sum(axis=1), self.counts.sum(axis=0)], axis=1)
+        )
 
 
 def confusion(
@@ -57,11 +44,16 @@ def confusion(
     Raises:
         InvalidInputError: shapes that differ, or a class outside 0..N.
     """
+    check_maps(predicted, truth, labels)
+    chosen = np.ones(truth.shape, np.bool_) if valid is None else valid
+    pair = truth[chosen].astype(np.int64) * (labels + 1) + predicted[chosen].astype(np.int64)
+    flat = np.bincount(pair, minlength=(labels + 1) ** 2)
+    return Confusion(flat.reshape(labels + 1, labels + 1).astype(np.int64))
+
+
+def check_maps(predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int) -> None:
+    """Raise `InvalidInputError` unless both are [H, W] maps of one shape with classes 0..labels."""
     if predicted.shape != truth.shape:
         raise InvalidInputError(f"a map of shape {predicted.shape} against {truth.shape}", field="predicted")
-    chosen = np.ones(truth.shape, np.bool_) if valid is None else valid
-    pair = truth[chosen].astype(np.int64), predicted[chosen].astype(np.int64)
-    if any(len(side) and not 0 <= side.min() <= side.max() <= labels for side in pair):
+    if any(side.size and not 0 <= side.min() <= side.max() <= labels for side in (predicted, truth)):
         raise InvalidInputError(f"a class outside 0..{labels}", field="predicted/truth")
-    flat = np.bincount(pair[0] * (labels + 1) + pair[1], minlength=(labels + 1) ** 2)
-    return Confusion(flat.reshape(labels + 1, labels + 1).astype(np.int64))

@@ -82,9 +82,10 @@ def evaluate_views(
             valid = None if frame.valid is None else frame.valid.numpy()
             total += confusion(predicted, frame.labels.numpy(), labels, valid)
     means = np.mean(pictures, axis=0)
-    iou = total.iou()
+    masks = total.masks()
+    iou = masks.iou()
     per_label = {entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)}
-    return ViewsReport(float(means[0]), float(means[1]), total.mean_iou(), per_label, total.accuracy(), tuple(names))
+    return ViewsReport(float(means[0]), float(means[1]), masks.macro_iou(), per_label, masks.accuracy(), tuple(names))
 
 
 @torch.no_grad()

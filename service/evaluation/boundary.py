@@ -1,0 +1,74 @@
+"""Boundary IoU: how well the outlines agree, which large areas hide from the plain IoU."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from service.evaluation.masks import MaskCounts
+from service.evaluation.segmentation import check_maps
+
+DIAGONAL_SHARE = 0.02
+"""Width of the boundary region as a share of the image's diagonal (Cheng et al. 2021 use 2 % for COCO and LVIS)."""
+
+
+def boundary_counts(
+    predicted: NDArray[np.integer],
+    truth: NDArray[np.integer],
+    labels: int,
+    valid: NDArray[np.bool_] | None = None,
+    *,
+    diagonal_share: float = DIAGONAL_SHARE,
+) -> MaskCounts:
+    """Counts of one image: |G_d ∩ P_d|, |G_d|, |P_d| of each class (Cheng et al. 2021, equation 1).
+
+    Args:
+        predicted, truth: [H, W] classes 0..labels.
+        labels: N.
+        valid: [H, W]; pixels that are False are not counted.
+        diagonal_share: d of the regions, see `boundary_width`.
+
+    Raises:
+        InvalidInputError: shapes that differ, or a class outside 0..N.
+    """
+    check_maps(predicted, truth, labels)
+    width = boundary_width(truth.shape[0], truth.shape[1], diagonal_share)
+    counts = np.zeros((labels + 1, 3), np.int64)
+    for label in np.union1d(predicted, truth).tolist():
+        true_region = boundary_region(truth == label, width)
+        found_region = boundary_region(predicted == label, width)
+        if valid is not None:
+            true_region &= valid
+            found_region &= valid
+        counts[label] = (true_region & found_region).sum(), true_region.sum(), found_region.sum()
+    return MaskCounts(counts)
+
+
+def mask_boundary_iou(
+    predicted: NDArray[np.bool_], truth: NDArray[np.bool_], *, diagonal_share: float = DIAGONAL_SHARE
+) -> float:
+    """Boundary IoU of two masks [H, W]; 1 when both are empty."""
+    width = boundary_width(truth.shape[0], truth.shape[1], diagonal_share)
+    true_region, found_region = boundary_region(truth, width), boundary_region(predicted, width)
+    union = int((true_region | found_region).sum())
+    return int((true_region & found_region).sum()) / union if union else 1.0
+
+
+def boundary_width(height: int, width: int, diagonal_share: float) -> int:
+    """d in whole pixels, at least 1."""
+    return max(1, round(diagonal_share * math.hypot(height, width)))
+
+
+def boundary_region(mask: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
+    """bool [H, W]: pixels of the mask at most `width` pixels (chessboard) from a pixel outside it.
+
+    Beyond the image counts as outside, as in the paper's own code.
+    """
+    side = 2 * width + 1
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    kernel = np.ones((side, side), np.uint8)
+    eroded = cv2.erode(padded, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(mask & (eroded[1:-1, 1:-1] == 0))

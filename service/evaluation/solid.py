@@ -1,0 +1,71 @@
+"""3D mask IoU: the labels of Gaussians against labels that true depth and true label maps give them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.camera import PosedCamera
+from service.evaluation.segmentation import Confusion
+
+NO_TRUTH = -1
+_RELATIVE_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class TrueSurface:
+    """What one view truly sees.
+
+    Attributes:
+        posed: its camera.
+        depth: float [H, W], camera z in scene units, 0 where unknown.
+        labels: int [H, W], classes 0..N.
+    """
+
+    posed: PosedCamera
+    depth: NDArray[np.floating]
+    labels: NDArray[np.integer]
+
+
+def gaussian_truth(
+    means: NDArray[np.floating],
+    surfaces: Sequence[TrueSurface],
+    labels: int,
+    *,
+    relative_tolerance: float = _RELATIVE_TOLERANCE,
+) -> NDArray[np.int32]:
+    """int32 [G]: the true class of each Gaussian's centre, `NO_TRUTH` where no view's surface is there.
+
+    A view votes for a Gaussian when the centre falls on a pixel whose true depth differs from the centre's by at most
+    `relative_tolerance` of it; the vote is that pixel's label. Most votes win, ties go to the lower class.
+
+    Args:
+        means: [G, 3], world frame, the frame of the views' poses.
+        surfaces: the views.
+        labels: N.
+    """
+    votes = np.zeros((len(means), labels + 1), np.int32)
+    points = np.asarray(means, np.float64)
+    for surface in surfaces:
+        camera = surface.posed.camera
+        rotation, translation = np.split(surface.posed.camera_from_world()[:3], [3], axis=1)
+        x, y, z = (points @ rotation.T + translation[:, 0]).T
+        front = np.flatnonzero(z > 0)
+        column = np.floor(camera.fx * x[front] / z[front] + camera.cx)
+        row = np.floor(camera.fy * y[front] / z[front] + camera.cy)
+        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        rows, columns, seen = row[inside].astype(np.intp), column[inside].astype(np.intp), front[inside]
+        true_z = surface.depth[rows, columns]
+        near = (true_z > 0) & (np.abs(z[seen] - true_z) <= relative_tolerance * true_z)
+        votes[seen[near], surface.labels[rows[near], columns[near]]] += 1
+    return np.where(votes.any(axis=1), votes.argmax(axis=1), NO_TRUTH).astype(np.int32)
+
+
+def mask3d_confusion(predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int) -> Confusion:
+    """Counts of Gaussians [G] whose truth is known; its masks' `iou` is the 3D mask IoU of each label."""
+    known = truth != NO_TRUTH
+    flat = np.bincount(truth[known].astype(np.int64) * (labels + 1) + predicted[known], minlength=(labels + 1) ** 2)
+    return Confusion(flat.reshape(labels + 1, labels + 1).astype(np.int64))

@@ -1,0 +1,59 @@
+"""The metrics once more, pixel by pixel, straight from their definitions: slow and plain, to hold the fast ones to."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+Map = NDArray[np.integer]
+
+
+def window(row: int, column: int, reach: int, shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """All pixels of the image within `reach` of one, by the chessboard distance."""
+    return [
+        (y, x)
+        for y in range(row - reach, row + reach + 1)
+        for x in range(column - reach, column + reach + 1)
+        if 0 <= y < shape[0] and 0 <= x < shape[1]
+    ]
+
+
+def region(mask: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
+    """Pixels of the mask that see a pixel outside it, or the image's end, within `width`."""
+    found = np.zeros_like(mask)
+    for row, column in itertools.product(*map(range, mask.shape)):
+        around = window(row, column, width, mask.shape)
+        leaves = len(around) < (2 * width + 1) ** 2
+        found[row, column] = mask[row, column] and (leaves or any(not mask[place] for place in around))
+    return found
+
+
+def iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
+    """NaN for two empty masks."""
+    union = sum(bool(a or b) for a, b in zip(left.ravel(), right.ravel(), strict=True))
+    both = sum(bool(a and b) for a, b in zip(left.ravel(), right.ravel(), strict=True))
+    return both / union if union else float("nan")
+
+
+def ghosts(predicted: Map, truth: Map, valid: NDArray[np.bool_]) -> tuple[int, int]:
+    """(ghosts, band)."""
+    band = count = 0
+    for row, column in itertools.product(*map(range, truth.shape)):
+        if not valid[row, column]:
+            continue
+
+        def labels(reach: int, row: int = row, column: int = column) -> set[int]:
+            return {int(truth[place]) for place in window(row, column, reach, truth.shape) if valid[place]}
+
+        if len(labels(2)) > 1:
+            band += 1
+            count += int(predicted[row, column]) not in labels(4)
+    return count, band
+
+
+def auroc(present: list[float], absent: list[float]) -> float:
+    """Every pair compared."""
+    pairs = [(p > a) + 0.5 * (p == a) for p in present for a in absent]
+    return sum(pairs) / len(pairs)
