@@ -1,6 +1,19 @@
-"""Project, composite, differentiate: one interface, three backends."""
+"""Project, composite, differentiate, label: one interface, three backends."""
 
 from service.splatting.raster.api import blend_sums, rasterize, sh_to_rgb
-from service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
+from service.splatting.raster.labels import label_map, label_sums
+from service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
-__all__ = ["Backend", "RasterSettings", "Rendering", "Splats", "blend_sums", "rasterize", "sh_to_rgb"]
+__all__ = [
+    "Backend",
+    "LabelMap",
+    "LabelSums",
+    "RasterSettings",
+    "Rendering",
+    "Splats",
+    "blend_sums",
+    "label_map",
+    "label_sums",
+    "rasterize",
+    "sh_to_rgb",
+]

@@ -7,11 +7,11 @@ from torch import Tensor
 
 from service.common.camera import Camera
 from service.common.errors import InvalidInputError
-from service.splatting.raster import harmonics, reference
+from service.splatting.raster import harmonics
+from service.splatting.raster.checks import backend_module, check_call
 from service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
 
 _DEFAULTS = RasterSettings()
-_MAX_SIDE = 16384
 
 
 def rasterize(
@@ -41,23 +41,14 @@ def rasterize(
         ResourceError: more Gaussian-tile pairs than `settings.max_pairs`.
         ModelUnavailableError: `cuda` without gsplat or a GPU.
     """
-    _check(splats, viewmat, camera, settings)
+    check_call(splats, viewmat, camera, settings)
     if background is not None and background.shape != (splats.features.shape[1],):
         raise InvalidInputError(
             f"a background of shape {tuple(background.shape)} for {splats.features.shape[1]} channels",
             field="background",
         )
-    if backend == "reference":
-        return reference.rasterize(splats, viewmat, camera, background, settings)
-    if backend == "cpu":
-        from service.splatting.raster import cpu
-
-        return cpu.rasterize(splats, viewmat, camera, background, settings)
-    if backend == "cuda":
-        from service.splatting.raster import cuda
-
-        return cuda.rasterize(splats, viewmat, camera, background, settings)
-    raise _unknown(backend)
+    rendering: Rendering = backend_module(backend).rasterize(splats, viewmat, camera, background, settings)
+    return rendering
 
 
 def blend_sums(
@@ -82,22 +73,13 @@ def blend_sums(
     Raises:
         InvalidInputError, ResourceError, ModelUnavailableError: as `rasterize`.
     """
-    _check(splats, viewmat, camera, settings)
+    check_call(splats, viewmat, camera, settings)
     if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):
         raise InvalidInputError(
             f"values of shape {tuple(values.shape)} for an image of {camera.height}×{camera.width}", field="values"
         )
-    if backend == "reference":
-        return reference.blend_sums(splats, viewmat, camera, values, settings)
-    if backend == "cpu":
-        from service.splatting.raster import cpu
-
-        return cpu.blend_sums(splats, viewmat, camera, values, settings)
-    if backend == "cuda":
-        from service.splatting.raster import cuda
-
-        return cuda.blend_sums(splats, viewmat, camera, values, settings)
-    raise _unknown(backend)
+    sums: Tensor = backend_module(backend).blend_sums(splats, viewmat, camera, values, settings)
+    return sums
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *, backend: Backend = "cpu") -> Tensor:
@@ -128,42 +110,5 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
         from service.splatting.raster import cpu
 
         return cpu.sh_to_rgb(means, sh, camera_position, degree)
-    if backend in ("reference", "cpu", "cuda"):
-        return harmonics.sh_to_rgb(means, sh, camera_position, degree)
-    raise _unknown(backend)
-
-
-def _unknown(backend: str) -> InvalidInputError:
-    return InvalidInputError(f"no rasterizer backend {backend!r}", field="backend", hint="reference, cpu or cuda")
-
-
-def _check(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:
-    count = splats.means.shape[0] if splats.means.ndim else -1
-    wanted = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
-    for name, shape in wanted.items():
-        tensor: Tensor = getattr(splats, name)
-        if tensor.shape != shape:
-            raise InvalidInputError(f"{name} of shape {tuple(tensor.shape)}, expected {shape}", field=name)
-    if splats.features.ndim != 2 or splats.features.shape[0] != count:
-        raise InvalidInputError(
-            f"features of shape {tuple(splats.features.shape)} for {count} Gaussians", field="features"
-        )
-    if viewmat.shape != (4, 4) or not bool(torch.isfinite(viewmat.detach()).all()):
-        raise InvalidInputError("the viewmat is not a finite [4, 4] matrix", field="viewmat")
-    if max(camera.width, camera.height) > _MAX_SIDE:
-        raise InvalidInputError(
-            f"an image of {camera.width}×{camera.height} pixels", field="camera", limit=f"{_MAX_SIDE} pixels a side"
-        )
-    good = (
-        0.0 < settings.alpha_min < 1.0
-        and settings.alpha_min < settings.alpha_max < 1.0
-        and 0.0 < settings.transmittance_min < 1.0
-        and 0.0 < settings.near < settings.far
-        and settings.eps2d > 0.0
-    )
-    if not good:
-        raise InvalidInputError(
-            f"cut-offs that cannot work: {settings}",
-            field="settings",
-            hint="0 < alpha_min < alpha_max < 1, 0 < transmittance_min < 1, 0 < near < far, eps2d > 0.",
-        )
+    backend_module(backend)
+    return harmonics.sh_to_rgb(means, sh, camera_position, degree)

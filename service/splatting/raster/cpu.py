@@ -14,8 +14,9 @@ from torch import Tensor
 
 from service.common.camera import Camera
 from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from service.splatting.raster import classify
 from service.splatting.raster.reference import pair_bound_error
-from service.splatting.raster.types import RasterSettings, Rendering, Splats
+from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 try:
     from service.splatting.raster import _cpu
@@ -93,6 +94,27 @@ def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, 
             settings, frame.blend, _float32(values.detach()).numpy(), sums.numpy(), thread_count(), instruction_set()
         )
     return sums.to(splats.means.dtype)
+
+
+def label_map(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    weight: Tensor,
+    bias: Tensor,
+    alpha_min: float,
+    relevancy: Tensor | None,
+    settings: RasterSettings,
+) -> LabelMap:
+    """See `service.splatting.raster.label_map`."""
+    return classify.label_map(rasterize(splats, viewmat, camera, None, settings), weight, bias, alpha_min, relevancy)
+
+
+def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
+    """See `service.splatting.raster.label_sums`."""
+    return classify.label_sums(
+        labels, len(splats.means), lambda values: blend_sums(splats, viewmat, camera, values, settings)
+    )
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from service.common.camera import Camera
 from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.splatting.raster import classify
 from service.splatting.raster.reference import pair_bound_error
-from service.splatting.raster.types import RasterSettings, Rendering, Splats
+from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 _ALPHA_MIN = 1.0 / 255.0
 _TRANSMITTANCE_MIN = 1e-4
@@ -70,6 +71,28 @@ def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, 
         image = rasterize(plain, viewmat.detach(), camera, None, settings).image
         (sums,) = torch.autograd.grad((image * values).sum(), features)
     return sums.to(splats.means.dtype)
+
+
+def label_map(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    weight: Tensor,
+    bias: Tensor,
+    alpha_min: float,
+    relevancy: Tensor | None,
+    settings: RasterSettings,
+) -> LabelMap:
+    """See `service.splatting.raster.label_map`: rasterized, then classified by torch in pieces."""
+    return classify.label_map(rasterize(splats, viewmat, camera, None, settings), weight, bias, alpha_min, relevancy)
+
+
+def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
+    """See `service.splatting.raster.label_sums`: `blend_sums` of a few labels at a time."""
+    labels = labels.to(splats.means.device)
+    return classify.label_sums(
+        labels, len(splats.means), lambda values: blend_sums(splats, viewmat, camera, values, settings)
+    )
 
 
 def _gsplat(splats: Splats, settings: RasterSettings) -> Any:

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from service.common.camera import Camera
 from service.common.errors import ResourceError
-from service.splatting.raster.types import RasterSettings, Rendering, Splats
+from service.splatting.raster import classify
+from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 _CHUNK = 4_000_000
 _TILE = 16
@@ -75,6 +76,34 @@ def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, 
         result = torch.zeros(len(splats.means), values.shape[-1], dtype=torch.float64)
         result[projected.ids] = sums
         return result.to(splats.means.dtype)
+
+
+def label_map(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    weight: Tensor,
+    bias: Tensor,
+    alpha_min: float,
+    relevancy: Tensor | None,
+    settings: RasterSettings,
+) -> LabelMap:
+    """See `service.splatting.raster.label_map`."""
+    parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
+    seen = rasterize(Splats(*(part.double() for part in parts)), viewmat, camera, None, settings)
+    found = classify.label_map(seen, weight, bias, alpha_min, relevancy)
+    dtype = splats.means.dtype
+    expected = None if found.relevancy is None else found.relevancy.to(dtype)
+    return LabelMap(found.classes, found.alpha.to(dtype), expected, found.image.to(dtype), found.culled_non_finite)
+
+
+def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
+    """See `service.splatting.raster.label_sums`."""
+    parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
+    exact = Splats(*(part.double() for part in parts))
+    return classify.label_sums(
+        labels, len(splats.means), lambda values: blend_sums(exact, viewmat, camera, values, settings)
+    )
 
 
 def _finite_rows(splats: Splats) -> Tensor:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import torch
 from torch import Tensor
 
 Backend = Literal["reference", "cpu", "cuda"]
@@ -78,3 +79,46 @@ class Rendering:
     median_depth: Tensor
     radii: Tensor
     culled_non_finite: int
+
+
+@dataclass(frozen=True)
+class LabelMap:
+    """What each pixel of a view shows. No gradients.
+
+    Attributes:
+        classes: int32 [H, W], argmax of the affine map of the composited code; 0 where alpha is below the bound.
+        alpha: [H, W] = Σ w.
+        relevancy: [H, W] = Σ_n p(n)·relevancy(n), p the softmax of the logits, whatever alpha is; None if not asked.
+        image: [H, W, C − D], the channels before the codes, composited on zero.
+        culled_non_finite: how many Gaussians were dropped because one of their inputs was NaN or infinite.
+    """
+
+    classes: Tensor
+    alpha: Tensor
+    relevancy: Tensor | None
+    image: Tensor
+    culled_non_finite: int
+
+
+@dataclass(frozen=True)
+class LabelSums:
+    """Blend weight of each Gaussian by label, M positive entries in compressed rows (CSR).
+
+    Attributes:
+        starts: int64 [G + 1]; row g is entries starts[g] to starts[g + 1].
+        labels: int32 [M], ascending within a row.
+        sums: float64 [M], Σ_p w_g(p)·1[labels(p) = n] > 0, in pixels.
+    """
+
+    starts: Tensor
+    labels: Tensor
+    sums: Tensor
+
+    def dense(self, classes: int) -> Tensor:
+        """float64 [G, classes]; for few classes."""
+        rows = torch.repeat_interleave(
+            torch.arange(len(self.starts) - 1, device=self.starts.device), self.starts.diff()
+        )
+        out = torch.zeros(len(self.starts) - 1, classes, dtype=torch.float64, device=self.sums.device)
+        out[rows, self.labels.long()] = self.sums
+        return out

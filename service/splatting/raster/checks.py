@@ -1,0 +1,60 @@
+"""What every operation asks of its arguments, and the module behind a backend's name."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from service.common.camera import Camera
+from service.common.errors import InvalidInputError
+from service.splatting.raster.types import RasterSettings, Splats
+
+_MAX_SIDE = 16384
+
+
+def backend_module(backend: str) -> Any:
+    """The module that implements the operations; imported here, so that a missing one hurts only its users.
+
+    Raises:
+        InvalidInputError: no such backend.
+        ModelUnavailableError: `cpu` without the compiled extension.
+    """
+    if backend not in ("reference", "cpu", "cuda"):
+        raise InvalidInputError(f"no rasterizer backend {backend!r}", field="backend", hint="reference, cpu or cuda")
+    return importlib.import_module(f"service.splatting.raster.{backend}")
+
+
+def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:
+    """Raises InvalidInputError for shapes or cut-offs that do not fit, a non-finite viewmat, or too large an image."""
+    count = splats.means.shape[0] if splats.means.ndim else -1
+    wanted = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    for name, shape in wanted.items():
+        tensor: Tensor = getattr(splats, name)
+        if tensor.shape != shape:
+            raise InvalidInputError(f"{name} of shape {tuple(tensor.shape)}, expected {shape}", field=name)
+    if splats.features.ndim != 2 or splats.features.shape[0] != count:
+        raise InvalidInputError(
+            f"features of shape {tuple(splats.features.shape)} for {count} Gaussians", field="features"
+        )
+    if viewmat.shape != (4, 4) or not bool(torch.isfinite(viewmat.detach()).all()):
+        raise InvalidInputError("the viewmat is not a finite [4, 4] matrix", field="viewmat")
+    if max(camera.width, camera.height) > _MAX_SIDE:
+        raise InvalidInputError(
+            f"an image of {camera.width}×{camera.height} pixels", field="camera", limit=f"{_MAX_SIDE} pixels a side"
+        )
+    good = (
+        0.0 < settings.alpha_min < 1.0
+        and settings.alpha_min < settings.alpha_max < 1.0
+        and 0.0 < settings.transmittance_min < 1.0
+        and 0.0 < settings.near < settings.far
+        and settings.eps2d > 0.0
+    )
+    if not good:
+        raise InvalidInputError(
+            f"cut-offs that cannot work: {settings}",
+            field="settings",
+            hint="0 < alpha_min < alpha_max < 1, 0 < transmittance_min < 1, 0 < near < far, eps2d > 0.",
+        )

@@ -1,0 +1,66 @@
+"""Plain torch twins of the label kernels: what `reference` computes in float64 and `cuda` on the GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from service.splatting.raster.types import LabelMap, LabelSums, Rendering
+
+LOGIT_LIMIT = 1e30
+_CHUNK = 1 << 22
+_LABELS = 16
+
+
+def label_map(
+    rendering: Rendering, weight: Tensor, bias: Tensor, alpha_min: float, relevancy: Tensor | None
+) -> LabelMap:
+    """The label map of a rendering whose last D channels are composited codes; dtype and device are its own."""
+    height, width, channels = rendering.image.shape
+    first = channels - weight.shape[1]
+    codes = rendering.image[..., first:].reshape(height * width, -1)
+    weight, bias = weight.to(codes), bias.to(codes)
+    values = None if relevancy is None else relevancy.to(codes)
+    classes = torch.zeros(len(codes), dtype=torch.int32, device=codes.device)
+    expected = torch.zeros(len(codes), dtype=codes.dtype, device=codes.device)
+    columns = max(1, _CHUNK // len(bias))
+    for start in range(0, len(codes), columns):
+        piece = slice(start, start + columns)
+        # Classes down, pixels across: reductions over the few classes then run along whole cache lines.
+        logits = torch.addmm(bias[:, None], weight, codes[piece].T)
+        logits = logits.nan_to_num(-LOGIT_LIMIT).clamp(-LOGIT_LIMIT, LOGIT_LIMIT)
+        best, winner = logits.max(dim=0)
+        classes[piece] = winner.to(torch.int32)
+        if values is not None:
+            shares = logits.sub_(best).exp_()
+            expected[piece] = (values @ shares) / shares.sum(dim=0)
+    covered = rendering.alpha >= alpha_min
+    return LabelMap(
+        classes=torch.where(covered, classes.reshape(height, width), 0),
+        alpha=rendering.alpha,
+        relevancy=None if relevancy is None else expected.reshape(height, width),
+        image=rendering.image[..., :first],
+        culled_non_finite=rendering.culled_non_finite,
+    )
+
+
+def label_sums(labels: Tensor, gaussians: int, sums_of: Callable[[Tensor], Tensor]) -> LabelSums:
+    """From `sums_of`: one-hot values [H, W, V] -> [G, V]; asked for a few of the labels that occur at a time."""
+    present = torch.unique(labels)
+    present = present[present >= 0]
+    rows, columns, values = [], [], []
+    for start in range(0, len(present), _LABELS):
+        some = present[start : start + _LABELS]
+        sums = sums_of((labels[..., None] == some).float()).double()
+        row, column = torch.nonzero(sums > 0, as_tuple=True)
+        rows.append(row)
+        columns.append(some[column])
+        values.append(sums[row, column])
+    nothing = torch.zeros(0, dtype=torch.int64, device=labels.device)
+    row, column = torch.cat([nothing, *rows]), torch.cat([nothing, *columns])
+    order = torch.argsort(row, stable=True)  # labels ascend already
+    starts = torch.zeros(gaussians + 1, dtype=torch.int64, device=labels.device)
+    starts[1:] = torch.bincount(row, minlength=gaussians).cumsum(0)
+    return LabelSums(starts, column[order].to(torch.int32), torch.cat([nothing.double(), *values])[order])
