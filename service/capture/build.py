@@ -14,16 +14,26 @@ from numpy.typing import NDArray
 from service.capture.files import holds_capture, load_capture, save_capture
 from service.capture.folders import appearing
 from service.capture.frame import settle
-from service.capture.given import GivenPhoto, GivenPoses, fits
-from service.capture.images import PhotoInfo, load_rgb, load_upright, open_map, save_rgb, turn
+from service.capture.given import GivenPhoto, GivenPoses
+from service.capture.images import PhotoInfo, load_rgb, load_upright, save_rgb
 from service.capture.isolation import Listener, run_isolated
 from service.capture.labels import LabelTable
-from service.capture.lens import Lens, check_lens, turned, turned_pose, undistortion
+from service.capture.lens import Lens, check_lens, undistortion
 from service.capture.manifest import Manifest, read_manifest
 from service.capture.settings import CaptureSettings
 from service.capture.types import Capture, CaptureReport, GivenLabels, View
 from service.capture.upload import read_labels, read_poses
-from service.capture.views import IMAGES, LABELS, MASKS, Shot, reduce, reduce_ids, reduced_size, write_view
+from service.capture.views import (
+    IMAGES,
+    LABELS,
+    MASKS,
+    Shot,
+    load_upright_map,
+    placement,
+    reduce,
+    reduced_size,
+    write_view,
+)
 from service.common.errors import InvalidInputError, ReconstructionError
 from service.common.progress import Progress, ProgressEvent
 
@@ -190,20 +200,18 @@ class _Build:
         )
 
     def _posed_shot(self, given: GivenPhoto, photo: PhotoInfo, table: LabelTable | None) -> Shot:
-        """Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only."""
-        turns = photo.quarter_turns if fits(given.lens, photo.width, photo.height) else 0
-        size = reduced_size(*photo.upright_size, self.settings.max_side)
-        width, height = size if turns % 2 == 0 else size[::-1]
-        lens = given.lens.scaled_to(width, height)
-        way = undistortion(lens, self.settings.max_side, field=given.name)
-        mask = None if given.mask is None else self._upright_map(given.mask, photo, size) > 0
+        placed = placement(given, photo, self.settings)
+        mask = None
+        if given.mask is not None:
+            mask = load_upright_map(self.files, given.mask, photo, placed.size, self.settings) > 0
+        plain = placed.way.map_xy is None and placed.size == photo.upright_size
         return Shot(
             name=given.name,
-            pixels=reduce(load_upright(self.files, photo, self.settings), size),
-            way=turned(way, turns, width, height),
-            world_from_camera=turned_pose(given.world_from_camera, turns),
-            lossless=photo.path.lower().endswith(".png") or (way.map_xy is None and size == photo.upright_size),
-            ids=self._ids(photo, table, size),
+            pixels=reduce(load_upright(self.files, photo, self.settings), placed.size),
+            way=placed.way,
+            world_from_camera=placed.world_from_camera,
+            lossless=photo.path.lower().endswith(".png") or plain,
+            ids=self._ids(photo, table, placed.size),
             mask=mask,
         )
 
@@ -211,14 +219,7 @@ class _Build:
         stored = self.manifest.label_maps.get(photo.path)
         if stored is None or table is None:
             return None
-        return table.translate(self._upright_map(stored, photo, size))
-
-    def _upright_map(self, name: str, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16]:
-        """A map drawn on the upright image stays; one of another size was drawn on the stored pixels."""
-        stored = open_map(self.files, name, self.settings)
-        if stored.shape[1::-1] != photo.upright_size:
-            stored = turn(stored, photo.orientation)
-        return reduce_ids(stored, size)
+        return table.translate(load_upright_map(self.files, stored, photo, size, self.settings))
 
     def _table(self) -> LabelTable | None:
         return read_labels(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None

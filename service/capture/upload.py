@@ -138,7 +138,7 @@ def _admit_images(files: Path, contents: Contents, settings: CaptureSettings) ->
             hint="Send at least two overlapping photos, better twenty, or send poses with the image.",
         )
     photos = _check_images(files, contents.images, settings)
-    label_maps = _match_labels(contents, [photo.path for photo in photos])
+    label_maps = match_labels(contents, [photo.path for photo in photos])
     if label_maps:
         _check_maps(files, photos, label_maps, read_labels(files, contents.labels, settings), settings)
     folder = common_folder(photo.path for photo in photos)
@@ -175,7 +175,7 @@ def _admit_posed(files: Path, contents: Contents, settings: CaptureSettings) -> 
     table = poses.labels
     labels = ""
     if table is None:
-        label_maps = _match_labels(contents, [photo.path for photo in poses.photos])
+        label_maps = match_labels(contents, [photo.path for photo in poses.photos])
         if label_maps:
             labels, table = contents.labels, read_labels(files, contents.labels, settings)
     ordered = tuple(checked[photo.path] for photo in poses.photos)
@@ -240,7 +240,7 @@ def _check_maps(
             check_label_map(files, label_maps[photo.path], table, sizes, settings)
 
 
-def _match_labels(contents: Contents, photos: list[str]) -> dict[str, str]:
+def match_labels(contents: Contents, photos: list[str]) -> dict[str, str]:
     """Photo to label map: the file of the same name below labels/, folders below it included, or of the same stem."""
     if not contents.labels:
         if contents.label_maps and contents.source == "images":

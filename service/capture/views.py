@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from service.capture.images import save_rgb
-from service.capture.lens import Undistortion
+from service.capture.given import GivenPhoto, fits
+from service.capture.images import PhotoInfo, open_map, save_rgb, turn
+from service.capture.lens import Undistortion, turned, turned_pose, undistortion
+from service.capture.settings import CaptureSettings
 from service.capture.types import View
 from service.common.camera import PosedCamera
 
@@ -39,6 +41,47 @@ class Shot:
     lossless: bool = False
     ids: NDArray[np.uint16] | None = None
     mask: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a posed photo becomes a view.
+
+    Attributes:
+        size: (width, height) that its upright pixels are reduced to.
+        way: how to undistort them then.
+        world_from_camera: float64 [4, 4] of the upright view.
+    """
+
+    size: tuple[int, int]
+    way: Undistortion
+    world_from_camera: NDArray[np.float64]
+
+
+def placement(given: GivenPhoto, photo: PhotoInfo, settings: CaptureSettings) -> Placement:
+    """Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+
+    Raises:
+        InvalidInputError: the lens's distortion cannot be undone.
+    """
+    turns = photo.quarter_turns if fits(given.lens, photo.width, photo.height) else 0
+    size = reduced_size(*photo.upright_size, settings.max_side)
+    width, height = size if turns % 2 == 0 else size[::-1]
+    way = undistortion(given.lens.scaled_to(width, height), settings.max_side, field=given.name)
+    return Placement(size, turned(way, turns, width, height), turned_pose(given.world_from_camera, turns))
+
+
+def load_upright_map(
+    root: Path, name: str, photo: PhotoInfo, size: tuple[int, int], settings: CaptureSettings
+) -> NDArray[np.uint16]:
+    """uint16 [H, W] of a stored map, reduced to `size`.
+
+    A map drawn on the upright image stays; one of another size was drawn on the stored pixels.
+    """
+    stored = open_map(root, name, settings)
+    if stored.shape[1::-1] != photo.upright_size:
+        stored = turn(stored, photo.orientation)
+    return reduce_ids(stored, size)
 
 
 def write_view(shot: Shot, index: int, folder: Path) -> tuple[View, Path | None]:
