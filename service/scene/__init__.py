@@ -3,10 +3,12 @@
 from service.scene.errors import SceneFileError, SceneSchemaError
 from service.scene.files import read_scene, write_scene
 from service.scene.ply import read_ply, write_ply
-from service.scene.types import Gaussians, Scene, SemanticHead
+from service.scene.types import Evidence, Gaussians, LabelMode, Scene, SemanticHead
 
 __all__ = [
+    "Evidence",
     "Gaussians",
+    "LabelMode",
     "Scene",
     "SceneFileError",
     "SceneSchemaError",

@@ -67,6 +67,35 @@ class SemanticHead:
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """What the label maps say of each Gaussian: A[g, n] = Σ_views Σ_pixels w·1[label = n], w the blend weight
+    (FlashSplat, Shen et al. 2024), as sparse counts. Integers, so that views can be added and taken away exactly.
+
+    Attributes:
+        starts: int64 [G + 1]; row g has the entries starts[g]..starts[g + 1] of the other two.
+        labels: uint16 [M], dictionary ids, ascending within a row, 0 = undetected.
+        counts: int64 [M], positive, in units of 1/4096 pixel.
+    """
+
+    starts: NDArray[np.int64]
+    labels: NDArray[np.uint16]
+    counts: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        assert self.starts.ndim == 1 and len(self.starts) >= 1 and self.starts.dtype == np.int64
+        assert self.labels.ndim == 1 and self.labels.dtype == np.uint16
+        assert self.counts.shape == self.labels.shape and self.counts.dtype == np.int64
+        assert self.starts[0] == 0 and self.starts[-1] == len(self.labels)
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+
+LabelMode = Literal["codes", "evidence"]
+"""What says which label a Gaussian has: its code under the affine map W, or what the label maps showed of it."""
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything a query needs.
 
@@ -81,6 +110,8 @@ class Scene:
         training: the settings it was trained with, JSON-ready.
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
+        evidence: sparse label counts of the same Gaussians, or None.
+        label_mode: which of codes and evidence answers.
     """
 
     gaussians: Gaussians
@@ -93,8 +124,12 @@ class Scene:
     training: Mapping[str, Any] = field(default_factory=dict)
     quality: Mapping[str, Any] = field(default_factory=dict)
     label_templates: tuple[str, ...] = ("{}",)
+    evidence: Evidence | None = None
+    label_mode: LabelMode = "codes"
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
+        assert self.evidence is None or len(self.evidence) == len(self.gaussians)
+        assert self.evidence is not None or self.label_mode == "codes"
