@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+import time
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from service.perception.types import Labelling
 from service.query import embed_labels
 from service.query.labels import most_probable_class
 from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from service.splatting.settings import TrainingSettings
 from service.splatting.train import train
 from service.splatting.types import TrainedSplats
+from workers.budget import kept_plan, plan_perception, plan_training
 from workers.protocol import Job, Stages
 from workers.results import checkpoint_folder, stage_seconds
+
+_GIVEN_UP = "given_up.json"
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
@@ -31,15 +34,20 @@ def _capture(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _perception(job: Job, folder: Path, progress: Progress) -> None:
-    settings = job.settings
+    started = time.monotonic()
     capture = load_capture(job.result("capture"))
-    labelling = label_capture(capture, settings.perception, settings.models, job.options.labels, progress)
+    settings, given_up = plan_perception(job, capture, started, progress)
+    labelling = label_capture(capture, settings, job.settings.models, job.options.labels, progress)
     save_labelling(labelling, folder)
+    (folder / _GIVEN_UP).write_text(json.dumps(given_up))
 
 
 def _training(job: Job, folder: Path, progress: Progress) -> None:
+    started = time.monotonic()
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
-    trained = train(capture, labelling, _training_settings(job), progress, checkpoint_dir=checkpoint_folder(job))
+    settings = plan_training(job, capture, len(labelling.dictionary), started).settings
+    told = _telling(_given_up(job), progress)
+    trained = train(capture, labelling, settings, told, checkpoint_dir=checkpoint_folder(job))
     save_trained(trained, folder)
 
 
@@ -57,7 +65,7 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
-        training=_training_settings(job).model_dump(mode="json"),
+        training=kept_plan(job).settings.model_dump(mode="json"),
         quality=_quality(job, capture, trained),
         label_templates=templates,
     )
@@ -88,15 +96,27 @@ def load_trained(folder: Path) -> TrainedSplats:
     return TrainedSplats(Gaussians(**arrays), head, report["quality"], tuple(report["held_out"]))
 
 
-def _training_settings(job: Job) -> TrainingSettings:
-    chosen = {"time_budget_s": job.options.time_budget_s, "max_gaussians": job.options.max_gaussians}
-    return job.settings.training.model_copy(update={name: value for name, value in chosen.items() if value is not None})
+def _given_up(job: Job) -> tuple[str, ...]:
+    """What perception and training gave up to end in time, in words."""
+    path = job.result("perception") / _GIVEN_UP
+    seen = json.loads(path.read_text()) if path.exists() else ()
+    return (*seen, *kept_plan(job).given_up)
+
+
+def _telling(given_up: tuple[str, ...], progress: Progress) -> Progress:
+    """Every message says what was given up."""
+    if not given_up:
+        return progress
+    suffix = f" (to end in time: {', '.join(given_up)})"
+    return lambda event: progress(replace(event, message=event.message + suffix))
 
 
 def _quality(job: Job, capture: Capture, trained: TrainedSplats) -> dict[str, Any]:
     report = capture.report
     return {
         **trained.quality,
+        "preset": job.options.preset,
+        "given_up": list(_given_up(job)),
         "gaussians": len(trained.gaussians),
         "held_out_views": list(trained.held_out),
         "images": report.images,

@@ -8,6 +8,7 @@ for the reference machine (2 CPU threads with AVX-512) and are divided by `speed
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -24,6 +25,7 @@ _STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 25, 500, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 64, 1_000
 _SIDE_RUNG, _GAUSSIANS_RUNG, _RUNGS = 0.84, 0.72, 14
 _FLAT_FROM_RUNG = 4
+_PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 4
 _LEAST_SHARE = 0.1  # of the budget is optimised, however little is left beside loading and writing
 
 
@@ -51,8 +53,8 @@ class Plan:
 
     Attributes:
         settings: the run's; its `time_budget_s` are the seconds of optimisation that fit.
-        seconds: expected for the whole run: loading, optimisation, measuring, writing, and the caller's `tail_s`.
-        parts: `seconds` by name: "load", "optimise", "finish", "tail".
+        seconds: expected for everything that the budget is for.
+        parts: `seconds` by name: "spent", "load", "optimise", "finish" (measuring and writing), "tail".
         steps: optimisation steps that are expected to fit.
         given_up: what was asked for and will not be had, in words; empty when nothing was given up.
     """
@@ -76,10 +78,36 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
     )
 
 
+def plan_views(
+    wanted: int, views: int, time_budget_s: float, *, overhead_s: float, view_s: float
+) -> tuple[int, tuple[str, ...]]:
+    """How many views perception may look at so that it takes no more than its share of the budget, 40 %.
+
+    Args:
+        wanted: views it would look at; 0 means all. views: that the capture has.
+        time_budget_s: for everything from the start of perception on, seconds.
+        overhead_s: seconds of perception that do not depend on the views, those already spent included.
+        view_s: seconds a view.
+
+    Returns:
+        The number of views, 4 at least where there are so many; and what was given up, in words.
+    """
+    wanted = min(wanted or views, views)
+    fit = math.floor((_PERCEPTION_SHARE * time_budget_s - overhead_s) / max(view_s, 1e-9))
+    chosen = min(wanted, max(fit, _FEWEST_VIEWS))
+    return chosen, (f"perception on {chosen} of {wanted} views",) if chosen < wanted else ()
+
+
 def plan(
-    settings: TrainingSettings, scene: SceneSize, time_budget_s: float, *, speed: float = 1.0, tail_s: float = 0.0
+    settings: TrainingSettings,
+    scene: SceneSize,
+    time_budget_s: float,
+    *,
+    speed: float = 1.0,
+    spent_s: float = 0.0,
+    tail_s: float = 0.0,
 ) -> Plan:
-    """The best run that ends `time_budget_s` from now.
+    """The best run that ends in time.
 
     The budget replaces `settings.time_budget_s`. Where the steps that fit are too few for the resolution and the number
     of Gaussians asked for, these are reduced together, along the measured frontier, until the steps are enough; the
@@ -88,30 +116,33 @@ def plan(
     Args:
         settings: what is wanted: a preset, or the operator's own.
         scene: what is trained.
-        time_budget_s: seconds for everything from loading the images to the end of what `tail_s` covers.
+        time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
         speed: of this machine, as `service.splatting.probe.machine_speed` measures it; 1 is the reference machine.
+        spent_s: seconds of the budget that are gone.
         tail_s: seconds that the caller needs after the run, on this machine.
 
     Raises:
-        InvalidInputError: a budget or speed that is not positive, or a negative tail.
+        InvalidInputError: a budget or speed that is not positive, or negative seconds.
     """
     for name, value in (("time_budget_s", time_budget_s), ("speed", speed)):
         if not 0 < value < float("inf"):
             raise InvalidInputError(f"{name} of {value}", field=name, hint="Give a number above 0.")
-    if not 0 <= tail_s < float("inf"):
-        raise InvalidInputError(f"tail_s of {tail_s}", field="tail_s", hint="Give seconds, 0 or more.")
+    for name, value in (("spent_s", spent_s), ("tail_s", tail_s)):
+        if not 0 <= value < float("inf"):
+            raise InvalidInputError(f"{name} of {value}", field=name, hint="Give seconds, 0 or more.")
     wanted = min(settings.iterations, max(_FEWEST_STEPS, min(_ENOUGH_STEPS, _STEPS_A_VIEW * scene.views)))
     for rung in range(_RUNGS):
         chosen = _on_rung(settings, scene, rung)
         load, finish = load_seconds(chosen, scene) / speed, finish_seconds(chosen, scene) / speed
-        left = time_budget_s - load - finish - tail_s
+        left = time_budget_s - spent_s - load - finish - tail_s
         rate = steps_per_second(chosen, scene) * speed
         if rate * left >= wanted:
             break
     optimise = max(left, _LEAST_SHARE * time_budget_s)
     steps = min(settings.iterations, max(1, int(rate * optimise)))
     chosen = chosen.model_copy(update={"time_budget_s": optimise})
-    parts = {"load": load, "optimise": min(optimise, settings.iterations / rate), "finish": finish, "tail": tail_s}
+    optimised = min(optimise, settings.iterations / rate)
+    parts = {"spent": spent_s, "load": load, "optimise": optimised, "finish": finish, "tail": tail_s}
     seconds = sum(parts.values())
     return Plan(chosen, seconds, parts, steps, _given_up(settings, chosen, scene, time_budget_s, seconds))
 
@@ -125,7 +156,7 @@ def step_seconds(pixels: int, gaussians: int, channels: int) -> float:
     Args:
         pixels: of the image. gaussians: in use. channels: of the code.
     """
-    blended = 1.09e-4 * pixels + 4.05e-8 * pixels * gaussians**0.8
+    blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     return 1e-3 * (1.8 + 1.9e-4 * gaussians + blended * (0.8 + 0.025 * channels))
 
 

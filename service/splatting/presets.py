@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from service.common.errors import InvalidInputError
 from service.splatting.settings import TrainingSettings
@@ -45,10 +45,10 @@ def preset_named(name: str) -> PresetName:
     Raises:
         InvalidInputError: there is none; names those that there are.
     """
-    for known in get_args(PresetName):
+    for known in PRESETS:
         if name == known:
             return known
-    names = ", ".join(get_args(PresetName))
+    names = ", ".join(PRESETS)
     raise InvalidInputError(f"no preset is called {name[:40]!r}", field="preset", hint=f"Use one of {names}.")
 
 

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from service.common.errors import InvalidInputError
-from service.splatting.plan import SceneSize, plan, scene_size, step_seconds, steps_per_second
+from service.splatting.plan import SceneSize, plan, plan_views, scene_size, step_seconds, steps_per_second
 from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, preset_named, with_preset
 from service.splatting.probe import machine_speed
 from service.splatting.settings import TrainingSettings
@@ -38,7 +38,7 @@ wishes = st.builds(
 @given(wishes, scenes, budgets, speeds, st.floats(0, 20))
 @example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, 1.0, 0.0)
 def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(wanted, scene, budget, speed, tail) -> None:
-    found = plan(wanted, scene, budget, speed=speed, tail_s=tail)
+    found = plan(wanted, scene, budget, speed=speed, spent_s=tail / 2, tail_s=tail)
     assert found.seconds == pytest.approx(sum(found.parts.values()))
     assert found.seconds <= 1.1 * budget or any("time budget itself" in line for line in found.given_up)
     assert found.seconds <= budget * 1.0001 or found.settings.time_budget_s == pytest.approx(0.1 * budget)
@@ -90,6 +90,15 @@ def test_a_second_is_too_little_and_the_plan_says_so_but_still_trains() -> None:
 def test_one_gaussian_and_one_view_can_be_planned() -> None:
     found = plan(TrainingSettings(max_gaussians=1), SceneSize(1, 8, 8, 0, 0), 10.0)
     assert found.settings.max_gaussians == 1 and found.seconds <= 10.001
+
+
+@given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), st.floats(0, 10))
+def test_perception_keeps_to_its_share_of_the_budget_or_to_four_views(wanted, views, budget, overhead, view) -> None:
+    chosen, given_up = plan_views(wanted, views, budget, overhead_s=overhead, view_s=view)
+    asked = min(wanted or views, views)
+    assert 1 <= chosen <= asked and (chosen < asked) == bool(given_up)
+    assert chosen <= 4 or overhead + chosen * view <= 0.4 * budget * 1.0001 + 1e-6
+    assert chosen == asked or overhead + (chosen + 1) * view > 0.4 * budget * 0.9999
 
 
 @pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
