@@ -1,12 +1,14 @@
-"""Measure from which score on a text encoder's answers deserve to be shown, and write it down.
+"""Measure what a text encoder's scores mean, and write it down for the query room.
 
-    python benchmarks/calibration/calibrate.py --models DIR [--encoder NAME] [--templates] [--dry-run]
+    python -m benchmarks.calibration.calibrate --models DIR [--encoder NAME] [--templates] [--dry-run]
 
-Every other label of `pairs.txt` sets the thresholds, the remaining ones and the whole dictionaries of `scenes.txt`
+Thresholds come from `pairs.txt`; every other label sets them, the remaining ones and the dictionaries of `scenes.txt`
 judge them:
   related: the score that one in a hundred absent pairs reaches, because a dictionary asks that question once per entry;
   exact: the highest score that a pair which is not exact reaches, because an encoder of sentences puts "toast" as near
     to "toaster" as another name of it.
+Probabilities and label sets come from `scenes.txt`, by scene: of four in a row, the first fits the two logistic models
+(Platt's scaling), the second and third give the conformal scores, the fourth judges.
 `--templates` compares prompt templates and both scores instead of writing anything.
 """
 
@@ -15,22 +17,38 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
+from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
+from service.common.dictionary import dictionary_of
 from service.perception.text import TextEncoder, open_text_encoder
-from service.query.calibration import FILE, calibration_key
+from service.query.calibration import FILE, Score, calibration_key
 from service.query.embeddings import TextCache
+from service.query.names import candidate_names, noun_phrase
+from service.query.probability import (
+    Logistic,
+    ScoreCalibration,
+    candidates,
+    entry_probability,
+    label_set,
+    leads,
+    nonconformity_bound,
+    present_probability,
+)
 from service.query.relevancy import entries, score
 from service.query.settings import QuerySettings
 
-HERE = Path(__file__).parent
+F64 = NDArray[np.float64]
 _ABSENT_RATE = 0.01
+_COVERAGES = (0.5, 0.8, 0.9, 0.95)
 _CANDIDATES: tuple[tuple[str, ...], ...] = (
     ("{}",),
     ("a {}",),
@@ -41,127 +59,243 @@ _CANDIDATES: tuple[tuple[str, ...], ...] = (
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A judgement: what somebody who asks for `query` thinks of being shown `label`."""
+class Asked:
+    """One question with its scores: `first` and `also` are rows of the dictionary; `named` if the hash table knows the
+    name, so that the scores decide nothing."""
 
-    label: str
+    scene: int
+    where: str
+    labels: tuple[str, ...]
     query: str
-    kind: str
-    sets: bool
+    scores: F64
+    first: tuple[int, ...]
+    also: tuple[int, ...]
+    named: bool
 
 
-@dataclass(frozen=True)
-class Question:
-    """Acceptable first answers to a query in a whole dictionary; none if it should be absent."""
-
-    query: str
-    answers: tuple[str, ...]
-
-
-def read_pairs(path: Path = HERE / "pairs.txt") -> list[Pair]:
-    """The judgements of `pairs.txt`; labels in even lines set thresholds, those in odd lines judge them."""
-    pairs: list[Pair] = []
-    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
-    for number, line in enumerate(lines):
-        label, *kinds = (part.strip() for part in line.split("|"))
-        for part in kinds:
-            kind, queries = part.split(":", 1)
-            pairs += [Pair(label, query.strip(), kind.strip(), number % 2 == 0) for query in queries.split(",")]
-    return pairs
-
-
-def read_scenes(path: Path = HERE / "scenes.txt") -> dict[str, tuple[list[str], list[Question]]]:
-    """Name to labels and questions."""
-    scenes: dict[str, tuple[list[str], list[Question]]] = {}
-    name = ""
-    for line in path.read_text().splitlines():
-        if line.startswith("["):
-            name, labels = line[1:].split("]")
-            scenes[name] = ([label.strip() for label in labels.split(",")], [])
-        elif line and not line.startswith("#"):
-            query, answers = (part.strip() for part in line.split("->"))
-            wanted = () if answers == "nothing" else tuple(answer.strip() for answer in answers.split(","))
-            scenes[name][1].append(Question(query, wanted))
-    return scenes
-
-
-def measure(encoder: TextEncoder, templates: Sequence[str], negatives: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """By score (`similarity`, `relevancy`): thresholds and the figures they reach."""
+def measure(
+    encoder: TextEncoder, templates: Sequence[str], negatives: Sequence[str]
+) -> dict[Score, tuple[ScoreCalibration, dict[str, Any]]]:
+    """By score: what the product needs, and the figures it reaches on what did not set it."""
     cache = TextCache(encoder, templates, 100_000)
-    pairs, scenes = read_pairs(), read_scenes()
     against = cache.embed(negatives)
-    by_pair: dict[str, list[float]] = {"similarity": [], "relevancy": []}
-    for pair in pairs:
-        found = score(entries(cache.embed([pair.label]), against), cache.embed([pair.query]), 1.0)
-        by_pair["similarity"].append(float(found.similarity[0, 0]))
-        by_pair["relevancy"].append(float(found.margin[0, 0]))
-    return {name: _figures(name, pairs, np.array(values), scenes, cache, against) for name, values in by_pair.items()}
+    pairs, scenes = read_pairs(), read_scenes()
+    names: tuple[Score, ...] = ("similarity", "relevancy")
+    results: dict[Score, tuple[ScoreCalibration, dict[str, Any]]] = {}
+    for name in names:
+        values = np.array([_scores(name, cache, [pair.label], [pair.query], against)[0, 0] for pair in pairs])
+        related, exact, figures = _thresholds(pairs, values)
+        asked = [
+            question for number, scene in enumerate(scenes) for question in _ask(name, number, scene, cache, against)
+        ]
+        calibration = fit(asked, related, exact)
+        results[name] = (calibration, figures | judge(asked, calibration))
+    return results
 
 
-def _figures(
-    name: str,
-    pairs: Sequence[Pair],
-    values: NDArray[np.float64],
-    scenes: Mapping[str, tuple[list[str], list[Question]]],
-    cache: TextCache,
-    negatives: NDArray[np.float32],
-) -> dict[str, Any]:
+def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibration:
+    """The logistic models from every fourth scene, the conformal scores from the two that follow it."""
+    fitting = [question for question in asked if question.scene % 4 == 0 and not question.named]
+    best = np.array([question.scores.max() for question in fitting])
+    present = _logistic(best[:, None], np.array([bool(question.first) for question in fitting]))
+    features, accepted = [], []
+    for question in fitting:
+        judged = [row for row in range(len(question.labels)) if row not in question.also]
+        features.append(np.stack([question.scores, leads(question.scores)], axis=1)[judged])
+        accepted += [row in question.first for row in judged]
+    entry = _logistic(np.concatenate(features), np.array(accepted))
+    models = ScoreCalibration(
+        related=round(related, 4),
+        exact=round(exact, 4),
+        entry=Logistic(score=entry[0], lead=entry[1], offset=entry[2]),
+        present=Logistic(score=present[0], offset=present[1]),
+        scenes=(),
+    )
+    return models.model_copy(update={"scenes": conformal_scenes(asked, models, (1, 2))})
+
+
+def conformal_scenes(
+    asked: Sequence[Asked], models: ScoreCalibration, quarters: Sequence[int]
+) -> tuple[tuple[float, ...], ...]:
+    """By scene, the nonconformity of each question's best acceptable answer; none where a name decides."""
+    found: dict[int, list[float]] = {}
+    for question in asked:
+        if question.scene % 4 in quarters and not question.named:
+            values = nonconformities(question, models)
+            found.setdefault(question.scene, []).append(round(min(values[row] for row in acceptable(question)), 5))
+    return tuple(tuple(values) for values in found.values())
+
+
+def nonconformities(question: Asked, models: ScoreCalibration) -> F64:
+    """float64 [N + 1], see `candidates`."""
+    entry = entry_probability(question.scores, models.entry)
+    return candidates(entry, float(present_probability(question.scores, entry, models.present)))
+
+
+def acceptable(question: Asked) -> set[int]:
+    """Label ids that answer; 0 for what is not there."""
+    return {row + 1 for row in question.first} or {0}
+
+
+def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
+    """Figures on the scenes that fitted nothing."""
+    scored = [question for question in asked if not question.named]
+    judges = [question for question in scored if question.scene % 4 == 3]
+    accepted, entry_p, top_right, top_p, here, here_p = [], [], [], [], [], []
+    for question in judges:
+        entry = entry_probability(question.scores, found.entry)
+        judged = [row for row in range(len(entry)) if row not in question.also]
+        accepted += [row in question.first for row in judged]
+        entry_p += entry[judged].tolist()
+        top = int(question.scores.argmax())
+        top_right.append(top in question.first)
+        top_p.append(float(entry[top]))
+        here.append(bool(question.first))
+        here_p.append(float(present_probability(question.scores, entry, found.present)))
+    figures: dict[str, Any] = {
+        "scenes": len({question.scene for question in scored}),
+        "questions": len(scored),
+        "questions_judging_probabilities": len(judges),
+    }
+    for name, truth, probability in (
+        ("entry", accepted, entry_p),
+        ("leading_entry", top_right, top_p),
+        ("present", here, here_p),
+    ):
+        p, y = np.array(probability), np.array(truth, dtype=float)
+        figures[f"{name}_brier"] = round(float(((p - y) ** 2).mean()), 4)
+        figures[f"{name}_brier_of_base_rate"] = round(float(y.mean() * (1 - y.mean())), 4)
+        figures[f"{name}_ece"] = round(calibration_error(p, y), 4)
+    for coverage in _COVERAGES:
+        bound = nonconformity_bound(found.scenes, coverage)
+        sets = [label_set(nonconformities(question, found), bound) for question in judges]
+        covered = [bool(acceptable(question) & set(chosen)) for question, chosen in zip(judges, sets, strict=True)]
+        figures[f"label_sets_{coverage}"] = {
+            "covered": round(float(np.mean(covered)), 4),
+            "mean_size": round(float(np.mean([len(chosen) for chosen in sets])), 2),
+        }
+    share = QuerySettings().related_probability
+    return figures | _listed(scored, found, 0.0, "listed_by_threshold") | _listed(scored, found, share, "listed")
+
+
+def _listed(scored: Sequence[Asked], found: ScoreCalibration, share: float, name: str) -> dict[str, Any]:
+    """How well the relevant entries are chosen: found, named, absent, and precision and recall of the lists."""
+    present = [question for question in scored if question.first]
+    absent = [question for question in scored if not question.first]
+    lists = {
+        id(question): related_rows(question.scores, entry_probability(question.scores, found.entry), found, share)
+        for question in scored
+    }
+    shown = [(row, question) for question in present for row in np.flatnonzero(lists[id(question)]).tolist()]
+    welcome = sum(row in question.first or row in question.also for row, question in shown)
+    wanted = sum(len(question.first) for question in present)
+    hit = sum(bool(lists[id(question)][row]) for question in present for row in question.first)
+    best = np.array([question.scores.max() for question in present])
+    best_absent = np.array([question.scores.max() for question in absent])
+    return {
+        name: {
+            "found": f"{sum(bool(lists[id(question)].any()) for question in present)}/{len(present)}",
+            "named_rightly": f"{sum(int(q.scores.argmax()) in q.first for q in present if lists[id(q)].any())}"
+            f"/{len(present)}",
+            "rightly_absent": f"{sum(not lists[id(question)].any() for question in absent)}/{len(absent)}",
+            "auroc_present_against_absent": round(auroc(best, best_absent), 4),
+            "precision": round(welcome / max(len(shown), 1), 4),
+            "recall": round(hit / wanted, 4),
+            "entries_an_answer": round(len(shown) / len(present), 2),
+        }
+    }
+
+
+def related_rows(scores: F64, entry: F64, found: ScoreCalibration, share: float) -> NDArray[np.bool_]:
+    """The rule of the product, `service.query.ranking`: above the threshold, and likely enough unless it leads."""
+    return (scores >= found.related) & ((entry >= share) | (scores == scores.max()))
+
+
+def _thresholds(pairs: Sequence[Pair], values: F64) -> tuple[float, float, dict[str, Any]]:
     kinds = np.array([pair.kind for pair in pairs])
     sets = np.array([pair.sets for pair in pairs])
     related_from = float(np.quantile(values[sets & (kinds == "absent")], 1 - _ABSENT_RATE))
     exact_from = float(np.nextafter(values[sets & (kinds != "exact")].max(), np.inf))
     exact, related, absent = (values[~sets & (kinds == kind)] for kind in ("exact", "related", "absent"))
-    found = named = present = rightly_absent = asked_absent = 0
-    best: list[float] = []
-    best_absent: list[float] = []
-    wrong: list[str] = []
-    for scene, (labels, questions) in scenes.items():
-        scores = score(entries(cache.embed(labels), negatives), cache.embed([q.query for q in questions]), 1.0)
-        rows = scores.similarity if name == "similarity" else scores.margin
-        for question, row in zip(questions, rows, strict=True):
-            top, passes = labels[int(row.argmax())], bool(row.max() >= related_from)
-            if question.answers:
-                present += 1
-                found += passes
-                named += passes and top in question.answers
-                best.append(float(row.max()))
-            else:
-                asked_absent += 1
-                rightly_absent += not passes
-                best_absent.append(float(row.max()))
-            if passes != bool(question.answers) or (question.answers and top not in question.answers):
-                wrong.append(f"{scene}: {question.query} → {top if passes else 'absent'}")
-    return {
-        "thresholds": {"related": round(related_from, 4), "exact": round(exact_from, 4)},
-        "figures": {
+    right = (np.concatenate([exact, related]) >= related_from).sum() + (absent < related_from).sum()
+    return (
+        related_from,
+        exact_from,
+        {
             "pairs_held_out": int((~sets).sum()),
             "auroc_related_against_absent": round(auroc(related, absent), 4),
             "auroc_exact_against_rest": round(auroc(exact, np.concatenate([related, absent])), 4),
-            "accuracy_related_or_exact_against_absent": round(
-                float((np.concatenate([exact, related]) >= related_from).sum() + (absent < related_from).sum())
-                / int((~sets).sum()),
-                4,
-            ),
+            "accuracy_related_or_exact_against_absent": round(float(right) / int((~sets).sum()), 4),
             "related_recall": round(float((related >= related_from).mean()), 4),
             "absent_false_positives": round(float((absent >= related_from).mean()), 4),
             "exact_recall": round(float((exact >= exact_from).mean()), 4),
             "exact_false_positives": round(float((np.concatenate([related, absent]) >= exact_from).mean()), 4),
-            "scenes_found": f"{found}/{present}",
-            "scenes_named_rightly": f"{named}/{present}",
-            "scenes_rightly_absent": f"{rightly_absent}/{asked_absent}",
-            "scenes_auroc_present_against_absent": round(auroc(np.array(best), np.array(best_absent)), 4),
-            "scenes_wrong": wrong,
         },
-    }
+    )
 
 
-def auroc(positive: NDArray[np.float64], negative: NDArray[np.float64]) -> float:
+def _ask(name: Score, number: int, scene: Questions, cache: TextCache, against: NDArray[np.float32]) -> list[Asked]:
+    dictionary = dictionary_of(scene.labels)
+    rows = _scores(name, cache, scene.labels, [noun_phrase(question.query) for question in scene.asked], against)
+    return [
+        Asked(
+            number,
+            scene.name,
+            scene.labels,
+            question.query,
+            row,
+            tuple(scene.labels.index(answer) for answer in question.answers),
+            tuple(scene.labels.index(answer) for answer in question.also),
+            any(dictionary.id_of(candidate) for candidate in candidate_names(question.query)),
+        )
+        for question, row in zip(scene.asked, rows, strict=True)
+    ]
+
+
+def _scores(
+    name: Score, cache: TextCache, labels: Sequence[str], queries: Sequence[str], against: NDArray[np.float32]
+) -> F64:
+    found = score(entries(cache.embed(labels), against), cache.embed(queries), 1.0)
+    return found.similarity if name == "similarity" else found.margin
+
+
+def _logistic(features: F64, truth: NDArray[np.bool_]) -> list[float]:
+    """Weights and offset of the logistic regression of truth [R] on features [R, F], by maximum likelihood with a
+    ridge so weak that it only matters where the classes separate."""
+    columns = np.column_stack([features, np.ones(len(features))])
+    sign = np.where(truth, 1.0, -1.0)
+
+    def loss(weights: F64) -> float:
+        ridge = 1e-3 * float((weights[:-1] ** 2).sum()) / len(columns)
+        return float(np.logaddexp(0.0, -sign * (columns @ weights)).mean()) + ridge
+
+    found = minimize(loss, np.zeros(columns.shape[1]), method="BFGS")
+    return [round(float(weight), 3) for weight in found.x]
+
+
+def calibration_error(probability: F64, truth: F64, bins: int = 10) -> float:
+    """Expected calibration error over bins of equal count."""
+    order = probability.argsort()
+    parts = np.array_split(order, bins)
+    return float(
+        sum(abs(probability[part].mean() - truth[part].mean()) * len(part) for part in parts) / len(probability)
+    )
+
+
+def auroc(positive: F64, negative: F64) -> float:
     """Probability that a positive scores above a negative, ties half."""
     difference = positive[:, None] - negative[None, :]
     return float((difference > 0).mean() + 0.5 * (difference == 0).mean())
 
 
+def _written(entry: dict[str, Any]) -> str:
+    """JSON with lists of numbers on one line."""
+    text = json.dumps(entry, indent=1, ensure_ascii=False, sort_keys=True)
+    return re.sub(r"\[\s+(-?\d[^\[\]]*?)\s+\]", lambda match: "[" + " ".join(match.group(1).split()) + "]", text)
+
+
 def main() -> None:
+    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
@@ -172,8 +306,7 @@ def main() -> None:
     settings = QuerySettings()
     if arguments.templates:
         for templates in _CANDIDATES:
-            for name, result in measure(encoder, templates, settings.negatives).items():
-                figures = {key: value for key, value in result["figures"].items() if key != "scenes_wrong"}
+            for name, (_, figures) in measure(encoder, templates, settings.negatives).items():
                 print(json.dumps({"templates": templates, "score": name, **figures}, ensure_ascii=False))
         return
     results = measure(encoder, settings.templates, settings.negatives)
@@ -181,14 +314,14 @@ def main() -> None:
         "templates": settings.templates,
         "negatives": settings.negatives,
         "date": datetime.date.today().isoformat(),
-        "thresholds": {name: result["thresholds"] for name, result in results.items()},
-        "figures": {name: result["figures"] for name, result in results.items()},
+        "scores": {name: calibration.model_dump() for name, (calibration, _) in results.items()},
+        "figures": {name: figures for name, (_, figures) in results.items()},
     }
-    print(json.dumps(entry, indent=1, ensure_ascii=False))
+    print(_written(entry["figures"]))
     if not arguments.dry_run:
         known = json.loads(FILE.read_text())
         known[calibration_key(encoder.name, encoder.sha256)] = entry
-        FILE.write_text(json.dumps(known, indent=1, ensure_ascii=False, sort_keys=True) + "\n")
+        FILE.write_text(_written(known) + "\n")
 
 
 if __name__ == "__main__":

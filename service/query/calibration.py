@@ -1,4 +1,4 @@
-"""Thresholds that were measured for one encoder, and are worth nothing for another."""
+"""What was measured for one text encoder, and is worth nothing for another."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from service.query.probability import ScoreCalibration
+
 Score = Literal["similarity", "relevancy"]
 
 FILE = Path(__file__).with_name("calibration.json")
@@ -18,23 +20,14 @@ FILE = Path(__file__).with_name("calibration.json")
 _HASH_DIGITS = 12
 
 
-class Thresholds(BaseModel):
-    """From `related` on an entry is worth showing, from `exact` on it is the thing itself."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    related: float
-    exact: float
-
-
 class Calibration(BaseModel):
     """What was measured for one encoder.
 
     Attributes:
         templates, negatives: the prompts it was measured with.
         date: ISO date.
-        thresholds: by score; `relevancy` counts in the margin d·q − max_j d·c_j.
-        figures: accuracies and areas on the labels that did not set the thresholds.
+        scores: by score; `relevancy` counts in the margin d·q − max_j d·c_j.
+        figures: accuracies, areas and calibration errors on labels and scenes that set nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -42,7 +35,7 @@ class Calibration(BaseModel):
     templates: tuple[str, ...]
     negatives: tuple[str, ...]
     date: str
-    thresholds: Mapping[Score, Thresholds]
+    scores: Mapping[Score, ScoreCalibration]
     figures: Mapping[str, Any]
 
 
@@ -51,17 +44,17 @@ def calibration_key(name: str, sha256: str) -> str:
     return f"{name}@{sha256[:_HASH_DIGITS]}"
 
 
-def thresholds_for(
+def calibration_for(
     name: str, sha256: str, score: Score, templates: Sequence[str], negatives: Sequence[str]
-) -> Thresholds | None:
-    """The measured thresholds, or None if this encoder was not measured with these prompts (for the similarity the
-    negatives do not matter)."""
+) -> ScoreCalibration | None:
+    """What was measured, or None if this encoder was not measured with these prompts (for the similarity the negatives
+    do not matter, and their order never does)."""
     found = _load().get(calibration_key(name, sha256))
     if found is None or found.templates != tuple(templates):
         return None
     if score == "relevancy" and set(found.negatives) != set(negatives):
         return None
-    return found.thresholds.get(score)
+    return found.scores.get(score)
 
 
 @cache

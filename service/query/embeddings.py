@@ -49,29 +49,31 @@ def embed_labels(dictionary: Dictionary, encoder: TextEncoder, templates: Sequen
 
 
 class TextCache:
-    """The embeddings of the texts asked most recently. Threads may share it."""
+    """The embeddings of the names embedded most recently, by templates. Threads may share it."""
 
     def __init__(self, encoder: TextEncoder, templates: Sequence[str], size: int) -> None:
         self._encoder = encoder
         self._templates = tuple(templates)
         self._size = size
-        self._known: OrderedDict[str, F32] = OrderedDict()
+        self._known: OrderedDict[tuple[tuple[str, ...], str], F32] = OrderedDict()
         self._lock = threading.Lock()
 
-    def embed(self, names: Sequence[str]) -> F32:
-        """float32 [B, E], unit length; the encoder runs once, for the names that are new."""
+    def embed(self, names: Sequence[str], templates: Sequence[str] | None = None) -> F32:
+        """float32 [B, E], unit length; the encoder runs once, for the names that are new. `templates`: in place of the
+        cache's own."""
+        chosen = self._templates if templates is None else tuple(templates)
         found: dict[str, F32] = {}
         with self._lock:
             for name in names:
-                if name in self._known:
-                    self._known.move_to_end(name)
-                    found[name] = self._known[name]
+                if (chosen, name) in self._known:
+                    self._known.move_to_end((chosen, name))
+                    found[name] = self._known[chosen, name]
         new = [name for name in dict.fromkeys(names) if name not in found]
         if new:
-            found |= dict(zip(new, embed_names(new, self._encoder, self._templates), strict=True))
+            found |= dict(zip(new, embed_names(new, self._encoder, chosen), strict=True))
             with self._lock:
                 for name in new:
-                    self._known[name] = found[name]
+                    self._known[chosen, name] = found[name]
                 while len(self._known) > self._size:
                     self._known.popitem(last=False)
         return np.stack([found[name] for name in names])

@@ -52,23 +52,54 @@ def check_texts(texts: Sequence[str], *, max_texts: int, max_chars: int) -> None
         _check_text(text, max_chars)
 
 
-def _check_text(text: str, max_chars: int) -> None:
+def check_negatives(negatives: Sequence[str], *, max_prompts: int, max_chars: int) -> None:
+    """Refuse canonical negatives that cannot be embedded; raises as `check_texts`."""
+    _check_prompts(negatives, "negatives", max_prompts, max_chars)
+
+
+def check_templates(templates: Sequence[str], *, max_prompts: int, max_chars: int) -> None:
+    """Refuse sentences that are no templates; raises as `check_texts`, and for one without exactly one "{}"."""
+    _check_prompts(templates, "templates", max_prompts, max_chars)
+    for template in templates:
+        if template.count("{}") != 1:
+            raise InvalidInputError(
+                f"the template {template[:80]!r}", field="templates", hint='Put exactly one "{}" where the name goes.'
+            )
+
+
+def _check_prompts(prompts: Sequence[str], field: str, max_prompts: int, max_chars: int) -> None:
+    if isinstance(prompts, str | bytes) or not isinstance(prompts, Sequence) or not prompts:
+        raise InvalidInputError(
+            f"{field} is not a list of strings", field=field, hint="Send at least one, or leave it out."
+        )
+    if len(prompts) > max_prompts:
+        raise LimitExceededError(
+            f"{len(prompts)} {field}",
+            field=field,
+            limit=f"{max_prompts} (FASTSPLAT_QUERY__MAX_PROMPTS)",
+            hint="Choose the ones that matter.",
+        )
+    for prompt in prompts:
+        _check_text(prompt, max_chars, field)
+
+
+def _check_text(text: str, max_chars: int, field: str = "text") -> None:
     if not isinstance(text, str):
-        raise InvalidInputError(f"a text of type {type(text).__name__}", field="text", hint="Send a string.")
+        raise InvalidInputError(f"a text of type {type(text).__name__}", field=field, hint="Send a string.")
     if len(text) > max_chars:
         raise LimitExceededError(
             f"a text of {len(text)} characters",
-            field="text",
+            field=field,
             limit=f"{max_chars} characters (FASTSPLAT_QUERY__MAX_TEXT_CHARS)",
             hint="Name the thing in a few words.",
         )
     categories = {unicodedata.category(letter) for letter in text if letter not in "\t\n\r"}
     if categories & {"Cc", "Cs"}:
         raise InvalidInputError(
-            "a text with control characters or lone surrogates", field="text", hint="Send printable Unicode."
+            "a text with control characters or lone surrogates", field=field, hint="Send printable Unicode."
         )
     if all(category[0] in "ZC" for category in categories):
-        raise InvalidInputError("an empty text", field="text", hint="Say what to look for, e.g. 'mug'.")
+        raise InvalidInputError("an empty text", field=field, hint="Say what to look for, e.g. 'mug'.")
 
 
 def noun_phrase(text: str) -> str:

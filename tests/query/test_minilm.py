@@ -13,7 +13,7 @@ from benchmarks.calibration.calibrate import measure
 from service.common.dictionary import dictionary_of
 from service.perception.text import TextEncoder, open_text_encoder
 from service.query import Answer, QuerySettings, SceneIndex, embed_labels
-from service.query.calibration import thresholds_for
+from service.query.calibration import calibration_for
 from service.scene import Scene
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.
@@ -121,18 +121,18 @@ def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Call
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
 def test_the_default_encoder_is_calibrated_for_the_default_prompts(encoder: TextEncoder, score: str) -> None:
     settings = QuerySettings()
-    found = thresholds_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
+    found = calibration_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
     assert found is not None and found.related < found.exact
-    assert thresholds_for(encoder.name, "f" * 64, score, settings.templates, settings.negatives) is None
-    assert thresholds_for(encoder.name, encoder.sha256, score, ("a {}",), settings.negatives) is None
+    assert calibration_for(encoder.name, "f" * 64, score, settings.templates, settings.negatives) is None
+    assert calibration_for(encoder.name, encoder.sha256, score, ("a {}",), settings.negatives) is None
 
 
 def test_the_committed_calibration_is_what_its_script_measures(encoder: TextEncoder) -> None:
     settings = QuerySettings()
-    for score, measured in measure(encoder, settings.templates, settings.negatives).items():
-        committed = thresholds_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
+    for score, (measured, figures) in measure(encoder, settings.templates, settings.negatives).items():
+        committed = calibration_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
         assert committed is not None
         # int8 kernels of other processors round otherwise.
-        assert committed.related == pytest.approx(measured["thresholds"]["related"], abs=0.02)
-        assert committed.exact == pytest.approx(measured["thresholds"]["exact"], abs=0.02)
-        assert measured["figures"]["auroc_related_against_absent"] > 0.97
+        assert committed.related == pytest.approx(measured.related, abs=0.02)
+        assert committed.exact == pytest.approx(measured.exact, abs=0.02)
+        assert figures["auroc_related_against_absent"] > 0.97

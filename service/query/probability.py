@@ -1,0 +1,107 @@
+"""Scores to probabilities and to label sets with stated coverage: pure arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+F64 = NDArray[np.float64]
+
+LEAD_LIMIT = 0.3
+"""A lead beyond this says no more: an entry that stands alone in its dictionary has this one."""
+
+
+class Logistic(BaseModel):
+    """p = σ(score·x + lead·l + offset), Platt's scaling with the entry's lead l over the best other entry as a second
+    feature; see `leads`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    score: float
+    lead: float = 0.0
+    offset: float
+
+
+class ScoreCalibration(BaseModel):
+    """What was measured for one encoder and one kind of score.
+
+    Attributes:
+        related: from here on an entry is worth showing.
+        exact: from here on it is the thing itself.
+        entry: probability that who asks accepts the entry.
+        present: probability that anything in the dictionary answers, of its best score.
+        scenes: for each calibration scene its questions' nonconformities, for `nonconformity_bound`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    related: float
+    exact: float
+    entry: Logistic
+    present: Logistic
+    scenes: tuple[tuple[float, ...], ...]
+
+
+def leads(scores: F64) -> F64:
+    """[..., N] of scores [..., N]: how far each entry is above the best of the others (negative for all but the first),
+    clipped to ±`LEAD_LIMIT`."""
+    if scores.shape[-1] < 2:
+        return np.full(scores.shape, LEAD_LIMIT)
+    first = scores.argmax(axis=-1)[..., None]
+    best = np.take_along_axis(scores, first, axis=-1)
+    rest = scores.copy()
+    np.put_along_axis(rest, first, -np.inf, axis=-1)
+    others = np.broadcast_to(best, scores.shape).copy()
+    np.put_along_axis(others, first, rest.max(axis=-1, keepdims=True), axis=-1)
+    return np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT)
+
+
+def entry_probability(scores: F64, model: Logistic) -> F64:
+    """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
+    return _sigmoid(model.score * scores + model.lead * leads(scores) + model.offset)
+
+
+def present_probability(scores: F64, entry: F64, model: Logistic) -> F64:
+    """[...] of scores [..., N] and their `entry_probability`: that anything here answers; 0 without entries. Never
+    below the best entry's own probability, of which it is a consequence."""
+    if not scores.shape[-1]:
+        return np.zeros(scores.shape[:-1])
+    return np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1))
+
+
+def candidates(entry: F64, present: float) -> F64:
+    """[N + 1]: the nonconformity of every possible answer, 1 − its probability: 0 is "nothing here", n is entry n."""
+    return np.concatenate([[present], 1.0 - entry])
+
+
+def nonconformity_bound(scenes: Sequence[Sequence[float]], coverage: float) -> float:
+    """The bound b for which a question to a scene like these has an acceptable answer of nonconformity ≤ b with
+    probability `coverage` at least; infinity if so much cannot be promised from so few scenes.
+
+    Questions to one scene depend on one another, scenes do not: each scene carries the same mass, shared by its
+    questions, and the new scene's own mass lies at infinity (hierarchical conformal prediction: Lee, Barber and
+    Willett 2023, section 3).
+    """
+    if coverage <= 0.0:
+        return -np.inf
+    values = np.concatenate([np.asarray(scene, dtype=np.float64) for scene in scenes] or [np.zeros(0)])
+    masses = np.concatenate([np.full(len(scene), 1.0 / len(scene)) for scene in scenes] or [np.zeros(0)])
+    order = values.argsort(kind="stable")
+    reached = masses[order].cumsum() / (len(scenes) + 1)
+    place = int(np.searchsorted(reached, coverage - 1e-12))
+    return float(values[order[place]]) if place < len(values) else np.inf
+
+
+def label_set(nonconformity: F64, bound: float) -> tuple[int, ...]:
+    """The answers whose `candidates` value is within the bound, likeliest first (ties: lower id first); the likeliest
+    alone if none is, because no answer is no answer."""
+    order = nonconformity.argsort(kind="stable")
+    count = max(1, int((nonconformity <= bound).sum()))
+    return tuple(order[:count].tolist())
+
+
+def _sigmoid(x: F64) -> F64:
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
