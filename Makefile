@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-training sample clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-training sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -44,6 +44,9 @@ bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/re
 
 bench-training: setup  ## PSNR against training seconds on the table-top benchmark
 	$(BIN)/python -m benchmarks.training
+
+docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output

@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from cli.health import health
 from cli.logs import log_to_stderr
 from cli.models import models_app
 from service.common.errors import FastSplatError
@@ -19,6 +20,7 @@ app = typer.Typer(
     help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
 )
 app.add_typer(models_app, name="models")
+app.command()(health)
 
 
 @app.command()

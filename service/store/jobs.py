@@ -139,6 +139,13 @@ class JobRows:
                 row = {"executor_id": executor_id, "host": host, "pid": pid, "started_at": now, "beat_at": now}
                 connection.execute(insert(workers).values(row))
 
+    def alive_on(self, host: str, stale_s: float) -> bool:
+        """Whether an executor on this host gave a beat in the last `stale_s` seconds."""
+        fresh = workers.c.beat_at >= time.time() - stale_s
+        query = select(workers.c.executor_id).where(workers.c.host == host, fresh).limit(1)
+        with self._reading.connect() as connection:
+            return connection.execute(query).first() is not None
+
     def silent(self, stale_s: float) -> Sequence[str]:
         """Executors whose last beat is older than `stale_s` seconds."""
         query = select(workers.c.executor_id).where(workers.c.beat_at < time.time() - stale_s)

@@ -1,0 +1,49 @@
+"""`fastsplat health`: is the process beside this one well? For health checks of containers and service managers."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import urllib.error
+import urllib.request
+from typing import Annotated, Literal
+
+import typer
+
+from service.settings import Settings, load_settings
+
+_TIMEOUT_S = 5.0
+
+
+def health(role: Annotated[Literal["api", "worker"], typer.Argument(help="What should be running here.")]) -> None:
+    """Say nothing and exit with 0 if the API or a worker of this host is well, else say why and exit with 1."""
+    settings = load_settings()
+    trouble = _api_trouble(settings) if role == "api" else _worker_trouble(settings)
+    if trouble:
+        typer.echo(trouble, err=True)
+        raise typer.Exit(1)
+
+
+def _api_trouble(settings: Settings) -> str:
+    encrypted = settings.tls_cert is not None
+    url = f"http{'s' if encrypted else ''}://127.0.0.1:{settings.http_port}/readyz"
+    # The certificate names the host that clients know, not this loopback address.
+    context = ssl._create_unverified_context() if encrypted else None
+    try:
+        with urllib.request.urlopen(url, timeout=_TIMEOUT_S, context=context):
+            return ""
+    except (urllib.error.URLError, OSError) as error:
+        return f"{url} does not answer: {error}"
+
+
+def _worker_trouble(settings: Settings) -> str:
+    from service.store import open_store
+
+    store = open_store(settings.data_dir, settings.database_url)
+    try:
+        host = socket.gethostname()
+        if store.jobs.alive_on(host, settings.jobs.stale_s):
+            return ""
+        return f"no worker on {host} gave a beat in the last {settings.jobs.stale_s:.0f} s"
+    finally:
+        store.close()

@@ -1,0 +1,193 @@
+"""Do the images work? Lint, build in a clean Debian, run as a container would, ask a question.
+
+`python docker/check.py` as root on Debian with buildah, debootstrap, docker-compose and npm, from the development
+environment. Network: the package registries that apt, pip and npm are set to. FASTSPLAT_MODELS names a model directory;
+without one the `models` image fetches the defaults.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from images import ROOT, Builder, Image
+
+_PATIENCE_S = 300.0
+_UID = 10001
+
+
+def main() -> int:
+    """Exit status 0 when everything held."""
+    subprocess.run(["hadolint", "docker/Dockerfile"], cwd=ROOT, check=True)
+    subprocess.run(["docker-compose", "-f", "docker/compose.yaml", "config", "-q"], cwd=ROOT, check=True)
+    folder = Path(tempfile.mkdtemp(prefix="fastsplat-images-"))
+    builder = Builder(folder)
+    try:
+        builder.make_base()
+        images = {target: builder.build(target) for target in ("models", "worker", "api")}
+        for target in ("worker", "api"):
+            _check_contents(target, images[target])
+        _check_service(folder, images)
+    finally:
+        builder.close()
+        shutil.rmtree(folder, ignore_errors=True)
+    print("the images build, run and answer")
+    return 0
+
+
+def _check_contents(target: str, image: Image) -> None:
+    """No compiler, no package tool of the build, a user that is not root."""
+    assert image.user == f"{_UID}:{_UID}", f"{target} runs as {image.user!r}"
+    assert image.health, f"{target} has no health check"
+    for tool in ("gcc", "g++", "cc", "make", "npm"):
+        assert not list(image.root.glob(f"usr/bin/{tool}")), f"{target} holds {tool}"
+
+
+def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
+    data, models = folder / "data", folder / "models"
+    for path in (data, models):
+        path.mkdir()
+        os.chown(path, _UID, _UID)
+    if given := os.environ.get("FASTSPLAT_MODELS"):
+        models = Path(given).resolve()
+    http, grpc, metrics = _free_ports(3)
+    environment = {
+        "FASTSPLAT_HTTP_PORT": str(http),
+        "FASTSPLAT_GRPC_PORT": str(grpc),
+        "FASTSPLAT_METRICS_PORT": str(metrics),
+        "FASTSPLAT_HOST": "127.0.0.1",  # a container has a network of its own; here it is this machine's
+    }
+    if not given:
+        with _running(images["models"], "models", {}, data, models, folder, writable_models=True) as fetch:
+            assert fetch.wait(_PATIENCE_S) == 0, "the models could not be fetched"
+    with (
+        _running(images["api"], "api", environment, data, models, folder) as api,
+        _running(images["worker"], "worker", environment, data, models, folder) as worker,
+    ):
+        for target, process in (("api", api), ("worker", worker)):
+            _until(f"{target} is healthy", lambda target=target: _healthy(images[target], environment, data, models))
+            assert process.poll() is None, f"{target} has ended"
+        _ask(data, f"http://127.0.0.1:{http}")
+
+
+def _ask(data: Path, url: str) -> None:
+    """Post a few photos with poses, wait for the scene, ask for the banana."""
+    key = (data / "key").read_text().strip()
+    call = ["curl", "--silent", "--show-error", "--fail-with-body", "--header", f"Authorization: Bearer {key}"]
+    sample = ROOT / "demo/sample"
+    names = sorted(path.name for path in (sample / "images").glob("*.jpg"))[::3]
+    transforms = json.loads((sample / "transforms.json").read_text())
+    transforms["frames"] = [frame for frame in transforms["frames"] if Path(frame["file_path"]).name in names]
+    post = [*call, "--form", "time_budget_s=5", "--form", "max_gaussians=5000"]
+    post += ["--form", "files=@-;filename=transforms.json"]
+    for name in names:
+        post += ["--form", f"files=@{sample / 'images' / name};filename=images/{name}"]
+    posted = subprocess.run(
+        [*post, f"{url}/v1/scenes"], input=json.dumps(transforms).encode(), check=True, capture_output=True
+    )
+    operation = json.loads(posted.stdout)
+
+    def done() -> bool:
+        got = subprocess.run([*call, f"{url}/v1/operations/{operation['id']}"], check=True, capture_output=True).stdout
+        state = json.loads(got)
+        assert state["state"] not in ("FAILED", "CANCELLED"), state
+        return bool(state["done"])
+
+    _until("the scene is trained", done)
+    asked = [*call, "--get", "--data-urlencode", "text=banana", "--data", f"scene={operation['scene_id']}"]
+    answer = json.loads(subprocess.run([*asked, f"{url}/query"], check=True, capture_output=True).stdout)
+    print(json.dumps(answer, indent=1)[:1500])
+    assert answer["answers"][0]["verdict"] == "exact", answer
+
+
+@contextmanager
+def _running(
+    image: Image,
+    name: str,
+    environment: Mapping[str, str],
+    data: Path,
+    models: Path,
+    folder: Path,
+    *,
+    writable_models: bool = False,
+) -> Iterator[subprocess.Popen[bytes]]:
+    """The image's CMD, stopped in the end as `docker stop` does; what it wrote is shown if anything went wrong."""
+    log = folder / f"{name}.log"
+    with log.open("wb") as out:
+        process = subprocess.Popen(
+            _contained(image, environment, data, models, image.command, writable_models), stdout=out, stderr=out
+        )
+    try:
+        yield process
+        process.terminate()
+        assert process.wait(40) in (0, -15), f"{name} ended with {process.returncode}"
+    except BaseException:
+        process.kill()
+        sys.stderr.write(f"--- {name}\n{log.read_text(errors='replace')[-8000:]}\n")
+        raise
+
+
+def _healthy(image: Image, environment: Mapping[str, str], data: Path, models: Path) -> bool:
+    return (
+        subprocess.run(_contained(image, environment, data, models, image.health), capture_output=True).returncode == 0
+    )
+
+
+def _contained(
+    image: Image,
+    environment: Mapping[str, str],
+    data: Path,
+    models: Path,
+    command: tuple[str, ...] | list[str],
+    writable_models: bool = False,
+) -> list[str]:
+    """`command` as the image's user on a root that cannot be written, with /tmp, /data and /models as compose gives
+    them. `exec` all the way, so that a signal to the process returned reaches the command itself."""
+    root = shlex.quote(str(image.root))
+    settings = {**image.environment, **environment, "HOME": "/home/fastsplat"}
+    lines = [
+        "set -e",
+        f"mount --bind {root} {root}",
+        f"mount -o remount,ro,bind {root}",
+        f"mount -t proc proc {root}/proc",
+        f"mount --rbind /dev {root}/dev",
+        f"mount -t tmpfs tmpfs {root}/tmp",
+        f"mount --bind {shlex.quote(str(data))} {root}/data",
+        f"mount --bind {shlex.quote(str(models))} {root}/models",
+        "" if writable_models else f"mount -o remount,ro,bind {root}/models",
+        f"mount -t tmpfs -o uid={_UID},gid={_UID} tmpfs {root}/home/fastsplat" if writable_models else "",
+        f"! chroot --userspec={image.user} {root} sh -c 'touch /opt/fastsplat/probe /probe' 2>/dev/null",
+        f"exec chroot --userspec={image.user} {root} /usr/bin/env -i "
+        + shlex.join([*(f"{key}={value}" for key, value in settings.items()), *command]),
+    ]
+    return ["unshare", "--mount", "sh", "-c", "\n".join(lines)]
+
+
+def _until(what: str, holds: object) -> None:
+    deadline = time.monotonic() + _PATIENCE_S
+    while not holds():  # type: ignore[operator]
+        assert time.monotonic() < deadline, f"waited {_PATIENCE_S:.0f} s until {what}"
+        time.sleep(1.0)
+    print(what)
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [listener.getsockname()[1] for listener in sockets]
+    for listener in sockets:
+        listener.close()
+    return ports
+
+
+if __name__ == "__main__":
+    sys.exit(main())
