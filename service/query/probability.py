@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,8 @@ def candidates(entry: F64, present: float) -> F64:
     return np.concatenate([[present], 1.0 - entry])
 
 
-def nonconformity_bound(scenes: Sequence[Sequence[float]], coverage: float) -> float:
+@lru_cache(256)
+def nonconformity_bound(scenes: tuple[tuple[float, ...], ...], coverage: float) -> float:
     """The bound b for which a question to a scene like these has an acceptable answer of nonconformity ≤ b with
     probability `coverage` at least; infinity if so much cannot be promised from so few scenes.
 

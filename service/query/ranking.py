@@ -141,17 +141,20 @@ class Ranker:
                 # The dictionary bears that very name: no question is left that a score could answer.
                 likely[judged.named - 1], probability, labels = 1.0, 1.0, (judged.named,)
         rows = order.tolist()
-        chances: Sequence[float | None] = [None] * len(rows) if likely is None else likely[order].tolist()
         matches = tuple(
-            Match(row + 1, self._names[row], r, s, prompted.negatives[j], self._counts[row + 1], c, p)
-            for row, r, s, j, c, p in zip(
-                rows,
-                relevancy[order].tolist(),
-                similarity[order].tolist(),
-                prompted.entries.nearest_negative[order].tolist(),
-                judged.chosen[order].tolist(),
-                chances,
-                strict=True,
+            map(
+                Match._make,
+                zip(
+                    (order + 1).tolist(),
+                    [self._names[row] for row in rows],
+                    relevancy[order].tolist(),
+                    similarity[order].tolist(),
+                    [prompted.negatives[j] for j in prompted.entries.nearest_negative[order].tolist()],
+                    [self._counts[row + 1] for row in rows],
+                    judged.chosen[order].tolist(),
+                    [None] * len(rows) if likely is None else likely[order].tolist(),
+                    strict=True,
+                ),
             )
         )
         held = _held_against(prompted, judged, float(primary[order[0]]) if rows else -_NOWHERE)
