@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from service.common.camera import PosedCamera
 from service.common.errors import InvalidInputError, LimitExceededError
-from service.query.labels import most_probable_class
+from service.query.fields import LabelField, label_field
 from service.query.ranking import Ranker
 from service.query.settings import QuerySettings
 from service.query.types import Answer, Mask2D
@@ -45,8 +45,8 @@ class SceneIndex:
     def __init__(self, scene: Scene, encoder: TextEncoder, settings: QuerySettings = _DEFAULTS) -> None:
         self.scene = scene
         self.settings = settings
-        self._classes = most_probable_class(scene.gaussians.codes, scene.head)
-        counts: list[int] = np.bincount(self._classes, minlength=len(scene.dictionary) + 1).tolist()
+        self._field = label_field(scene)
+        counts: list[int] = np.bincount(self._field.classes, minlength=len(scene.dictionary) + 1).tolist()
         self._ranker = Ranker(scene, counts, encoder, settings)
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
@@ -59,7 +59,7 @@ class SceneIndex:
     @property
     def gaussian_classes(self) -> NDArray[np.int32]:
         """int32 [G]: dictionary id of each Gaussian, 0 = undetected."""
-        return self._classes
+        return self._field.classes
 
     def ask(
         self,
@@ -93,7 +93,7 @@ class SceneIndex:
         """
         wanted = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
         wanted[list(self._relevant_ids(answer))] = True
-        return np.asarray(wanted[self._classes])
+        return np.asarray(wanted[self._field.classes])
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.
