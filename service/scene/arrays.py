@@ -1,4 +1,4 @@
-"""The arrays of a scene as one safetensors file that is read by mapping it into memory."""
+"""The arrays of a scene as safetensors files that are read by mapping them into memory."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from service.scene.errors import SceneFileError
-from service.scene.types import F32
+from service.scene.types import F32, Evidence
 
 _CHUNK_BYTES = 16 << 20
+_CODES = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
+"""How safetensors calls the dtypes that a scene has."""
 
-Shapes = Mapping[str, tuple[int, ...]]
-"""Name to shape of every array of the file."""
+Array = NDArray[np.generic]
+Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
+"""Name to dtype, as safetensors calls it, and shape of every array of the file."""
 
 
 def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int) -> Shapes:
     """What the file holds, given G, K = (degree + 1)², D, N and E; all float32."""
-    return {
+    shapes: dict[str, tuple[int, ...]] = {
         "means": (gaussians, 3),
         "quats": (gaussians, 4),
         "log_scales": (gaussians, 3),
@@ -33,14 +37,36 @@ def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int
         "head.bias": (labels + 1,),
         "label_embeddings": (labels, embedding),
     }
+    return {name: ("F32", shape) for name, shape in shapes.items()}
 
 
-def save_arrays(arrays: Mapping[str, F32], path: Path) -> None:
-    """Write float32 arrays to `path`; the bytes depend on the arrays alone."""
+def evidence_shapes(gaussians: int, entries: int) -> Shapes:
+    """What the evidence's file holds, given G and M."""
+    return {"starts": ("I64", (gaussians + 1,)), "labels": ("U16", (entries,)), "counts": ("I64", (entries,))}
+
+
+def check_evidence(evidence: Evidence, labels: int) -> str:
+    """What is wrong with the entries of a scene with `labels` labels, or ""."""
+    if (np.diff(evidence.starts) < 0).any():
+        return "its rows do not ascend"
+    if len(evidence.labels) == 0:
+        return ""
+    if int(evidence.labels.max()) > labels:
+        return f"it holds the label {int(evidence.labels.max())}, and the dictionary has {labels}"
+    if int(evidence.counts.min()) <= 0:
+        return "it holds a count that is not positive"
+    rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
+    if (np.diff(rows << 16 | evidence.labels) <= 0).any():
+        return "the labels of a row do not ascend"
+    return ""
+
+
+def save_arrays(arrays: Mapping[str, Array], path: Path) -> None:
+    """Write arrays to `path`; the bytes depend on the arrays alone."""
     save_file({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
 
 
-def map_arrays(path: Path, shapes: Shapes) -> dict[str, F32]:
+def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:
     """Read-only views into the mapped file, one for each of `shapes`.
 
     Raises:
@@ -57,40 +83,40 @@ def map_arrays(path: Path, shapes: Shapes) -> dict[str, F32]:
         raise _damaged(path, f"cannot be read: {error}") from error
     if names != set(shapes):
         raise _damaged(path, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}")
-    for name, shape in shapes.items():
-        if found[name] != ("F32", list(shape)):
-            raise _damaged(path, f"has {name} as {found[name][0]} {found[name][1]}, expected F32 {list(shape)}")
+    for name, (code, shape) in shapes.items():
+        if found[name] != (code, list(shape)):
+            raise _damaged(path, f"has {name} as {found[name][0]} {found[name][1]}, expected {code} {list(shape)}")
     start = 8 + header_bytes
-    if start % 4:
-        raise _damaged(path, "has arrays that are not aligned to four bytes")
     mapped = np.memmap(path, dtype=np.uint8, mode="r")
-    arrays: dict[str, F32] = {}
-    for name, shape in shapes.items():
+    arrays: dict[str, Array] = {}
+    for name, (code, shape) in shapes.items():
         begin, end = header[name]["data_offsets"]
-        arrays[name] = np.asarray(mapped[start + begin : start + end]).view(np.float32).reshape(shape)
+        if (start + begin) % _CODES[code].itemsize:
+            raise _damaged(path, f"has {name} at a place that is not aligned to its numbers")
+        arrays[name] = np.asarray(mapped[start + begin : start + end]).view(_CODES[code]).reshape(shape)
     return arrays
 
 
 def first_non_finite(arrays: Mapping[str, F32]) -> str:
     """Name of the first array that holds NaN or infinity, or ""."""
     for name, array in arrays.items():
-        if not all(np.isfinite(chunk).all() for chunk in _chunks(array)):
+        if not all(np.isfinite(chunk.view(np.float32)).all() for chunk in _chunks(array)):
             return name
     return ""
 
 
-def digest_arrays(arrays: Mapping[str, F32]) -> str:
+def digest_arrays(arrays: Mapping[str, Array]) -> str:
     """sha256, in hex, over name, shape and little-endian values of every array: equal digests mean that row i of one
     scene is row i of the other, to the bit."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(f"{name} {list(arrays[name].shape)}\n".encode())
         for chunk in _chunks(arrays[name]):
-            digest.update(np.ascontiguousarray(chunk, dtype="<f4").view(np.uint8).data)
+            digest.update(np.ascontiguousarray(chunk, dtype=chunk.dtype.newbyteorder("<")).view(np.uint8).data)
     return digest.hexdigest()
 
 
-def _chunks(array: F32) -> Iterator[F32]:
+def _chunks(array: Array) -> Iterator[Array]:
     """Flat pieces of bounded size, so that a million Gaussians need no copy of themselves."""
     flat = np.ascontiguousarray(array).reshape(-1)
     step = _CHUNK_BYTES // flat.itemsize

@@ -1,4 +1,5 @@
-"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json`; written once, never changed."""
+"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json` and, if there is evidence,
+`evidence.safetensors`; written once, never changed."""
 
 from __future__ import annotations
 
@@ -7,11 +8,22 @@ import secrets
 import shutil
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from service.common.errors import ConflictError, InvalidInputError, NotFoundError
-from service.scene.arrays import digest_arrays, first_non_finite, map_arrays, save_arrays, scene_shapes
+from service.scene.arrays import (
+    Array,
+    Shapes,
+    check_evidence,
+    digest_arrays,
+    evidence_shapes,
+    first_non_finite,
+    map_arrays,
+    save_arrays,
+    scene_shapes,
+)
 from service.scene.errors import SceneFileError
 from service.scene.manifest import (
     Manifest,
@@ -20,11 +32,12 @@ from service.scene.manifest import (
     manifest_from_bytes,
     manifest_to_bytes,
 )
-from service.scene.types import F32, Gaussians, Scene, SemanticHead
+from service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead
 
 _MANIFEST = "scene.json"
 _ARRAYS = "gaussians.safetensors"
 _CAMERAS = "cameras.json"
+_EVIDENCE = "evidence.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
 
@@ -33,7 +46,8 @@ def write_scene(scene: Scene, folder: Path) -> None:
 
     Raises:
         ConflictError: `folder` exists; a scene version is never overwritten.
-        InvalidInputError: an array is not float32 or not finite, or training/quality is not JSON.
+        InvalidInputError: an array is not float32 or not finite, evidence that contradicts itself or the dictionary,
+            or training/quality is not JSON.
     """
     if folder.exists():
         raise _exists(folder)
@@ -43,6 +57,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             raise InvalidInputError(f"{name} is {array.dtype}, expected float32", field=name)
     if bad := first_non_finite(arrays):
         raise InvalidInputError(f"{bad} holds NaN or infinite numbers", field=bad, hint="Drop those Gaussians first.")
+    evidence = _evidence_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
     manifest = manifest_to_bytes(
         Manifest(
@@ -57,6 +72,9 @@ def write_scene(scene: Scene, folder: Path) -> None:
             code=scene.gaussians.codes.shape[1],
             embedding=scene.label_embeddings.shape[1],
             arrays_sha256=digest_arrays(arrays),
+            label_mode=scene.label_mode,
+            evidence_entries=len(evidence["counts"]) if evidence else None,
+            evidence_sha256=digest_arrays(evidence) if evidence else "",
         ),
         cameras,
     )
@@ -65,10 +83,12 @@ def write_scene(scene: Scene, folder: Path) -> None:
     try:
         beside.mkdir()
         save_arrays(arrays, beside / _ARRAYS)
+        if evidence:
+            save_arrays(evidence, beside / _EVIDENCE)
         (beside / _CAMERAS).write_bytes(cameras)
         (beside / _MANIFEST).write_bytes(manifest)
-        for name in (_ARRAYS, _CAMERAS, _MANIFEST):
-            _sync(beside / name)
+        for path in sorted(beside.iterdir()):
+            _sync(path)
         _sync(beside)
         try:
             beside.rename(folder)
@@ -96,9 +116,7 @@ def read_scene(folder: Path) -> Scene:
     cameras_bytes = _read(folder / _CAMERAS)
     manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
     shapes = scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
-    arrays = map_arrays(folder / _ARRAYS, shapes)
-    if digest_arrays(arrays) != manifest.arrays_sha256:
-        raise SceneFileError(f"{_ARRAYS} does not match its digest in {_MANIFEST}", field=_ARRAYS, hint=_RESTORE)
+    arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
     if bad := first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
     return Scene(
@@ -112,6 +130,8 @@ def read_scene(folder: Path) -> Scene:
         scale=manifest.scale,
         training=manifest.training,
         quality=manifest.quality,
+        evidence=_read_evidence(folder / _EVIDENCE, manifest),
+        label_mode=manifest.label_mode,
     )
 
 
@@ -125,6 +145,34 @@ def _arrays_of(scene: Scene) -> dict[str, F32]:
         "head.bias": scene.head.bias,
         "label_embeddings": scene.label_embeddings,
     }
+
+
+def _evidence_of(scene: Scene) -> dict[str, Array]:
+    if scene.evidence is None:
+        return {}
+    if wrong := check_evidence(scene.evidence, len(scene.dictionary)):
+        raise InvalidInputError(f"the evidence contradicts the scene: {wrong}", field="evidence")
+    return {field.name: getattr(scene.evidence, field.name) for field in fields(Evidence)}
+
+
+def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
+    if manifest.evidence_entries is None:
+        return None
+    shapes = evidence_shapes(manifest.gaussians, manifest.evidence_entries)
+    arrays: dict[str, Any] = _mapped(path, shapes, manifest.evidence_sha256)
+    if arrays["starts"][0] != 0 or arrays["starts"][-1] != manifest.evidence_entries:
+        raise SceneFileError(f"{_EVIDENCE} is damaged: its rows do not cover it", field=_EVIDENCE, hint=_RESTORE)
+    evidence = Evidence(**arrays)
+    if wrong := check_evidence(evidence, len(manifest.dictionary)):
+        raise SceneFileError(f"{_EVIDENCE} is damaged: {wrong}", field=_EVIDENCE, hint=_RESTORE)
+    return evidence
+
+
+def _mapped(path: Path, shapes: Shapes, sha256: str) -> dict[str, Any]:
+    arrays = map_arrays(path, shapes)
+    if digest_arrays(arrays) != sha256:
+        raise SceneFileError(f"{path.name} does not match its digest in {_MANIFEST}", field=path.name, hint=_RESTORE)
+    return arrays
 
 
 def _read(path: Path) -> bytes:

@@ -15,9 +15,12 @@ from service.common.camera import Camera, PosedCamera
 from service.common.dictionary import Dictionary, DictionaryEntry
 from service.common.errors import FastSplatError, InvalidInputError
 from service.scene.errors import SceneFileError, SceneSchemaError
+from service.scene.types import LabelMode
 
-SCHEMA = 1
-"""Version of the folder's layout; read_scene knows this one."""
+SCHEMA = 2
+"""Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes."""
+
+_READABLE = (1, SCHEMA)
 
 _FORMAT = "fastsplat-scene"
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
@@ -31,6 +34,9 @@ class Manifest:
         dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
+        label_mode: as in `Scene`.
+        evidence_entries: M of the evidence; None for a scene without.
+        evidence_sha256: digest of the evidence, "" without.
     """
 
     dictionary: Dictionary
@@ -44,6 +50,9 @@ class Manifest:
     code: int
     embedding: int
     arrays_sha256: str
+    label_mode: LabelMode = "codes"
+    evidence_entries: int | None = None
+    evidence_sha256: str = ""
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -68,6 +77,10 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
             "embedding": manifest.embedding,
         },
         "arrays_sha256": manifest.arrays_sha256,
+        "label_mode": manifest.label_mode,
+        "evidence": None
+        if manifest.evidence_entries is None
+        else {"entries": manifest.evidence_entries, "sha256": manifest.evidence_sha256},
         "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
     }
     try:
@@ -91,9 +104,9 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     body = _parse(data, "scene.json")
     if not isinstance(body, dict) or body.get("format") != _FORMAT:
         raise SceneFileError("scene.json is not a scene manifest", field="scene.json", hint=_RESTORE)
-    if body.get("schema") != SCHEMA:
+    if body.get("schema") not in _READABLE or isinstance(body["schema"], bool):
         raise SceneSchemaError(
-            f"scene.json has schema {body.get('schema')!r}, this version reads {SCHEMA}",
+            f"scene.json has schema {body.get('schema')!r}, this version reads {_READABLE[0]} to {_READABLE[-1]}",
             field="schema",
             hint="Open the scene with the version of fastsplat that wrote it, or upgrade.",
         )
@@ -101,10 +114,12 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     if seal != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
     try:
-        checked = _Body.model_validate(body)
+        checked = _Body.model_validate(_upgraded(body))
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
+    if checked.label_mode == "evidence" and checked.evidence is None:
+        raise SceneFileError("scene.json names evidence that it does not have", field="scene.json", hint=_RESTORE)
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
     return Manifest(
@@ -119,6 +134,9 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         code=checked.sizes.code,
         embedding=checked.sizes.embedding,
         arrays_sha256=checked.arrays_sha256,
+        label_mode=checked.label_mode,
+        evidence_entries=None if checked.evidence is None else checked.evidence.entries,
+        evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
     )
 
 
@@ -179,6 +197,11 @@ class _Sizes(_Strict):
     embedding: Annotated[int, Field(ge=0)]
 
 
+class _Evidence(_Strict):
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
 class _Body(_Strict):
     format: str
     schema_: int = Field(alias="schema")
@@ -190,6 +213,8 @@ class _Body(_Strict):
     quality: dict[str, Any]
     sizes: _Sizes
     arrays_sha256: str
+    label_mode: LabelMode
+    evidence: _Evidence | None
     cameras_sha256: str
 
 
@@ -205,6 +230,11 @@ class _CameraRow(_Strict):
     cx: float
     cy: float
     world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+
+def _upgraded(body: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A body of any readable schema as one of the newest."""
+    return {**body, "label_mode": "codes", "evidence": None} if body["schema"] == 1 else body
 
 
 def _seal(body: Mapping[str, Any]) -> str:

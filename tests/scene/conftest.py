@@ -9,7 +9,15 @@ import pytest
 
 from service.common.camera import Camera, PosedCamera
 from service.common.dictionary import Dictionary, DictionaryEntry
-from service.scene import Gaussians, Scene, SemanticHead
+from service.scene import Evidence, Gaussians, Scene, SemanticHead
+from service.scene.evidence import evidence_of
+
+
+def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:
+    """Drawn: about half of all Gaussians and labels, counts of up to ten pixels."""
+    rng = np.random.default_rng(seed)
+    rows, names = np.nonzero(rng.random((count, labels + 1)) < 0.5)
+    return evidence_of(rows, names, rng.integers(1, 40_960, len(rows)), count)
 
 
 @pytest.fixture
@@ -29,7 +37,13 @@ def make_gaussians() -> Callable[..., Gaussians]:
 
 @pytest.fixture
 def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]:
-    def make(count: int = 50, labels: tuple[str, ...] = ("mug", "茶壶", "🧸"), sh: int = 16, code: int = 3) -> Scene:
+    def make(
+        count: int = 50,
+        labels: tuple[str, ...] = ("mug", "茶壶", "🧸"),
+        sh: int = 16,
+        code: int = 3,
+        evidence: bool = False,
+    ) -> Scene:
         rng = np.random.default_rng(1)
         entries = tuple(DictionaryEntry(label, (f"{label} alias",), 7 * i, i) for i, label in enumerate(labels))
         embeddings = rng.standard_normal((len(labels), 8)).astype(np.float32)
@@ -49,6 +63,8 @@ def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]
             training={"seed": 3, "nested": {"list": [1, 2.5, "x", None]}},
             quality={"psnr": 30.123456789},
             label_templates=("{}", "a {}"),
+            evidence=some_evidence(count, len(labels)) if evidence else None,
+            label_mode="evidence" if evidence else "codes",
         )
 
     return make

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from service.common.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from service.scene import Gaussians, Scene, SceneFileError, SceneSchemaError, read_scene, write_scene
+from service.scene import Evidence, Gaussians, Scene, SceneFileError, SceneSchemaError, read_scene, write_scene
+from service.scene.manifest import SCHEMA
 
-NAMES = ("scene.json", "cameras.json", "gaussians.safetensors")
+NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
 
 def assert_same(a: Scene, b: Scene) -> None:
@@ -25,6 +28,12 @@ def assert_same(a: Scene, b: Scene) -> None:
     np.testing.assert_array_equal(a.head.weight, b.head.weight)
     np.testing.assert_array_equal(a.head.bias, b.head.bias)
     np.testing.assert_array_equal(a.label_embeddings, b.label_embeddings)
+    assert a.label_mode == b.label_mode and (a.evidence is None) == (b.evidence is None)
+    if a.evidence is not None and b.evidence is not None:
+        for field in fields(Evidence):
+            x, y = getattr(a.evidence, field.name), getattr(b.evidence, field.name)
+            np.testing.assert_array_equal(x, y)
+            assert x.dtype == y.dtype
     assert (a.dictionary, a.text_encoder, a.scale) == (b.dictionary, b.text_encoder, b.scale)
     assert (a.training, a.quality, a.label_templates) == (b.training, b.quality, b.label_templates)
     assert [(p.camera, p.name, p.world_from_camera.tolist()) for p in a.cameras] == [
@@ -32,20 +41,27 @@ def assert_same(a: Scene, b: Scene) -> None:
     ]
 
 
+@pytest.mark.parametrize("evidence", [False, True])
 @pytest.mark.parametrize(
     ("count", "labels", "sh", "code"),
     [(50, ("mug", "茶壶", "🧸"), 16, 3), (0, (), 1, 0), (1, ("one",), 4, 8), (3, (), 9, 0), (0, ("a", "b"), 16, 3)],
 )
 def test_round_trip_is_exact(
-    make_scene: Callable[..., Scene], tmp_path: Path, count: int, labels: tuple[str, ...], sh: int, code: int
+    make_scene: Callable[..., Scene],
+    tmp_path: Path,
+    count: int,
+    labels: tuple[str, ...],
+    sh: int,
+    code: int,
+    evidence: bool,
 ) -> None:
-    scene = make_scene(count, labels, sh, code)
+    scene = make_scene(count, labels, sh, code, evidence)
     write_scene(scene, tmp_path / "deep" / "v1")
     assert_same(scene, read_scene(tmp_path / "deep" / "v1"))
 
 
 def test_many_labels_round_trip(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    scene = make_scene(5, tuple(f"thing {i}x" for i in range(10_000)))
+    scene = make_scene(5, tuple(f"thing {i}x" for i in range(10_000)), evidence=True)
     write_scene(scene, tmp_path / "v1")
     assert_same(scene, read_scene(tmp_path / "v1"))
 
@@ -60,19 +76,21 @@ def test_signed_zero_and_denormals_survive(make_scene: Callable[..., Scene], tmp
 
 def test_writing_is_deterministic(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
     for name in ("a", "b"):
-        write_scene(make_scene(), tmp_path / name)
+        write_scene(make_scene(evidence=True), tmp_path / name)
     for name in NAMES:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_arrays_are_mapped_and_read_only(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    write_scene(make_scene(), tmp_path / "v1")
-    means = read_scene(tmp_path / "v1").gaussians.means
-    base = means
-    while isinstance(base.base, np.ndarray):
-        base = base.base
-    assert not means.flags.writeable and not means.flags.owndata
-    assert not base.flags.owndata
+    write_scene(make_scene(evidence=True), tmp_path / "v1")
+    scene = read_scene(tmp_path / "v1")
+    assert scene.evidence is not None
+    for array in (scene.gaussians.means, scene.evidence.starts, scene.evidence.labels, scene.evidence.counts):
+        base = array
+        while isinstance(base.base, np.ndarray):
+            base = base.base
+        assert not array.flags.writeable and not array.flags.owndata
+        assert not base.flags.owndata
 
 
 def test_row_order_changes_the_digest(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
@@ -134,7 +152,7 @@ def test_missing_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_truncation_is_found(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
-    write_scene(make_scene(6), tmp_path / "good")
+    write_scene(make_scene(6, evidence=True), tmp_path / "good")
     whole = (tmp_path / "good" / name).read_bytes()
     shutil.copytree(tmp_path / "good", tmp_path / "bad")
     for length in {*range(0, len(whole), max(1, len(whole) // 60)), len(whole) - 1, len(whole) - 4, 7, 8, 9}:
@@ -151,7 +169,7 @@ def test_every_truncation_is_found(make_scene: Callable[..., Scene], tmp_path: P
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_flipped_bit_never_changes_a_scene(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
-    scene = make_scene(6)
+    scene = make_scene(6, evidence=True)
     write_scene(scene, tmp_path / "good")
     whole = (tmp_path / "good" / name).read_bytes()
     shutil.copytree(tmp_path / "good", tmp_path / "bad")
@@ -167,20 +185,84 @@ def test_a_flipped_bit_never_changes_a_scene(make_scene: Callable[..., Scene], t
 
 
 def test_files_of_two_scenes_do_not_mix(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    write_scene(make_scene(6), tmp_path / "a")
-    write_scene(make_scene(7), tmp_path / "b")
+    write_scene(make_scene(6, evidence=True), tmp_path / "a")
+    write_scene(make_scene(7, evidence=True), tmp_path / "b")
     write_scene(make_scene(6, code=4), tmp_path / "c")
     for other in "bc":
         shutil.copytree(tmp_path / "a", tmp_path / f"mixed-{other}")
         shutil.copy(tmp_path / other / "gaussians.safetensors", tmp_path / f"mixed-{other}")
         with pytest.raises(SceneFileError, match="gaussians"):
             read_scene(tmp_path / f"mixed-{other}")
+    shutil.copytree(tmp_path / "a", tmp_path / "mixed-evidence")
+    shutil.copy(tmp_path / "b" / "evidence.safetensors", tmp_path / "mixed-evidence")
+    with pytest.raises(SceneFileError, match="evidence"):
+        read_scene(tmp_path / "mixed-evidence")
+
+
+def _sealed(body: dict[str, Any]) -> str:
+    """`scene.json` with a digest that fits it."""
+    body.pop("sha256", None)
+    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
+
+
+def test_a_scene_of_the_first_schema_has_its_labels_in_the_codes(
+    make_scene: Callable[..., Scene], tmp_path: Path
+) -> None:
+    scene = make_scene()
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = {**json.loads(path.read_text()), "schema": 1}
+    del body["label_mode"], body["evidence"]
+    path.write_text(_sealed(body))
+    found = read_scene(tmp_path / "v1")
+    assert_same(scene, found)
+    assert found.evidence is None and found.label_mode == "codes"
+
+
+def test_a_manifest_cannot_promise_evidence_that_is_not_there(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    path.write_text(_sealed({**json.loads(path.read_text()), "label_mode": "evidence"}))
+    with pytest.raises(SceneFileError, match="evidence"):
+        read_scene(tmp_path / "v1")
+
+
+@pytest.mark.parametrize(
+    ("labels", "counts", "starts", "wrong"),
+    [
+        ([1, 4], [5, 5], [0, 2, 2], "label 4"),
+        ([2, 1], [5, 5], [0, 2, 2], "ascend"),
+        ([1, 1], [5, 5], [0, 2, 2], "ascend"),
+        ([1, 2], [5, 0], [0, 1, 2], "positive"),
+        ([1, 2], [5, -5], [0, 1, 2], "positive"),
+        ([1, 2], [5, 5], [0, 3, 2], "rows"),
+    ],
+)
+def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
+    make_scene: Callable[..., Scene],
+    tmp_path: Path,
+    labels: list[int],
+    counts: list[int],
+    starts: list[int],
+    wrong: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bad = Evidence(np.array(starts), np.array(labels, np.uint16), np.array(counts))
+    scene = replace(make_scene(2), evidence=bad)
+    with pytest.raises(InvalidInputError, match=wrong):
+        write_scene(scene, tmp_path / "v1")
+    assert list(tmp_path.iterdir()) == []
+    with monkeypatch.context() as patch:
+        patch.setattr("service.scene.files.check_evidence", lambda *_: "")
+        write_scene(scene, tmp_path / "v1")
+    with pytest.raises(SceneFileError, match=wrong):
+        read_scene(tmp_path / "v1")
 
 
 def test_unknown_schema_says_so(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
-    for schema in (0, 2, "1", None):
+    for schema in (0, SCHEMA + 1, "1", None, True):
         path.write_text(json.dumps({**json.loads(path.read_text()), "schema": schema}))
         with pytest.raises(SceneSchemaError, match="schema"):
             read_scene(tmp_path / "v1")
