@@ -18,7 +18,7 @@ from service.perception import label_capture, load_labelling, save_labelling
 from service.perception.text import open_text_encoder
 from service.perception.types import Labelling
 from service.query import embed_labels
-from service.query.labels import most_probable_class
+from service.query.fields import label_field
 from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from service.splatting.train import train
 from service.splatting.types import TrainedSplats
@@ -130,7 +130,7 @@ def _quality(job: Job, capture: Capture, trained: TrainedSplats) -> dict[str, An
 
 
 def _summary(scene: Scene, labelling: Labelling) -> dict[str, Any]:
-    classes = most_probable_class(scene.gaussians.codes, scene.head)
+    classes = label_field(scene).classes
     counts = np.bincount(classes, minlength=len(scene.dictionary) + 1)
     rows = [
         {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
