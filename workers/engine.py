@@ -20,7 +20,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
-from dbos import DBOS, DBOSConfig, SetWorkflowID
+from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
 
 from service.common.progress import STAGES
 from service.settings import Settings
@@ -37,6 +37,7 @@ FENCED_EXIT = 75
 _CRASH_EXIT = 70
 _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
+_MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
 _JANITOR_S = 60.0
 _AFTER_TROUBLE_S = 1.0
 
@@ -182,8 +183,8 @@ def _forever(worker: Worker, act: Callable[[Worker], None], pause: float) -> Non
 def _dispatch(worker: Worker) -> None:
     # An operation is acknowledged by its row alone; from there it reaches the engine here, once or several times:
     # the engine takes an operation id only once.
-    for operation_id in worker.store.jobs.waiting():
-        with SetWorkflowID(operation_id):
+    for operation_id, priority in worker.store.jobs.waiting():
+        with SetWorkflowID(operation_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - priority):
             DBOS.enqueue_workflow(_QUEUE, make_scene, operation_id)
         worker.store.jobs.mark_enqueued(operation_id)
 

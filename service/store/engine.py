@@ -11,7 +11,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from service.common.errors import InvalidInputError
 from service.store.errors import DatabaseError
-from service.store.schema import metadata
+from service.store.migrations import migrate
 
 _BUSY_MS = 30_000
 
@@ -36,7 +36,7 @@ def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
 
 
 def open_engine(url: URL) -> Engine:
-    """An engine whose write transactions take SQLite's lock at their start; the tables exist on return.
+    """An engine whose write transactions take SQLite's lock at their start; its tables are of this release on return.
 
     A transaction that begins as a reader and then writes is what makes SQLite fail with "locked" at once, whatever
     the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`.
@@ -46,7 +46,7 @@ def open_engine(url: URL) -> Engine:
     if sqlite:
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
-    _create_tables(engine)
+    _open_tables(engine)
     return engine
 
 
@@ -61,13 +61,11 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
 
 
-def _create_tables(engine: Engine, tries: int = 5) -> None:
-    # Several processes may start on an empty database; the loser of the race finds the tables on its next try.
+def _open_tables(engine: Engine, tries: int = 5) -> None:
+    # A server that is just starting refuses a few times.
     for remaining in reversed(range(tries)):
         try:
-            with engine.begin() as connection:
-                metadata.create_all(connection)
-            return
+            return migrate(engine)
         except DBAPIError as error:
             if not remaining:
                 raise DatabaseError(f"the database does not answer ({type(error.orig).__name__})") from error

@@ -33,11 +33,14 @@ class JobRows:
         self._engine = engine
         self._reading = engine.execution_options(read_only=True)
 
-    def waiting(self) -> Sequence[str]:
-        """Ids of queued operations that no job engine knows of yet, oldest first."""
-        query = select(operations.c.id).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
+    def waiting(self) -> Sequence[tuple[str, int]]:
+        """(id, priority) of queued operations that no job engine knows of yet, in the order in which they should run."""
+        query = select(operations.c.id, operations.c.priority).where(
+            operations.c.state == "QUEUED", operations.c.enqueued.is_(False)
+        )
+        order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading.connect() as connection:
-            return list(connection.scalars(query.order_by(operations.c.created_at, operations.c.id)))
+            return [(row.id, row.priority) for row in connection.execute(query.order_by(*order))]
 
     def mark_enqueued(self, operation_id: str) -> None:
         """The job engine has it, durably."""

@@ -29,7 +29,10 @@ class SceneRecord:
 
 @dataclass(frozen=True)
 class OperationRecord:
-    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fence."""
+    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fence.
+
+    Higher priorities run first.
+    """
 
     id: str
     scene_id: str
@@ -44,6 +47,7 @@ class OperationRecord:
     attempt: int
     starts: int
     cancel_requested: bool
+    priority: int
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class NewJob:
     request_digest: str
     upload_id: str
     options: Mapping[str, Any]
+    priority: int = 0
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from service.common.errors import ConflictError, NotFoundError
 from service.store.errors import DatabaseError
-from service.store.records import NewJob, OperationRecord, SceneRecord, SceneState
+from service.store.records import NewJob, OperationRecord, OperationState, SceneRecord, SceneState
 from service.store.schema import operations, scenes
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
@@ -26,8 +26,8 @@ class Rows:
     """
 
     def __init__(self, engine: Engine) -> None:
-        self._writing = partial(_transaction, engine)
-        self._reading = partial(_transaction, engine.execution_options(read_only=True))
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def admit(self, job: NewJob) -> tuple[OperationRecord, bool]:
         """Make a scene and its queued operation, or find the one that this request id made before.
@@ -46,7 +46,8 @@ class Rows:
         operation: dict[str, Any] = {
             "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
             "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
-            "options": dict(job.options), "stages": [], "created_at": now, "updated_at": now,
+            "options": dict(job.options), "priority": job.priority,
+            "stages": [], "created_at": now, "updated_at": now,
         }  # fmt: skip
         try:
             with self._writing() as connection:
@@ -97,7 +98,7 @@ class Rows:
         with self._reading() as connection:
             row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
         if row is None:
-            raise _no_scene(scene_id)
+            raise no_scene(scene_id)
         return SceneRecord(**row)
 
     def version(self, scene_id: str) -> tuple[SceneState, str, str]:
@@ -110,7 +111,7 @@ class Rows:
         with self._reading() as connection:
             row = connection.execute(query).first()
         if row is None:
-            raise _no_scene(scene_id)
+            raise no_scene(scene_id)
         state, version, operation_id = row
         return state, version, operation_id
 
@@ -123,6 +124,21 @@ class Rows:
             query = query.where(or_(scenes.c.created_at < created, same_time))
         with self._reading() as connection:
             return [SceneRecord(**row, cameras=()) for row in connection.execute(query).mappings()]
+
+    def operations(
+        self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
+    ) -> Sequence[OperationRecord]:
+        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if given."""
+        rows = operations.c
+        query = select(operations).order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
+        if state is not None:
+            query = query.where(rows.state == state)
+        if after is not None:
+            created, operation_id = after
+            same_time = and_(rows.created_at == created, rows.id < operation_id)
+            query = query.where(or_(rows.created_at < created, same_time))
+        with self._reading() as connection:
+            return [as_operation(row) for row in connection.execute(query).mappings()]
 
     def ready_scene_ids(self) -> Sequence[str]:
         """Ids of all READY scenes, newest first."""
@@ -153,7 +169,7 @@ class Rows:
         record = self.scene(scene_id)
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
-                raise _no_scene(scene_id)
+                raise no_scene(scene_id)
             _stop(connection, _operation(connection, record.operation_id))
             here = operations.c.id == record.operation_id
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
@@ -161,7 +177,8 @@ class Rows:
 
 
 @contextmanager
-def _transaction(engine: Engine) -> Iterator[Connection]:
+def transaction(engine: Engine) -> Iterator[Connection]:
+    """One transaction; what the database has against it is a `DatabaseError`, but for broken constraints."""
     try:
         with engine.begin() as connection:
             yield connection
@@ -171,7 +188,8 @@ def _transaction(engine: Engine) -> Iterator[Connection]:
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
 
 
-def _no_scene(scene_id: str) -> NotFoundError:
+def no_scene(scene_id: str) -> NotFoundError:
+    """What a call for an unknown scene raises."""
     return NotFoundError(f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are.")
 
 

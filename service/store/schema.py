@@ -1,4 +1,7 @@
-"""The tables: what is durable about scenes, operations and workers. Times are seconds since 1970, UTC."""
+"""The tables: what is durable about scenes, operations and workers. Times are seconds since 1970, UTC.
+
+How to change it: see `service.store.migrations`.
+"""
 
 from __future__ import annotations
 
@@ -44,6 +47,8 @@ operations = Table(
     Column("starts", Integer, nullable=False, default=0),
     Column("enqueued", Boolean, nullable=False, default=False),
     Column("cancel_requested", Boolean, nullable=False, default=False),
+    # Higher ones first.
+    Column("priority", Integer, nullable=False, default=0, server_default="0"),
 )
 
 workers = Table(

@@ -8,15 +8,13 @@ import sqlite3
 import subprocess
 import sys
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, make_url
 
-from service.calls import SceneService, open_service
+from service.calls.service import SceneService, open_service
 from service.calls.types import Operation, SceneOptions
 from service.capture.settings import CaptureSettings
 from service.capture.types import AdmittedUpload
@@ -133,24 +131,6 @@ class House:
 
 def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
     return AdmittedUpload(folder, "images", sum(1 for path in folder.rglob("*") if path.is_file()))
-
-
-@pytest.fixture
-def database_url() -> Iterator[str]:
-    """SQLite, or a database of its own on the PostgreSQL server that FASTSPLAT_TEST_POSTGRES names."""
-    server = os.environ.get("FASTSPLAT_TEST_POSTGRES", "")
-    if not server:
-        yield ""
-        return
-    url = make_url(server).set(drivername="postgresql+psycopg")
-    name = f"test_{uuid.uuid4().hex}"
-    admin = create_engine(url, isolation_level="AUTOCOMMIT")
-    with admin.connect() as connection:
-        connection.exec_driver_sql(f"CREATE DATABASE {name}")
-    yield url.set(database=name).render_as_string(hide_password=False)
-    with admin.connect() as connection:
-        connection.exec_driver_sql(f"DROP DATABASE {name} WITH (FORCE)")
-    admin.dispose()
 
 
 @pytest.fixture
