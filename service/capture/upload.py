@@ -153,7 +153,7 @@ def _admit_images(files: Path, contents: Contents, settings: CaptureSettings) ->
 
 
 def _admit_posed(files: Path, contents: Contents, settings: CaptureSettings) -> Manifest:
-    poses = read_poses(files, contents, _Sizes(files, contents.images, settings), settings)
+    poses = read_poses(files, contents, ImageSizes(files, contents.images, settings), settings)
     paths = tuple(sorted({photo.path for photo in poses.photos}))
     checked = {photo.path: photo for photo in _check_images(files, paths, settings)}
     for given in poses.photos:
@@ -193,7 +193,7 @@ def _admit_posed(files: Path, contents: Contents, settings: CaptureSettings) -> 
     )
 
 
-class _Sizes(Mapping[str, tuple[int, int]]):
+class ImageSizes(Mapping[str, tuple[int, int]]):
     """(width, height) of images as stored, read from their headers when asked for."""
 
     def __init__(self, files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> None:

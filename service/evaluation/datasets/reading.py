@@ -1,0 +1,189 @@
+"""From a folder to a `Dataset`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.capture.given import GivenPhoto, fits, wrong_aspect
+from service.capture.images import check_image, load_upright
+from service.capture.labels import check_label_map
+from service.capture.settings import CaptureSettings
+from service.capture.views import Placement, load_upright_map, placement, reduce, reduce_ids
+from service.common.camera import PosedCamera
+from service.common.dictionary import Dictionary, dictionary_of
+from service.common.errors import InvalidInputError
+from service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
+from service.evaluation.datasets.layout import Layout, read_layout
+from service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from service.evaluation.localization import box_of
+
+TEST_EVERY = 8
+
+
+def read_dataset(
+    folder: Path, settings: CaptureSettings, *, test_every: int = TEST_EVERY, mask_label: str = ""
+) -> Dataset:
+    """The split of a data set and the truth of its test views. All of it is read and checked here, before anybody
+    trains for minutes.
+
+    Layouts: a `transforms.json` with label maps, depth maps and a split, as far as it has them; a COLMAP model with
+    images (and `labels.json` + `labels/*.png`, or `masks/*.png` with `mask_label`); LERF-OVS; 3D-OVS. The test views
+    are those that the folder names; else those that are annotated, which are then never trained on; else every
+    `test_every`-th by name, from the first on (the custom of Mip-NeRF 360 and 3DGS).
+
+    Args:
+        folder: the data set; nothing in it is changed.
+        settings: limits of the capture room, and the size that images are reduced to.
+        test_every: see above.
+        mask_label: name of what the binary masks show. Without it, masks of a folder without labels say which pixels
+            count at all.
+
+    Raises:
+        NotFoundError: no such folder.
+        InvalidInputError, CorruptImageError, LimitExceededError: malformed; the message names the file.
+    """
+    if test_every < 2:
+        raise InvalidInputError(
+            f"every {test_every}th view for testing", field="test_every", limit="2 or more", hint="Say 8."
+        )
+    layout = read_layout(folder, mask_label, settings)
+    annotations = None if mask_label else find_annotations(folder, settings)
+    names = [photo.name for photo in layout.poses.photos]
+    if annotations is not None:
+        return _annotated(layout, annotations, names, settings)
+    chosen = set(layout.poses.test_names or names[::test_every])
+    photos = {photo.name: photo for photo in layout.poses.photos}
+    dictionary = layout.labels.dictionary() if layout.labels is not None else Dictionary(())
+    test = tuple(_true_view(layout, photos[name], settings) for name in names if name in chosen)
+    train = _train_names(layout, names, chosen)
+    return Dataset(
+        folder=folder,
+        kind="nerfstudio" if layout.contents.source == "nerfstudio" else "colmap",
+        dictionary=dictionary,
+        train=train,
+        test=test,
+        training_labels=any(photos[name].path in layout.label_maps for name in train),
+        mask_label=mask_label,
+        notes=_notes(layout, test),
+    )
+
+
+def _annotated(layout: Layout, annotations: Annotations, names: list[str], settings: CaptureSettings) -> Dataset:
+    by_stem: dict[str, GivenPhoto] = {}
+    for photo in layout.poses.photos:
+        stem = PurePosixPath(photo.name).stem
+        if stem in by_stem and stem in annotations.frames:
+            raise InvalidInputError(
+                f"two images are called {stem}, which is annotated once", field=stem, hint="Give images names."
+            )
+        by_stem[stem] = photo
+    plain = replace(layout, labels=None, label_maps={})
+    test, unposed = [], []
+    for stem, frame in annotations.frames.items():
+        if stem in by_stem:
+            test.append(_with_queries(plain, by_stem[stem], frame, settings))
+        else:
+            unposed.append(stem)
+            test.append(TrueView(stem, None, queries=tuple(_unplaced(annotation) for annotation in frame)))
+    chosen = {view.name for view in test} | set(layout.poses.test_names)
+    notes = tuple(
+        f"{stem} is annotated, but has no pose: its answers are missing and count as zero." for stem in unposed
+    )
+    return Dataset(
+        folder=layout.root,
+        kind=annotations.kind,
+        dictionary=dictionary_of(annotations.texts),
+        train=_train_names(layout, names, chosen),
+        test=tuple(sorted(test, key=lambda view: view.name)),
+        notes=notes,
+    )
+
+
+def _train_names(layout: Layout, names: list[str], test: set[str]) -> tuple[str, ...]:
+    if layout.listed_train is None:
+        return tuple(name for name in names if name not in test)
+    return tuple(name for name in names if name in layout.listed_train)
+
+
+def _true_view(layout: Layout, given: GivenPhoto, settings: CaptureSettings) -> TrueView:
+    root = layout.root
+    photo = check_image(root, given.path, settings)
+    if not fits(given.lens, *photo.upright_size) and not fits(given.lens, photo.width, photo.height):
+        raise wrong_aspect(given.path, given.lens, photo.width, photo.height)
+    placed = placement(given, photo, settings)
+    way, (width, height) = placed.way, placed.size
+
+    def upright(name: str) -> NDArray[np.uint16]:
+        return way.apply_to_ids(load_upright_map(root, name, photo, placed.size, settings))
+
+    valid = way.valid(width, height)
+    if given.path in layout.masks:
+        counted = upright(layout.masks[given.path]) > 0
+        valid = counted if valid is None else valid & counted
+    labels = depth = None
+    if given.path in layout.label_maps and layout.labels is not None:
+        name = layout.label_maps[given.path]
+        if layout.binary:
+            labels = (upright(name) > 0).astype(np.int32)
+        else:
+            sizes = {photo.upright_size, (photo.width, photo.height)}
+            check_label_map(root, name, layout.labels, sizes, settings)
+            labels = layout.labels.translate(upright(name)).astype(np.int32)
+    if given.path in layout.depths:
+        depth = (upright(layout.depths[given.path]) * layout.depth_unit).astype(np.float32)
+    return TrueView(
+        name=given.name,
+        posed=PosedCamera(way.camera, placed.world_from_camera, given.name),
+        rgb=way.apply(reduce(load_upright(root, photo, settings), placed.size)),
+        valid=valid,
+        labels=labels,
+        depth=depth,
+    )
+
+
+def _with_queries(
+    layout: Layout, given: GivenPhoto, frame: tuple[Annotation, ...], settings: CaptureSettings
+) -> TrueView:
+    view = _true_view(layout, given, settings)
+    photo = check_image(layout.root, given.path, settings)
+    placed = placement(given, photo, settings)
+    for annotation in frame:
+        for mask in annotation.instances:
+            _check_aspect(mask, photo.upright_size, f"{given.name}: {annotation.text}")
+    return replace(view, queries=tuple(filter(None, (_placed(annotation, placed) for annotation in frame))))
+
+
+def _placed(annotation: Annotation, placed: Placement) -> QueryTruth | None:
+    """The text's truth in the view's pixels, or None where it is not seen."""
+    masks = [
+        placed.way.apply_to_ids(reduce_ids(mask.astype(np.uint16), placed.size)) > 0 for mask in annotation.instances
+    ]
+    boxes = tuple(box for box in map(box_of, masks) if box is not None)
+    return QueryTruth(annotation.text, np.logical_or.reduce(masks), boxes) if boxes else None
+
+
+def _unplaced(annotation: Annotation) -> QueryTruth:
+    boxes = tuple(box for box in map(box_of, annotation.instances) if box is not None)
+    mask = np.logical_or.reduce(annotation.instances) if annotation.instances else np.zeros((1, 1), np.bool_)
+    return QueryTruth(annotation.text, mask, boxes)
+
+
+def _check_aspect(mask: NDArray[np.bool_], size: tuple[int, int], where: str) -> None:
+    height, width = mask.shape
+    if abs(width * size[1] - height * size[0]) > max(*size, width, height):
+        raise InvalidInputError(
+            f"{where} is annotated on {width}×{height} pixels, its image has {size[0]}×{size[1]}: another aspect",
+            field=where,
+            hint="Bring the images that were annotated, or a resized, never a cropped version.",
+        )
+
+
+def _notes(layout: Layout, test: tuple[TrueView, ...]) -> tuple[str, ...]:
+    without = [view.name for view in test if view.labels is None]
+    if layout.labels is None or not without:
+        return ()
+    return (f"{len(without)} of {len(test)} test views have no label map and count for pictures only.",)
