@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from service.common.camera import PosedCamera
+from service.query.blending import label_blend
 from service.query.settings import QuerySettings
 from service.query.types import Mask2D
 from service.scene.types import F32, Scene
-from service.splatting.raster import Rendering, Splats, rasterize, sh_to_rgb
-
-_CHUNK_LOGITS = 1 << 18
+from service.splatting.raster import LabelMap, Rendering, Splats, rasterize, sh_to_rgb
 
 
 class Renderer:
@@ -29,9 +28,8 @@ class Renderer:
         self._opacities = self._tensor(gaussians.logit_opacities).sigmoid_()
         self._sh = self._tensor(gaussians.sh)
         self._degree = gaussians.sh_degree
-        self._codes = self._tensor(gaussians.codes)
-        self._weight = self._tensor(scene.head.weight)
-        self._bias = self._tensor(scene.head.bias)
+        self._classes = len(scene.dictionary) + 1
+        self._labels = label_blend(scene, self._device)
 
     def colours(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3], on black."""
@@ -46,63 +44,53 @@ class Renderer:
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
-        seen = self._rasterize(posed, self._codes if self._codes.shape[1] else self._nothing())
-        classes, _ = self._classify(seen.image, None)
-        covered = seen.alpha >= self._settings.alpha_min
-        return np.asarray(torch.where(covered, classes, 0).cpu().numpy(), dtype=np.uint16)
+        return np.asarray(self._label(posed, self._means.new_zeros(len(self._means), 0), None).classes, dtype=np.uint16)
 
     def mask(self, posed: PosedCamera, relevant: tuple[int, ...], relevancy: F32) -> Mask2D:
         """The pixels of the classes `relevant`, and Σ_n p(n)·relevancy(n)·alpha.
-
-        p = softmax(W·code + b) of the composited code, not divided by alpha: that is what the training loss saw.
 
         Args:
             posed: the view.
             relevant: dictionary ids.
             relevancy: float32 [N + 1], by class; class 0 (undetected) should be 0.
         """
-        seen = self._rasterize(posed, torch.cat([self._rgb(posed), self._codes], dim=1))
-        classes, expected = self._classify(seen.image[..., 3:], self._tensor(relevancy))
-        wanted = torch.zeros(len(self._bias), dtype=torch.bool, device=self._device)
+        seen = self._label(posed, self._rgb(posed), relevancy)
+        assert seen.relevancy is not None
+        classes = seen.classes.cpu().numpy()
+        wanted = np.zeros(self._classes, dtype=np.bool_)
         wanted[list(relevant)] = True
-        mask = wanted[classes] & (seen.alpha >= self._settings.alpha_min)
+        mask = wanted[classes] & (seen.alpha.cpu().numpy() >= self._settings.alpha_min)
         return Mask2D(
-            mask=np.asarray(mask.cpu().numpy()),
-            label_ids=np.asarray((classes * mask).cpu().numpy(), dtype=np.uint16),
-            relevancy=_to_floats((expected * seen.alpha).clamp(0.0, 1.0)),
-            rgb=_to_bytes(seen.image[..., :3]),
+            mask=mask,
+            label_ids=np.asarray(classes * mask, dtype=np.uint16),
+            relevancy=_to_floats(seen.relevancy.clamp(0.0, 1.0)),
+            rgb=_to_bytes(seen.image),
         )
 
-    def _classify(self, codes: Tensor, relevancy: Tensor | None) -> tuple[Tensor, Tensor]:
-        """int64 [H, W] argmax class and [H, W] Σ_n p(n)·relevancy(n) of composited codes [H, W, ≥ D], in pieces."""
-        height, width = codes.shape[:2]
-        flat = codes.reshape(height * width, -1)[:, : self._weight.shape[1]].to(self._weight.dtype)
-        classes = torch.zeros(len(flat), dtype=torch.int64, device=self._device)
-        expected = torch.zeros(len(flat), dtype=self._weight.dtype, device=self._device)
-        columns = max(1, _CHUNK_LOGITS // len(self._bias))
-        for start in range(0, len(flat), columns):
-            piece = slice(start, start + columns)
-            # Classes down, pixels across: reductions over the few classes then run along whole cache lines.
-            logits = torch.addmm(self._bias[:, None], self._weight, flat[piece].T)
-            best, classes[piece] = logits.max(dim=0)
-            if relevancy is not None:
-                weights = logits.sub_(best).exp_()
-                expected[piece] = (relevancy @ weights) / weights.sum(dim=0)
-        return classes.reshape(height, width), expected.reshape(height, width)
+    def _label(self, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:
+        splats = Splats(self._means, self._quats, self._scales, self._opacities, features)
+        with torch.no_grad():
+            return self._labels.render(
+                splats,
+                self._viewmat(posed),
+                posed.camera,
+                alpha_min=self._settings.alpha_min,
+                relevancy=relevancy,
+                backend=self._settings.backend,
+            )
 
     def _rasterize(self, posed: PosedCamera, features: Tensor) -> Rendering:
         splats = Splats(self._means, self._quats, self._scales, self._opacities, features)
-        viewmat = torch.tensor(posed.camera_from_world(), dtype=self._means.dtype, device=self._device)
         with torch.no_grad():
-            return rasterize(splats, viewmat, posed.camera, backend=self._settings.backend)
+            return rasterize(splats, self._viewmat(posed), posed.camera, backend=self._settings.backend)
+
+    def _viewmat(self, posed: PosedCamera) -> Tensor:
+        return torch.tensor(posed.camera_from_world(), dtype=self._means.dtype, device=self._device)
 
     def _rgb(self, posed: PosedCamera) -> Tensor:
         position = torch.tensor(posed.world_from_camera[:3, 3], dtype=self._means.dtype, device=self._device)
         with torch.no_grad():
             return sh_to_rgb(self._means, self._sh, position, self._degree, backend=self._settings.backend)
-
-    def _nothing(self) -> Tensor:
-        return self._means.new_zeros(len(self._means), 1)
 
     def _tensor(self, array: F32) -> Tensor:
         return torch.tensor(np.asarray(array), dtype=torch.float32, device=self._device)
