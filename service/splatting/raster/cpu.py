@@ -107,14 +107,50 @@ def label_map(
     settings: RasterSettings,
 ) -> LabelMap:
     """See `service.splatting.raster.label_map`."""
-    return classify.label_map(rasterize(splats, viewmat, camera, None, settings), weight, bias, alpha_min, relevancy)
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    channels, size = parts[4].shape[1], weight.shape[1]
+    if channels > kernels.MAX_GROUP:
+        seen = rasterize(Splats(*parts), viewmat.detach(), camera, None, settings)
+        return classify.label_map(seen, weight, bias, alpha_min, relevancy)
+    frame, _ = _prepare(parts, viewmat, camera, settings)
+    shape = (camera.height, camera.width)
+    classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
+    expected = None if relevancy is None else torch.empty(shape)
+    image = torch.empty(*shape, channels - size)
+    optional = [None if part is None else _float32(part.detach()).numpy() for part in (relevancy, expected)]
+    _guard(
+        settings,
+        frame.label_map,
+        _float32(weight.detach()).numpy(),
+        _float32(bias.detach()).numpy(),
+        optional[0],
+        alpha_min,
+        classes.numpy(),
+        alpha.numpy(),
+        optional[1],
+        image.numpy(),
+        thread_count(),
+        instruction_set(),
+    )
+    dtype = splats.means.dtype
+    expected = None if expected is None else expected.to(dtype)
+    return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), int(frame.culled_non_finite))
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
     """See `service.splatting.raster.label_sums`."""
-    return classify.label_sums(
-        labels, len(splats.means), lambda values: blend_sums(splats, viewmat, camera, values, settings)
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    if labels.device.type != "cpu":
+        raise InvalidInputError(f"the cpu backend got labels on {labels.device}", field="labels")
+    frame, _ = _prepare(parts, viewmat, camera, settings)
+    starts = torch.empty(len(parts[0]) + 1, dtype=torch.int64)
+    wanted = labels.clamp(min=-1).to(torch.int32).contiguous().numpy()
+    count = _guard(
+        settings, frame.label_sums, wanted, settings.max_pairs, starts.numpy(), thread_count(), instruction_set()
     )
+    found, sums = torch.empty(count, dtype=torch.int32), torch.empty(count, dtype=torch.float64)
+    frame.label_entries(starts.numpy(), found.numpy(), sums.numpy())
+    return LabelSums(starts, found, sums)
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:

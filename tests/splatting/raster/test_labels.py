@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from raster_scenes import View, crowded, relative, render
+from raster_scenes import NAMES, View, crowded, relative, render
 
-from service.common.errors import InvalidInputError
+from service.common.errors import InvalidInputError, ResourceError
 from service.splatting.raster import (
     LabelMap,
     LabelSums,
+    RasterSettings,
     Splats,
     blend_sums,
     label_map,
@@ -140,9 +141,7 @@ def test_non_finite_gaussians_leave_no_trace_in_labels(isa: str, backend: Backen
     view = crowded(7, channels=4)
     weight, bias = head(6, 4)
     keep = torch.arange(60) != 13
-    without = view.with_splats(
-        **{name: getattr(view.splats, name)[keep] for name in ("means", "quats", "scales", "opacities", "features")}
-    )
+    without = view.with_splats(**{name: getattr(view.splats, name)[keep] for name in NAMES})
     features = view.splats.features.clone()
     features[13, 2] = float("nan")
     broken = view.with_splats(features=features)
@@ -251,6 +250,13 @@ def test_labels_that_do_not_fit_are_refused(backend: Backend) -> None:
     for labels in (torch.full((29, 37), 4), torch.zeros(29, 37), torch.zeros(37, 29, dtype=torch.int64)):
         with pytest.raises(InvalidInputError):
             summed(view, labels, 4, backend)
+
+
+def test_entries_are_bounded_like_pairs(isa: str) -> None:
+    view = replace(crowded(13, count=400), settings=RasterSettings(max_pairs=3000))
+    assert isinstance(rasterize(view.splats, view.viewmat, view.camera, settings=view.settings).alpha, torch.Tensor)
+    with pytest.raises(ResourceError, match="max_pairs"):
+        summed(view, torch.arange(29 * 37).reshape(29, 37), 29 * 37)
 
 
 def test_gradients_are_not_recorded() -> None:

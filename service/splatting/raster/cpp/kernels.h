@@ -117,6 +117,28 @@ struct SemanticJob {
   double* loss;                      // [tasks]
 };
 
+// Argmax (ties to the lower id) and, on request, Σ softmax · relevancy of weight · code + bias; logits within ±1e30.
+struct LabelJob {
+  const float *weight, *bias, *relevancy;  // [classes, size], [classes], [classes] or null
+  int32_t classes, size, skip;  // skip: channels before the code
+  float alpha_min;              // classes of pixels with less are 0
+  int32_t* winner;              // [H, W]
+  float *alpha, *expected;      // [H, W]; expected null without relevancy
+  float* image;                 // [H, W, skip]
+};
+
+struct LabelEntry {
+  uint32_t slot;  // of a pair
+  int32_t label;
+  float sum;
+};
+
+struct LabelEntries {
+  LabelEntry* data;
+  int64_t count, capacity;
+  bool (*grow)(LabelEntries&);  // false: no memory
+};
+
 struct AdamJob {
   float *value, *first, *second;
   const float* grad;
@@ -142,6 +164,10 @@ struct Kernels {
   double (*image_loss)(const ImageLossJob&, int32_t band, float* scratch);
   void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
   void (*semantic)(const SemanticJob&, int64_t task, float* scratch);
+  // Composites a tile whose channels all fit into one group, and classifies its pixels.
+  void (*label_tile)(const TileJob&, const LabelJob&, int32_t tile);
+  // Appends, for every pair of the tile, the sums of its weights by label [H, W]; negative labels do not count.
+  bool (*label_sums)(const TileJob&, const int32_t* labels, LabelEntries&, int32_t tile);
   void (*adam)(const AdamJob&, int64_t begin, int64_t end);
   int64_t (*census)(const TileJob&, int32_t tile);
   int64_t (*peak)(int64_t rounds, float* sink);

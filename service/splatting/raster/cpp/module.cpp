@@ -24,6 +24,9 @@ using fs::Status;
 using In = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<float, nb::c_contig, nb::device::cpu>;
 using OutInt = nb::ndarray<int32_t, nb::c_contig, nb::device::cpu>;
+using OutLong = nb::ndarray<int64_t, nb::c_contig, nb::device::cpu>;
+using OutDouble = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+using Labels = nb::ndarray<const int32_t, nb::c_contig, nb::device::cpu>;
 using Pose = nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
 
 namespace {
@@ -154,6 +157,47 @@ void blend(Held& held, const In& values, const Out& sums, int threads, const std
   check(held.frame.blend(call, values.data(), (int32_t)values.shape(2), sums.data()));
 }
 
+void label_map(Held& held, const In& weight, const In& bias, const std::optional<In>& relevancy, double alpha_min,
+               const OutInt& classes, const Out& alpha, const std::optional<Out>& expected, const Out& image, int threads,
+               const std::string& isa) {
+  const size_t pixels = (size_t)held.view.width * held.view.height;
+  const int channels = held.frame.channels();
+  if (weight.ndim() != 2 || weight.shape(0) != bias.size() || bias.size() < 1) throw std::invalid_argument("weight");
+  if (channels > fs::MAX_GROUP || (int)weight.shape(1) > channels) throw std::invalid_argument("channels");
+  if (relevancy.has_value() != expected.has_value()) throw std::invalid_argument("expected");
+  const int skip = channels - (int)weight.shape(1);
+  if (relevancy) expect(*relevancy, bias.size(), "relevancy");
+  if (expected) expect(*expected, pixels, "expected");
+  expect(classes, pixels, "classes");
+  expect(alpha, pixels, "alpha");
+  expect(image, pixels * skip, "image");
+  const fs::LabelJob job{weight.data(), bias.data(), relevancy ? relevancy->data() : nullptr, (int32_t)bias.size(),
+                         (int32_t)weight.shape(1), skip, (float)alpha_min, classes.data(), alpha.data(),
+                         expected ? expected->data() : nullptr, image.data()};
+  const Call call{&fs::kernels(isa), threads, signals()};
+  nb::gil_scoped_release release;
+  check(held.frame.label_map(call, job));
+}
+
+int64_t label_sums(Held& held, const Labels& labels, int64_t max_entries, const OutLong& starts, int threads,
+                   const std::string& isa) {
+  expect(labels, (size_t)held.view.width * held.view.height, "labels");
+  expect(starts, (size_t)held.frame.count() + 1, "starts");
+  const Call call{&fs::kernels(isa), threads, signals()};
+  nb::gil_scoped_release release;
+  check(held.frame.label_sums(call, labels.data(), max_entries, starts.data()));
+  return starts.data()[held.frame.count()];
+}
+
+void label_entries(Held& held, const OutLong& starts, const OutInt& labels, const OutDouble& sums) {
+  expect(starts, (size_t)held.frame.count() + 1, "starts");
+  const size_t entries = (size_t)starts.data()[held.frame.count()];
+  expect(labels, entries, "labels");
+  expect(sums, entries, "sums");
+  nb::gil_scoped_release release;
+  held.frame.label_entries(starts.data(), labels.data(), sums.data());
+}
+
 int64_t census(Held& held) { return held.frame.census(); }
 
 // Vector multiply-adds a nanosecond that `threads` threads reach together, and the lanes of a vector.
@@ -193,9 +237,13 @@ NB_MODULE(_cpu, m) {
       .def("forward", &forward)
       .def("backward", &backward)
       .def("blend", &blend)
+      .def("label_map", &label_map)
+      .def("label_sums", &label_sums)
+      .def("label_entries", &label_entries)
       .def("census", &census);
   m.def("prepare", &prepare);
   m.def("peak", &peak);
+  m.attr("MAX_GROUP") = fs::MAX_GROUP;
   bind_training(m);
   m.def("isas", &fs::available, "instruction sets this machine can run, best first");
 }

@@ -14,7 +14,6 @@
 namespace fs {
 namespace {
 
-constexpr int64_t CHUNK = 4096;  // Gaussians a task
 constexpr size_t SPARE = 3;      // workspaces kept for the next call: fresh pages cost more than the arithmetic
 
 std::mutex spare_lock;
@@ -54,6 +53,7 @@ Workspace::~Workspace() {
     std::free(list.tile);
     std::free(list.blocks);
   }
+  for (LabelEntries& list : entries) std::free(list.data);
 }
 
 Frame::Frame() {

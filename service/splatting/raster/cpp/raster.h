@@ -31,13 +31,21 @@ class Buffer {
   int64_t bytes_ = 0;
 };
 
+constexpr int64_t CHUNK = 4096;  // Gaussians a task
+
+struct LabelSum {
+  double sum;
+  int32_t label;
+};
+
 struct Workspace {
   Workspace() = default;
   Workspace(const Workspace&) = delete;
   ~Workspace();
-  std::vector<Pairs> lists;  // malloc'ed arrays
+  std::vector<Pairs> lists;  // malloc'ed arrays, as the entries' are
+  std::vector<LabelEntries> entries;
   Buffer projected, visible_in_chunk, bad_in_chunk, keys[2], order[2], histogram, rank_of, records, slot_start, counts, tile_start,
-      pairs, tile_used, final_t, stop, sums;
+      pairs, tile_used, final_t, stop, sums, cursor, merged;
 };
 
 struct Outputs {
@@ -69,8 +77,18 @@ class Frame {
   // values [H, W, width] -> out [G, width].
   Status blend(const Call& call, const float* values, int32_t width, float* out);
 
+  // Up to MAX_GROUP channels.
+  Status label_map(const Call& call, const LabelJob& labels);
+  // labels [H, W]; negative ones do not count. starts [G + 1]: where each Gaussian's entries begin.
+  Status label_sums(const Call& call, const int32_t* labels, int64_t max_entries, int64_t* starts);
+  // The entries of the last `label_sums`, labels ascending within a Gaussian.
+  void label_entries(const int64_t* starts, int32_t* labels, double* sums) const;
+
   // After forward: pixel-Gaussian pairs that count.
   int64_t census();
+
+  int64_t count() const { return count_; }
+  int32_t channels() const { return channels_; }
 
   int64_t bad = 0, visible = 0, pairs = 0;
   double milliseconds[STAGES] = {};

@@ -17,6 +17,8 @@ void target_moments(const ImageLossJob&, int32_t, float*);
 double image_loss(const ImageLossJob&, int32_t, float*);
 void image_gradient(const ImageLossJob&, int32_t, float*);
 void semantic(const SemanticJob&, int64_t, float*);
+void label_tile(const TileJob&, const LabelJob&, int32_t);
+bool label_sums(const TileJob&, const int32_t*, LabelEntries&, int32_t);
 void adam(const AdamJob&, int64_t, int64_t);
 int64_t census(const TileJob&, int32_t);
 int64_t peak(int64_t, float*);
@@ -24,7 +26,7 @@ int64_t peak(int64_t, float*);
 #define FS_TEXT(x) #x
 #define FS_NAME(x) FS_TEXT(x)
 extern const Kernels kernels = {FS_NAME(FS_NS), project, spans, forward, backward, blend, finish,
-                                harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic, adam,
-                                census, peak, W, TILE_W};
+                                harmonics, harmonics_backward, target_moments, image_loss, image_gradient, semantic,
+                                label_tile, label_sums, adam, census, peak, W, TILE_W};
 
 }  // namespace FS_NS
