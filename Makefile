@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-training sample docker-check clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-training bench-trade sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -47,6 +47,9 @@ bench-training: setup  ## PSNR against training seconds on the table-top benchma
 
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
+
+bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
+	$(BIN)/python -m benchmarks.trade
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output

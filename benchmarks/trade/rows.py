@@ -1,0 +1,122 @@
+"""What is measured: a base, and one factor changed at a time; the frontier; queries; presets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from benchmarks.trade.data import HELD_OUT_EVERY
+from service.splatting.plan import SceneSize, steps_per_second
+from service.splatting.settings import TrainingSettings
+
+BASE: dict[str, Any] = {
+    "iterations": 400,
+    "time_budget_s": None,
+    "max_side": 240,
+    "max_gaussians": 20_000,
+    "max_sh_degree": 1,
+    "held_out_every": HELD_OUT_EVERY,
+    "evaluations": 0,
+}
+"""Balanced, but shorter, at a quarter of the pixels of the two captures and with half the Gaussians, so that all rows
+fit an hour; and bounded by steps, which makes it reproducible. Scores are taken at the images' own 480×360."""
+
+_DETECTED = {"iterations": 200, "max_gaussians": 10_000}
+_TABLETOP = SceneSize(40, 480, 360, 4_955, 17)
+_YOLO = {
+    "open_set_detector": "yolo_world:yolo_world_s",
+    "prompt_encoder": "label_table:clip_text_vocab",
+    "open_score_threshold": 0.15,
+    "open_score_floor": 0.1,
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement.
+
+    Attributes:
+        data: "tabletop" or "sample".
+        factor, value: what is changed against the base, and to what, in words.
+        training: `TrainingSettings` in place of `BASE`'s.
+        perception: `PerceptionSettings` in place of their defaults; None takes the exact label maps.
+        query: "stride", "alpha_min", "transmittance_min" at which the kept base scene is drawn; None trains.
+    """
+
+    data: Literal["tabletop", "sample"]
+    factor: str
+    value: str
+    training: dict[str, Any] = field(default_factory=dict)
+    perception: dict[str, Any] | None = None
+    query: dict[str, float] | None = None
+
+    @property
+    def key(self) -> str:
+        """Unique."""
+        return f"{self.data}/{self.factor}/{self.value}"
+
+    def settings(self) -> TrainingSettings:
+        """To train with."""
+        return TrainingSettings.model_validate({**BASE, **self.training})
+
+
+def all_rows() -> list[Row]:
+    """In the order in which they are measured: what matters most first."""
+    rows = [Row("tabletop", "base", "base"), Row("sample", "base", "base")]
+    rows += _sweeps("tabletop", short=False)
+    rows += _queries()
+    rows += _frontier()
+    rows += _detected()
+    rows += _sweeps("sample", short=True)
+    return rows
+
+
+def _sweeps(data: Literal["tabletop", "sample"], *, short: bool) -> Iterator[Row]:
+    steps = (100, 1_600) if short else (50, 100, 200, 800, 1_600)
+    sides = (120, 480) if short else (120, 170, 340, 480)
+    counts = (5_000, 80_000) if short else (2_500, 5_000, 10_000, 40_000, 80_000)
+    for value in steps:
+        yield Row(data, "steps", f"{value}", {"iterations": value})
+    for value in sides:
+        yield Row(data, "resolution", f"{value} px", {"max_side": value})
+    for value in counts:
+        yield Row(data, "Gaussians", f"{value}", {"max_gaussians": value})
+    for value in (0, 3) if short else (0, 2, 3):
+        yield Row(data, "harmonics", f"degree {value}", {"max_sh_degree": value})
+    for value in (3,) if short else (2, 3, 5, 13):
+        yield Row(data, "code size", f"{value}", {"code_size": value})
+    yield Row(data, "label mode", "evidence", {"label_mode": "evidence"})
+    yield Row(data, "label mode", "codes", {"label_mode": "codes"})
+    recipe = {"max_gaussians": 200_000, "max_sh_degree": 3, "code_size": 16}
+    yield Row(data, "fixed recipe", "200000, degree 3, code 16", recipe)
+
+
+def _queries() -> Iterator[Row]:
+    for value in (1, 2, 3, 4):
+        yield Row("tabletop", "render stride", f"1/{value}", query={"stride": value})
+    for value in (1 / 128, 1 / 64, 1 / 32, 1 / 16, 1 / 8):
+        yield Row("tabletop", "alpha_min", f"1/{1 / value:.0f}", query={"alpha_min": value})
+    for value in (1e-3, 1e-2, 5e-2, 0.1, 0.2):
+        yield Row("tabletop", "transmittance_min", f"{value:g}", query={"transmittance_min": value})
+    everything = {"stride": 2, "alpha_min": 1 / 32, "transmittance_min": 5e-2}
+    yield Row("tabletop", "cut-offs together", "1/2, 1/32, 0.05", query=everything)
+
+
+def _frontier() -> Iterator[Row]:
+    """The same computing time spent on many steps over little, or on few over much."""
+    for seconds in (3, 9, 27):
+        for side, count in ((120, 5_000), (170, 10_000), (240, 20_000), (340, 20_000), (480, 40_000)):
+            chosen = {**BASE, "max_side": side, "max_gaussians": count}
+            steps = round(seconds * steps_per_second(TrainingSettings.model_validate(chosen), _TABLETOP))
+            changes = {"max_side": side, "max_gaussians": count, "iterations": steps}
+            yield Row("tabletop", f"frontier {seconds} s", f"{side} px, {count}", changes)
+
+
+def _detected() -> Iterator[Row]:
+    for views in (0, 11, 6, 4):
+        yield Row("sample", "perception views", f"{views or 21}", _DETECTED, {"max_views": views})
+    yield Row("sample", "closer look", "off", _DETECTED, {"closer_look": False})
+    yield Row("sample", "segmenter", "sam2_hiera_tiny", _DETECTED, {"max_views": 11, "segmenter": "sam2_hiera_tiny"})
+    for views in (4, 8, 16, 0):
+        yield Row("tabletop", "perception views", f"{views or 32}", _DETECTED, {**_YOLO, "max_views": views})
