@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 from google.protobuf import empty_pb2
 
 from api.grpc.guard import Context, guarded
-from api.grpc.translate import CHUNK_BYTES, answer_out, chunks, operation_out, picture_in, query_in, scene_out
+from api.grpc.messages import CHUNK_BYTES, chunks, messages_of
+from api.grpc.standing import answer_stream
+from api.grpc.translate import (
+    camera_format_in,
+    edits_in,
+    label_out,
+    object_out,
+    operation_out,
+    picture_in,
+    query_in,
+    scene_out,
+    state_in,
+    version_out,
+)
 from api.grpc.upload import receive_scene
 from api.threads import Threads
 from fastsplat.v1 import fastsplat_pb2 as pb
 from fastsplat.v1 import fastsplat_pb2_grpc as pb_grpc
 from service.calls.service import SceneService
-from service.calls.types import QueryAnswer
 from service.common.errors import InvalidInputError
 
 _POLL_S = 0.25
+_LONGEST_WAIT_S = 300.0
 
 
 class SceneServicer(pb_grpc.SceneServiceServicer):
@@ -60,15 +74,95 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             await self._threads.call(lambda: self._service.delete_scene(request.scene_id))
             return empty_pb2.Empty()
 
+    async def ListLabels(self, request: pb.ListLabelsRequest, context: Context) -> pb.ListLabelsResponse:  # noqa: N802
+        """The dictionary in pages."""
+
+        def listed() -> pb.ListLabelsResponse:
+            page, token = self._service.list_labels(request.scene_id, request.page_size, request.page_token)
+            return pb.ListLabelsResponse(labels=map(label_out, page), next_page_token=token)
+
+        async with guarded(context, "ListLabels"):
+            return await self._threads.call(listed)
+
+    async def ListObjects(  # noqa: N802
+        self, request: pb.ListObjectsRequest, context: Context
+    ) -> pb.ListObjectsResponse:
+        """The things of a scene in pages."""
+
+        def listed() -> pb.ListObjectsResponse:
+            page, token, version = self._service.list_objects(
+                request.scene_id, request.version, request.label, request.page_size, request.page_token
+            )
+            return pb.ListObjectsResponse(objects=map(object_out, page), next_page_token=token, version=version)
+
+        async with guarded(context, "ListObjects"):
+            return await self._threads.call(listed)
+
+    async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+        """Make a new version."""
+
+        def edited() -> pb.SceneVersion:
+            edits = edits_in(request.edits)
+            return version_out(self._service.edit_scene(request.scene_id, edits, request.request_id))
+
+        async with guarded(context, "EditScene"):
+            return await self._threads.call(edited)
+
+    async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+        """Go back one version."""
+        async with guarded(context, "UndoEdit"):
+            return await self._threads.call(
+                lambda: version_out(self._service.undo_edit(request.scene_id, request.version))
+            )
+
+    async def ListVersions(  # noqa: N802
+        self, request: pb.ListVersionsRequest, context: Context
+    ) -> pb.ListVersionsResponse:
+        """Every version."""
+        async with guarded(context, "ListVersions"):
+            return await self._threads.call(
+                lambda: pb.ListVersionsResponse(
+                    versions=map(version_out, self._service.list_versions(request.scene_id))
+                )
+            )
+
     async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """Where a job stands."""
         async with guarded(context, "GetOperation"):
             return await self._operation(request.operation_id)
 
+    async def ListOperations(  # noqa: N802
+        self, request: pb.ListOperationsRequest, context: Context
+    ) -> pb.ListOperationsResponse:
+        """Operations in pages."""
+
+        def listed() -> pb.ListOperationsResponse:
+            page, token = self._service.list_operations(request.page_size, request.page_token, state_in(request))
+            return pb.ListOperationsResponse(operations=map(operation_out, page), next_page_token=token)
+
+        async with guarded(context, "ListOperations"):
+            return await self._threads.call(listed)
+
     async def CancelOperation(self, request: pb.CancelOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """Ask a job to stop."""
         async with guarded(context, "CancelOperation"):
             return operation_out(await self._threads.call(lambda: self._service.cancel_operation(request.operation_id)))
+
+    async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+        """The operation when it is done, or when the time is up."""
+        async with guarded(context, "WaitOperation"):
+            timeout_s = request.timeout_s
+            if not (math.isfinite(timeout_s) and 0 <= timeout_s <= _LONGEST_WAIT_S):
+                raise InvalidInputError(
+                    f"a wait of {timeout_s} s", field="timeout_s", limit=f"0 to {_LONGEST_WAIT_S:g} s"
+                )
+            deadline = asyncio.get_running_loop().time() + timeout_s
+            while True:
+                operation = await self._operation(request.operation_id)
+                left = deadline - asyncio.get_running_loop().time()
+                if operation.done or left <= 0:
+                    return operation
+                await asyncio.sleep(min(_POLL_S, left))
 
     async def WatchOperation(  # noqa: N802
         self, request: pb.WatchOperationRequest, context: Context
@@ -85,21 +179,40 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                     await asyncio.sleep(_POLL_S)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
-        """Ranked labels and masks."""
+        """Ranked labels, masks and objects."""
+
+        def asked() -> list[pb.QueryResponse]:
+            answers = self._service.query(query_in(request))
+            return [message for answer in answers for message in messages_of(answer)]
+
         async with guarded(context, "Query"):
-            for message in await self._threads.call(lambda: [*map(answer_out, self._asked(request))]):
-                for part in message:
-                    yield part
+            for message in await self._threads.call(asked):
+                yield message
+
+    async def StreamQuery(  # noqa: N802
+        self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
+    ) -> AsyncIterator[pb.StreamQueryResponse]:
+        """A standing question and pose after pose."""
+        async with guarded(context, "StreamQuery"):
+            async for message in answer_stream(self._service, self._threads, aiter(request_iterator)):
+                yield message
 
     async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:  # noqa: N802
-        """One PNG picture."""
-
-        def rendered() -> bytes:
-            kind, camera, view = picture_in(request)
-            return self._service.view_picture(request.scene_id, request.text or None, kind, camera, view)
-
+        """One picture."""
         async with guarded(context, "RenderView"):
-            for chunk in chunks(await self._threads.call(rendered)):
+            picture = await self._threads.call(lambda: self._service.view_picture(**picture_in(request)))
+            for chunk in chunks(picture):
+                yield pb.Chunk(data=chunk)
+
+    async def DownloadCameras(  # noqa: N802
+        self, request: pb.DownloadCamerasRequest, context: Context
+    ) -> AsyncIterator[pb.Chunk]:
+        """The scene's own cameras as a file."""
+        async with guarded(context, "DownloadCameras"):
+            content = await self._threads.call(
+                lambda: self._service.camera_file(request.scene_id, camera_format_in(request))
+            )
+            for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
 
     async def DownloadScenePly(  # noqa: N802
@@ -107,8 +220,12 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> AsyncIterator[pb.Chunk]:
         """The whole scene as a 3DGS PLY."""
         async with guarded(context, "DownloadScenePly"):
-            path = await self._threads.call(lambda: self._service.scene_ply(request.scene_id))
-            async for chunk in self._file(path):
+            if request.offset and not request.version:
+                raise InvalidInputError(
+                    "an offset without a version", field="version", hint="Name the version whose file broke off."
+                )
+            path, _ = await self._threads.call(lambda: self._service.scene_ply(request.scene_id, request.version))
+            async for chunk in self._file(path, request.offset):
                 yield chunk
 
     async def DownloadMaskPly(  # noqa: N802
@@ -116,26 +233,22 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> AsyncIterator[pb.Chunk]:
         """The Gaussians that answer a text as a 3DGS PLY."""
         async with guarded(context, "DownloadMaskPly"):
-            ply = await self._threads.call(lambda: self._service.mask_ply(request.scene_id, request.text))
+            ply = await self._threads.call(
+                lambda: self._service.mask_ply(request.scene_id, request.text, request.version)
+            )
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
 
     async def _operation(self, operation_id: str) -> pb.Operation:
         return operation_out(await self._threads.call(lambda: self._service.get_operation(operation_id)))
 
-    def _asked(self, request: pb.QueryRequest) -> tuple[QueryAnswer, ...]:
-        query = query_in(request)
-        if query.scene_id:
-            return self._service.query(query)
-        if query.cameras or query.views:
-            raise InvalidInputError(
-                "cameras and views belong to one scene", field="scene_id", hint="Name the scene to ask."
-            )
-        return self._service.query_all(query.texts, query.outputs)
-
-    async def _file(self, path: Path) -> AsyncIterator[pb.Chunk]:
+    async def _file(self, path: Path, offset: int) -> AsyncIterator[pb.Chunk]:
+        size = path.stat().st_size
+        if not 0 <= offset <= size:
+            raise InvalidInputError(f"an offset of {offset} bytes", field="offset", limit=f"0 to {size} bytes")
         file = await self._threads.call(lambda: path.open("rb"))
         try:
+            file.seek(offset)
             while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
                 yield pb.Chunk(data=data)
         finally:

@@ -1,36 +1,79 @@
-"""Protos to the service's types and back, nothing else."""
+"""Protos to the service's types and back, nothing else. Names that agree are copied field by field of the message."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, TypeVar
 
 from google.protobuf import json_format, struct_pb2, timestamp_pb2
+from google.protobuf.message import Message
 
-from api.cameras import WORLD, Convention, orientation_of, posed_camera, position_of
+from api.cameras import WORLD, Convention, orientation_of, posed_camera, position_of, unit_quaternion
 from fastsplat.v1 import fastsplat_pb2 as pb
 from service.calls import types
-from service.calls.service import PictureKind
 from service.common.camera import Camera, PosedCamera
 from service.common.errors import InvalidInputError
 
-CHUNK_BYTES = 2**20
-"""Size of the pieces of anything that could pass gRPC's 4 MiB."""
+M = TypeVar("M", bound=Message)
+E = TypeVar("E")
 
-_FINAL = ("SUCCEEDED", "FAILED", "CANCELLED")
 _CONVENTIONS: dict[int, Convention] = {
     pb.CONVENTION_UNSPECIFIED: "OPENCV",
     pb.CONVENTION_OPENCV: "OPENCV",
     pb.CONVENTION_OPENGL: "OPENGL",
 }
-_OUTPUTS: dict[int, Literal["mask2d", "mask3d"]] = {pb.OUTPUT_MASK2D: "mask2d", pb.OUTPUT_MASK3D: "mask3d"}
-_KINDS: dict[int, PictureKind] = {
+_OUTPUTS: dict[int, types.Output] = {
+    pb.OUTPUT_MASK2D: "mask2d",
+    pb.OUTPUT_MASK3D: "mask3d",
+    pb.OUTPUT_OBJECTS: "objects",
+}
+_MASK2D: dict[int, types.MaskEncoding] = {
+    pb.MASK_ENCODING_UNSPECIFIED: "rle",
+    pb.MASK_ENCODING_RLE: "rle",
+    pb.MASK_ENCODING_PNG: "png",
+}
+_MASK3D: dict[int, types.Mask3dEncoding] = {
+    pb.MASK3D_ENCODING_UNSPECIFIED: "bits",
+    pb.MASK3D_ENCODING_BITS: "bits",
+    pb.MASK3D_ENCODING_RUNS: "runs",
+    pb.MASK3D_ENCODING_INDICES: "indices",
+    pb.MASK3D_ENCODING_PLY: "ply",
+}
+_KINDS: dict[int, types.PictureKind] = {
     pb.PICTURE_KIND_RGB: "rgb",
     pb.PICTURE_KIND_OVERLAY: "overlay",
     pb.PICTURE_KIND_RELEVANCY: "relevancy",
     pb.PICTURE_KIND_MASK: "mask",
+    pb.PICTURE_KIND_LABEL_MAP: "label_map",
+    pb.PICTURE_KIND_DEPTH: "depth",
+    pb.PICTURE_KIND_DEPTH_PICTURE: "depth_picture",
+}
+_FORMATS: dict[int, types.PictureFormat] = {
+    pb.PICTURE_FORMAT_UNSPECIFIED: "png",
+    pb.PICTURE_FORMAT_PNG: "png",
+    pb.PICTURE_FORMAT_NPY: "npy",
+}
+_CAMERA_FORMATS: dict[int, types.CameraFormat] = {
+    pb.CAMERA_FORMAT_UNSPECIFIED: "json",
+    pb.CAMERA_FORMAT_JSON: "json",
+    pb.CAMERA_FORMAT_TRANSFORMS: "transforms",
+    pb.CAMERA_FORMAT_COLMAP: "colmap",
+}
+_ACTIONS: dict[int, types.EditAction] = {
+    pb.EDIT_ACTION_RECOLOUR: "recolour",
+    pb.EDIT_ACTION_REMOVE: "remove",
+    pb.EDIT_ACTION_MOVE: "move",
+    pb.EDIT_ACTION_DUPLICATE: "duplicate",
+}
+_STATES: dict[int, types.OperationState | None] = {
+    pb.OPERATION_STATE_UNSPECIFIED: None,
+    pb.OPERATION_STATE_QUEUED: "QUEUED",
+    pb.OPERATION_STATE_RUNNING: "RUNNING",
+    pb.OPERATION_STATE_SUCCEEDED: "SUCCEEDED",
+    pb.OPERATION_STATE_FAILED: "FAILED",
+    pb.OPERATION_STATE_CANCELLED: "CANCELLED",
 }
 
 
@@ -43,14 +86,12 @@ def camera_in(camera: pb.PosedCamera, field: str) -> PosedCamera:
     for part in ("intrinsics", "position", "orientation"):
         if not camera.HasField(part):
             raise InvalidInputError(f"{part} is missing", field=f"{field}.{part}")
-    if camera.convention not in _CONVENTIONS:
-        raise InvalidInputError(f"convention {camera.convention} is unknown", field=f"{field}.convention")
-    intrinsics, position, orientation = camera.intrinsics, camera.position, camera.orientation
+    intrinsics = camera.intrinsics
     return posed_camera(
         Camera(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy),
-        (position.x, position.y, position.z),
-        (orientation.x, orientation.y, orientation.z, orientation.w),
-        convention=_CONVENTIONS[camera.convention],
+        _xyz(camera.position),
+        _xyzw(camera.orientation),
+        convention=_named(_CONVENTIONS, camera.convention, f"{field}.convention"),
         frame_id=camera.frame_id,
         field=field,
     )
@@ -58,36 +99,58 @@ def camera_in(camera: pb.PosedCamera, field: str) -> PosedCamera:
 
 def query_in(query: pb.QueryRequest) -> types.QueryRequest:
     """Questions as the service takes them."""
-    for output in query.outputs:
-        if output not in _OUTPUTS:
-            raise InvalidInputError(f"output {output} is unknown", field="outputs", hint="Use MASK2D or MASK3D.")
-    cameras = tuple(camera_in(camera, f"cameras[{index}]") for index, camera in enumerate(query.cameras))
-    outputs = frozenset(_OUTPUTS[output] for output in query.outputs)
-    return types.QueryRequest(query.scene_id, tuple(query.texts), cameras, tuple(query.views), outputs)
+    return types.QueryRequest(
+        query.scene_id,
+        tuple(query.texts),
+        tuple(camera_in(camera, f"cameras[{index}]") for index, camera in enumerate(query.cameras)),
+        tuple(query.views),
+        frozenset(_named(_OUTPUTS, output, "outputs") for output in query.outputs),
+        version=query.version,
+        negatives=tuple(query.negatives),
+        templates=tuple(query.templates),
+        coverage=query.coverage if query.HasField("coverage") else None,
+        max_matches=query.max_matches,
+        mask2d_encoding=_named(_MASK2D, query.mask2d_encoding, "mask2d_encoding"),
+        mask3d_encoding=_named(_MASK3D, query.mask3d_encoding, "mask3d_encoding"),
+    )
 
 
-def picture_in(request: pb.RenderViewRequest) -> tuple[PictureKind, PosedCamera | None, str | None]:
-    """Kind and viewpoint of a picture: a camera, or a view's name."""
-    if request.kind not in _KINDS:
-        raise InvalidInputError(
-            f"picture kind {request.kind} is unknown", field="kind", hint="Use RGB, OVERLAY, RELEVANCY or MASK."
-        )
+def picture_in(request: pb.RenderViewRequest) -> dict[str, Any]:
+    """The arguments of `SceneService.view_picture`."""
     viewpoint = request.WhichOneof("viewpoint")
-    camera = camera_in(request.camera, "camera") if viewpoint == "camera" else None
-    return _KINDS[request.kind], camera, request.view if viewpoint == "view" else None
+    return {
+        "scene_id": request.scene_id,
+        "text": request.text or None,
+        "kind": _named(_KINDS, request.kind, "kind"),
+        "camera": camera_in(request.camera, "camera") if viewpoint == "camera" else None,
+        "view": request.view if viewpoint == "view" else None,
+        "version": request.version,
+        "image_format": _named(_FORMATS, request.format, "format"),
+        "depth_scale": request.depth_scale,
+    }
+
+
+def camera_format_in(request: pb.DownloadCamerasRequest) -> types.CameraFormat:
+    """The format asked for."""
+    return _named(_CAMERA_FORMATS, request.format, "format")
+
+
+def state_in(request: pb.ListOperationsRequest) -> types.OperationState | None:
+    """The state asked for, None for all."""
+    return _named(_STATES, request.state, "state")
+
+
+def edits_in(edits: Sequence[pb.Edit]) -> tuple[types.Edit, ...]:
+    """Edits as the service takes them."""
+    return tuple(_edit_in(edit, f"edits[{number}]") for number, edit in enumerate(edits))
 
 
 def camera_out(posed: PosedCamera) -> pb.PosedCamera:
     """A scene's view, or a client's own viewpoint, as a message."""
-    x, y, z = position_of(posed)
-    qx, qy, qz, qw = orientation_of(posed)
-    camera = posed.camera
     return pb.PosedCamera(
-        intrinsics=pb.Intrinsics(
-            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy
-        ),
-        position=pb.Vector3(x=x, y=y, z=z),
-        orientation=pb.Quaternion(x=qx, y=qy, z=qz, w=qw),
+        intrinsics=pb.Intrinsics(**vars(posed.camera)),
+        position=_vector(position_of(posed)),
+        orientation=_quaternion(orientation_of(posed)),
         convention=pb.CONVENTION_OPENCV,
         frame_id=WORLD,
         name=posed.name,
@@ -96,141 +159,141 @@ def camera_out(posed: PosedCamera) -> pb.PosedCamera:
 
 def operation_out(operation: types.Operation) -> pb.Operation:
     """A job as a message."""
-    error = operation.error
-    return pb.Operation(
-        id=operation.id,
-        scene_id=operation.scene_id,
+    return _filled(
+        pb.Operation,
+        operation,
         state=pb.OperationState.Value(f"OPERATION_STATE_{operation.state}"),
-        done=operation.state in _FINAL,
-        created_at=_timestamp(operation.created_at),
-        updated_at=_timestamp(operation.updated_at),
-        stages=[
-            pb.StageProgress(
-                stage=stage.stage,
-                fraction=stage.fraction,
-                message=stage.message,
-                seconds=stage.seconds,
-                metrics=stage.metrics,
-            )
-            for stage in operation.stages
-        ],
-        error=None
-        if error is None
-        else pb.OperationError(
-            kind=error.kind, reason=error.reason, message=error.message, stage=error.stage, details=error.details
-        ),
+        created_at=timestamp_of(operation.created_at),
+        updated_at=timestamp_of(operation.updated_at),
+        stages=[_filled(pb.StageProgress, stage) for stage in operation.stages],
+        error=operation.error and _filled(pb.OperationError, operation.error),
     )
+
+
+def label_out(row: types.DictionaryRow) -> pb.DictionaryEntry:
+    """A label of a scene as a message."""
+    return _filled(pb.DictionaryEntry, row)
 
 
 def scene_out(scene: types.SceneInfo, *, full: bool) -> pb.Scene:
     """A scene as a message; a list leaves dictionary, cameras and quality out."""
-    message = pb.Scene(
-        id=scene.id,
-        name=scene.name,
+    quality = json_format.Parse(json.dumps(dict(scene.quality)), struct_pb2.Struct()) if full else None
+    return _filled(
+        pb.Scene,
+        scene,
         state=pb.SceneState.Value(f"SCENE_STATE_{scene.state}"),
-        operation_id=scene.operation_id,
-        created_at=_timestamp(scene.created_at),
-        gaussians=scene.gaussians,
+        created_at=timestamp_of(scene.created_at),
         scale=pb.Scale.Value(f"SCALE_{scene.scale}"),
+        dictionary=[label_out(row) for row in scene.dictionary] if full else (),
+        cameras=[camera_out(camera) for camera in scene.cameras] if full else (),
+        quality=quality,
     )
-    if full:
-        message.dictionary.extend(
-            pb.DictionaryEntry(
-                label_id=row.label_id,
-                label=row.label,
-                aliases=row.aliases,
-                pixels=row.pixels,
-                views=row.views,
-                gaussian_count=row.gaussian_count,
+
+
+def version_out(version: types.SceneVersion) -> pb.SceneVersion:
+    """A version as a message."""
+    return _filled(
+        pb.SceneVersion,
+        version,
+        created_at=timestamp_of(version.created_at),
+        edits=[
+            pb.Edit(
+                action=pb.EditAction.Value(f"EDIT_ACTION_{edit.action.upper()}"),
+                label=edit.label,
+                object_id=edit.object_id,
+                colour=edit.colour and pb.Colour(**dict(zip("rgb", edit.colour, strict=True))),
+                transform=edit.transform and _pose(edit.transform),
             )
-            for row in scene.dictionary
-        )
-        message.cameras.extend(camera_out(camera) for camera in scene.cameras)
-        message.quality.CopyFrom(json_format.Parse(json.dumps(dict(scene.quality)), struct_pb2.Struct()))
-    return message
-
-
-def answer_out(result: types.QueryAnswer) -> Iterator[pb.QueryResponse]:
-    """One answer as one or several messages, each well below gRPC's limit."""
-    answer = result.answer
-    response = pb.QueryResponse(
-        answer=pb.Answer(
-            scene_id=result.scene_id,
-            text=answer.text,
-            verdict=pb.Verdict.Value(f"VERDICT_{answer.verdict.upper()}"),
-            explanation=answer.explanation,
-            matches=[
-                pb.Match(
-                    label_id=match.label_id,
-                    label=match.label,
-                    relevancy=match.relevancy,
-                    similarity=match.similarity,
-                    nearest_negative=match.nearest_negative,
-                    gaussian_count=match.gaussian_count,
-                    relevant=match.relevant,
-                )
-                for match in answer.matches
-            ],
-        )
+            for edit in version.edits
+        ],
     )
-    room = CHUNK_BYTES
-    for piece in _mask_pieces(result.masks):
-        size = len(piece.segmentation.counts) + 256
-        if size > room:
-            yield response
-            response, room = pb.QueryResponse(), CHUNK_BYTES
-        response.masks.append(piece)
-        room -= size
-    for chunk in chunks(result.mask3d):
-        if len(chunk) > room:
-            yield response
-            response, room = pb.QueryResponse(), CHUNK_BYTES
-        response.mask3d = chunk
-        room = 0
-    yield response
 
 
-def joined(responses: Iterable[pb.QueryResponse]) -> Iterator[pb.QueryResponse]:
-    """For clients: the messages of a Query put together again, one for each answer."""
-    whole: pb.QueryResponse | None = None
-    for response in responses:
-        if response.HasField("answer"):
-            if whole is not None:
-                yield whole
-            whole = pb.QueryResponse(answer=response.answer)
-        assert whole is not None, "the first message of a Query carries an answer"
-        for mask in response.masks:
-            if mask.continues:
-                whole.masks[-1].segmentation.counts += mask.segmentation.counts
-            else:
-                whole.masks.append(mask)
-        whole.mask3d += response.mask3d
-    if whole is not None:
-        yield whole
+def object_out(thing: types.SceneObject) -> pb.SceneObject:
+    """A thing as a message."""
+    return _filled(
+        pb.SceneObject,
+        thing,
+        centroid=_vector(thing.centroid),
+        box=pb.Box(center=_pose(thing.box.center), size=_vector(thing.box.size)),
+    )
 
 
-def chunks(data: bytes) -> Iterator[bytes]:
-    """`data` in pieces of `CHUNK_BYTES`; none for no data."""
-    for start in range(0, len(data), CHUNK_BYTES):
-        yield data[start : start + CHUNK_BYTES]
+def match_out(match: Any) -> pb.Match:
+    """A dictionary entry held against a question as a message."""
+    return _filled(pb.Match, match)
 
 
-def _mask_pieces(masks: Sequence[types.ViewMask]) -> Iterator[pb.ViewMask]:
-    piece_chars = CHUNK_BYTES - 1024
-    for mask in masks:
-        counts = mask.rle.counts
-        yield pb.ViewMask(
-            view=mask.view,
-            camera_index=mask.camera_index,
-            segmentation=pb.RleMask(height=mask.rle.height, width=mask.rle.width, counts=counts[:piece_chars]),
-            area=mask.pixels,
-        )
-        for start in range(piece_chars, len(counts), piece_chars):
-            rest = pb.RleMask(counts=counts[start : start + piece_chars])
-            yield pb.ViewMask(segmentation=rest, continues=True)
+def answer_out(result: types.QueryAnswer) -> pb.Answer:
+    """An answer as a message, without its matches."""
+    answer = result.answer
+    return pb.Answer(
+        scene_id=result.scene_id,
+        text=answer.text,
+        verdict=pb.Verdict.Value(f"VERDICT_{answer.verdict.upper()}"),
+        explanation=answer.explanation,
+        probability=answer.probability,
+        label_set=answer.label_set,
+        coverage=answer.coverage,
+        decided_by=pb.DecidedBy.Value(f"DECIDED_BY_{answer.decided_by.upper()}"),
+        threshold=answer.threshold,
+        version=result.version,
+        match_count=result.match_count,
+        gaussians=result.gaussians,
+    )
 
 
-def _timestamp(moment: datetime) -> timestamp_pb2.Timestamp:
+def timestamp_of(moment: datetime) -> timestamp_pb2.Timestamp:
+    """A moment as a message."""
     message = timestamp_pb2.Timestamp()
     message.FromDatetime(moment.astimezone(UTC))
     return message
+
+
+def _filled(message: type[M], value: Any, **more: Any) -> M:
+    """A message whose fields are the attributes of `value` by the same names, but for those in `more`."""
+    names = (name for name in message.DESCRIPTOR.fields_by_name if name not in more)
+    return message(**{name: getattr(value, name) for name in names}, **more)
+
+
+def _named(known: Mapping[int, E], value: int, field: str) -> E:
+    if value not in known:
+        raise InvalidInputError(
+            f"{field} of {value} is unknown", field=field, hint="The contract names the values that there are."
+        )
+    return known[value]
+
+
+def _edit_in(edit: pb.Edit, field: str) -> types.Edit:
+    pose = None
+    if edit.HasField("transform"):
+        turned = unit_quaternion(_xyzw(edit.transform.orientation), field=f"{field}.transform.orientation")
+        pose = types.Pose(_xyz(edit.transform.position), turned)
+    target = edit.WhichOneof("target")
+    return types.Edit(
+        _named(_ACTIONS, edit.action, f"{field}.action"),
+        edit.label if target == "label" else None,
+        edit.object_id if target == "object_id" else None,
+        (edit.colour.r, edit.colour.g, edit.colour.b) if edit.HasField("colour") else None,
+        pose,
+    )
+
+
+def _pose(pose: types.Pose) -> pb.Pose:
+    return pb.Pose(position=_vector(pose.position), orientation=_quaternion(pose.orientation))
+
+
+def _xyz(vector: pb.Vector3) -> types.Vector:
+    return vector.x, vector.y, vector.z
+
+
+def _xyzw(rotation: pb.Quaternion) -> types.Quaternion:
+    return rotation.x, rotation.y, rotation.z, rotation.w
+
+
+def _vector(values: types.Vector) -> pb.Vector3:
+    return pb.Vector3(**dict(zip("xyz", values, strict=True)))
+
+
+def _quaternion(values: types.Quaternion) -> pb.Quaternion:
+    return pb.Quaternion(**dict(zip("xyzw", values, strict=True)))

@@ -1,4 +1,4 @@
-"""A small store of costly values: each made once, the least recently used leave first."""
+"""A store of costly values: each made once, the least recently used leave first."""
 
 from __future__ import annotations
 
@@ -12,23 +12,27 @@ V = TypeVar("V")
 
 
 class LeastRecentlyUsed(Generic[K, V]):
-    """At most `size` values. Threads that want the same missing value wait for one of them to make it."""
+    """Values of `budget` bytes together, or one larger one. Threads that want the same missing value wait for one of
+    them to make it; whoever holds a value that leaves keeps it."""
 
-    def __init__(self, size: int) -> None:
-        self._size = size
+    def __init__(self, budget: int) -> None:
+        self._budget = budget
         self._lock = threading.Lock()
         self._slots: OrderedDict[K, _Slot[V]] = OrderedDict()
 
-    def get(self, key: K, make: Callable[[], V]) -> V:
-        """The value of `key`, made now if it is not here. A failure to make it is not kept."""
+    def get(self, key: K, size: Callable[[], int], make: Callable[[], V]) -> V:
+        """The value of `key`, made now if it is not here; room for its `size()` bytes is made first.
+
+        A failure to make it is not kept.
+        """
         with self._lock:
             slot = self._slots.setdefault(key, _Slot())
             self._slots.move_to_end(key)
-            while len(self._slots) > self._size:
-                self._slots.popitem(last=False)
         with slot.lock:
             if not slot.filled:
                 try:
+                    slot.size = size()
+                    self._make_room(slot)
                     slot.value = make()
                 except BaseException:
                     self._drop(key, slot)
@@ -37,14 +41,30 @@ class LeastRecentlyUsed(Generic[K, V]):
             return slot.value
 
     def drop(self, unwanted: Callable[[K], bool]) -> None:
-        """Let go of every key that `unwanted` names; whoever holds a value keeps it."""
+        """Let go of every key that `unwanted` names."""
         with self._lock:
             for key in [key for key in self._slots if unwanted(key)]:
                 del self._slots[key]
 
+    @property
+    def bytes(self) -> int:
+        """What the values here weigh."""
+        with self._lock:
+            return sum(slot.size for slot in self._slots.values())
+
     def __len__(self) -> int:
         with self._lock:
             return len(self._slots)
+
+    def _make_room(self, newest: _Slot[V]) -> None:
+        with self._lock:
+            total = sum(slot.size for slot in self._slots.values())
+            for key, slot in list(self._slots.items()):
+                if total <= self._budget:
+                    return
+                if slot is not newest and slot.filled:
+                    del self._slots[key]
+                    total -= slot.size
 
     def _drop(self, key: K, slot: _Slot[V]) -> None:
         with self._lock:
@@ -58,3 +78,4 @@ class _Slot(Generic[V]):
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.filled = False
+        self.size = 0

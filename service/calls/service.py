@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, Self
+from typing import Self
 
+from service.calls.admin import Admin
 from service.calls.answers import Answers
-from service.calls.paging import read_page_token, write_page_token
-from service.calls.translate import operation_of, scene_of
-from service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
+from service.calls.cameras import camera_file
+from service.calls.paging import page_of, read_page_token, write_page_token
+from service.calls.scenes import OpenScenes
+from service.calls.translate import label_of, operation_of, scene_of
+from service.calls.types import (
+    CameraFormat,
+    DictionaryRow,
+    Edit,
+    Operation,
+    OperationState,
+    PictureFormat,
+    PictureKind,
+    QueryAnswer,
+    QueryRequest,
+    SceneInfo,
+    SceneObject,
+    SceneOptions,
+    SceneVersion,
+)
 from service.calls.uploads import UploadSession
 from service.calls.validate import check_page_size, check_request
+from service.calls.versions import Versions
 from service.capture.settings import CaptureSettings
 from service.capture.types import AdmittedUpload
 from service.common.camera import PosedCamera
@@ -22,8 +40,6 @@ from service.store.blobs import remove, sync_tree
 from service.store.records import NewJob
 
 Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
-Output = Literal["mask2d", "mask3d"]
-PictureKind = Literal["rgb", "overlay", "relevancy", "mask"]
 
 
 class SceneService:
@@ -37,7 +53,11 @@ class SceneService:
         self._store = store
         self._settings = settings
         self._check_files = admit or _admit_upload
-        self._answers = Answers(store, settings)
+        self._scenes = OpenScenes(store, settings)
+        self._answers = Answers(store, settings, self._scenes)
+        self._versions = Versions(store, settings, self._scenes)
+        self.admin = Admin(store, settings, self._scenes.count)
+        """What those who run the service ask of it."""
 
     def __enter__(self) -> Self:
         return self
@@ -47,8 +67,13 @@ class SceneService:
 
     def close(self) -> None:
         """Let go of scenes and connections."""
-        self._answers.close()
+        self._scenes.close()
         self._store.close()
+
+    @property
+    def heartbeat_s(self) -> float:
+        """A standing question says that it lives after so long a silence, if it does not choose."""
+        return self._settings.calls.heartbeat_s
 
     def new_upload(self) -> UploadSession:
         """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all."""
@@ -76,13 +101,71 @@ class SceneService:
             remove(self._store.blobs.upload(record.upload_id))
         return operation_of(record)
 
+    def list_operations(
+        self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
+    ) -> tuple[tuple[Operation, ...], str]:
+        """Operations, newest first, in pages as `list_scenes`; only those in `state`, if given.
+
+        Raises:
+            InvalidInputError: a negative size, or a token that no page returned.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        found = self._store.rows.operations(size + 1, read_page_token(page_token), state)
+        page = tuple(operation_of(record) for record in found[:size])
+        token = write_page_token(found[size - 1].created_at, found[size - 1].id) if len(found) > size else ""
+        return page, token
+
     def get_scene(self, scene_id: str) -> SceneInfo:
-        """One scene with its dictionary, cameras and quality.
+        """One scene with its dictionary, cameras and quality; of very many labels and cameras the first.
 
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._store.rows.scene(scene_id))
+        return scene_of(self._store.rows.scene(scene_id), self._settings.calls.max_listed)
+
+    def list_labels(
+        self, scene_id: str, page_size: int = 0, page_token: str = ""
+    ) -> tuple[tuple[DictionaryRow, ...], str]:
+        """A scene's dictionary by label id, in pages as `list_scenes`.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            InvalidInputError: a negative size, or a token that no page returned.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        scene = self._store.rows.scene(scene_id)
+        page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
+        return tuple(label_of(row) for row in page), token
+
+    def list_objects(
+        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
+    ) -> tuple[tuple[SceneObject, ...], str, str]:
+        """The things of a scene as oriented boxes, in pages as `list_scenes`.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            label: only those of this dictionary entry, by its label or an alias; "" for all.
+            page_size, page_token: as `list_scenes`.
+
+        Returns:
+            The page, the token of the next one ("" after the last), and the version that was read.
+
+        Raises:
+            NotFoundError: there is no such scene, version or label.
+            NotReadyError, InvalidInputError: as `query` and `list_scenes`.
+        """
+        return self._answers.objects(scene_id, version, label, page_size, page_token)
+
+    def camera_file(self, scene_id: str, wanted: CameraFormat) -> bytes:
+        """The scene's own cameras as a file, see `service.calls.cameras`.
+
+        Raises:
+            NotFoundError, NotReadyError: as `query`.
+            InvalidInputError: no such format, or one that cannot hold the cameras' names.
+        """
+        self._scenes.version(scene_id, "")
+        return camera_file(scene_of(self._store.rows.scene(scene_id)).cameras, wanted)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> tuple[tuple[SceneInfo, ...], str]:
         """Scenes, newest first, in pages; `cameras` are left to `get_scene`.
@@ -110,35 +193,76 @@ class SceneService:
             NotFoundError: there is none of that id.
         """
         operation = self._store.rows.delete_scene(scene_id)
-        self._answers.forget(scene_id)
+        self._scenes.forget(scene_id)
+        self._store.versions.forget(scene_id)
         remove(self._store.blobs.scene(scene_id))
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             remove(self._store.blobs.upload(operation.upload_id))
             remove(self._store.blobs.job(operation.id))
             remove(self._store.blobs.log(operation.id))
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
-        """Ask one scene; one answer a text, in order.
+    def edit_scene(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
+        """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
+
+        Questions that are being answered keep the version they began with.
+
+        Args:
+            scene_id: which scene.
+            edits: at least one.
+            request_id: the same id with the same edits returns the version that they made; "" for none.
 
         Raises:
-            NotFoundError: unknown scene or view.
+            NotFoundError: there is no such scene, label or object.
+            NotReadyError: its training has not finished, or has failed.
+            InvalidInputError: an edit that makes no sense.
+            LimitExceededError: too many edits, or versions.
+            ConflictError: the request id was used before for other edits.
+        """
+        return self._versions.edit(scene_id, edits, request_id)
+
+    def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go back to the version before the current one; returns it.
+
+        Args:
+            scene_id: which scene.
+            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit_scene`.
+            ConflictError: there is nothing to undo, or another version is current.
+        """
+        return self._versions.undo(scene_id, version)
+
+    def list_versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
+        """Every version of a scene, oldest first.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit_scene`.
+        """
+        return self._versions.list(scene_id)
+
+    def current_version(self, scene_id: str) -> str:
+        """The version that a question would read now.
+
+        Raises:
+            NotFoundError, NotReadyError: as `query`.
+        """
+        return self._scenes.version(scene_id, "")
+
+    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
+
+        Cameras, views and versions belong to one scene.
+
+        Raises:
+            NotFoundError: unknown scene, version or view.
             NotReadyError: the scene's training has not finished, or has failed.
             InvalidInputError: an empty text, or "mask2d" without a camera or view.
             LimitExceededError: too many or too long texts, too many or too large cameras.
             ModelUnavailableError: the scene's text encoder is not in the model directory.
+            CancelledError: nobody waits for the answer any more.
         """
         return self._answers.query(request)
-
-    def query_all(self, texts: Sequence[str], outputs: Iterable[Output] = ()) -> tuple[QueryAnswer, ...]:
-        """Ask every READY scene, newest first; answers in order of scenes, then texts.
-
-        Cameras belong to one scene, so only "mask3d" can be asked for here.
-
-        Raises:
-            InvalidInputError: an empty text, or "mask2d" among the outputs.
-            LimitExceededError: too many or too long texts.
-        """
-        return self._answers.query_all(tuple(texts), frozenset(outputs))
 
     def view_picture(
         self,
@@ -147,36 +271,43 @@ class SceneService:
         kind: PictureKind,
         camera: PosedCamera | None = None,
         view: str | None = None,
+        version: str = "",
+        image_format: PictureFormat = "png",
+        depth_scale: float = 0.0,
     ) -> bytes:
-        """PNG bytes of one view of a scene.
+        """One view of a scene as a picture.
 
         Args:
             scene_id: which scene.
-            text: the question behind "overlay", "relevancy" and "mask"; not needed for "rgb".
-            kind: the rendered view, the mask laid over it, turbo relevancy, or the mask alone (8-bit, 0/255).
+            text: the question behind "overlay", "relevancy" and "mask"; the others need none.
+            kind: the rendered view, the mask laid over it, turbo relevancy, the mask alone (8-bit, 0/255), label ids
+                (16-bit), depth (16-bit steps of `depth_scale`; 0 nothing, 65535 so far or farther), depth in colours.
             camera: a free viewpoint, or
             view: the name of one of the scene's own cameras; exactly one of the two.
+            version: of the scene; "" is the current one.
+            image_format: PNG, or numpy's own for label maps (uint16) and depth (float32, scene units).
+            depth_scale: scene units a step of the 16-bit depth; 0 is 0.001.
 
         Raises:
             NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
         """
-        return self._answers.picture(scene_id, text, kind, camera, view)
+        return self._answers.picture(scene_id, text, kind, camera, view, version, image_format, depth_scale)
 
-    def scene_ply(self, scene_id: str) -> Path:
-        """The whole scene as a standard 3DGS PLY file; never changes once there, gone when the scene is deleted.
+    def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
+        """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
 
         Raises:
             NotFoundError, NotReadyError: as `query`.
         """
-        return self._answers.scene_ply(scene_id)
+        return self._answers.scene_ply(scene_id, version)
 
-    def mask_ply(self, scene_id: str, text: str) -> bytes:
+    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
         """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
 
         Raises:
             NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
         """
-        return self._answers.mask_ply(scene_id, text)
+        return self._answers.mask_ply(scene_id, text, version)
 
     def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         check_request(name, request_id, options, self._settings.store)
@@ -202,7 +333,9 @@ class SceneService:
                 "labels": list(options.labels),
                 "time_budget_s": options.time_budget_s,
                 "max_gaussians": options.max_gaussians,
+                "preset": options.preset,
             },
+            priority=options.priority,
         )
         record, new = self._store.rows.admit(job)
         if not new:

@@ -34,8 +34,8 @@ def operation_of(record: OperationRecord) -> Operation:
     )
 
 
-def scene_of(record: SceneRecord) -> SceneInfo:
-    """What a caller sees of a scene row."""
+def scene_of(record: SceneRecord, max_listed: int | None = None) -> SceneInfo:
+    """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
     return SceneInfo(
         id=record.id,
         name=record.name,
@@ -44,9 +44,12 @@ def scene_of(record: SceneRecord) -> SceneInfo:
         created_at=_time(record.created_at),
         gaussians=record.gaussians,
         scale=record.scale,
-        dictionary=tuple(_dictionary_row(row) for row in record.dictionary),
-        cameras=tuple(camera_from_json(row) for row in record.cameras),
+        dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
+        cameras=tuple(camera_from_json(row) for row in record.cameras[:max_listed]),
         quality=record.quality,
+        version=record.version,
+        label_count=len(record.dictionary),
+        camera_count=len(record.cameras),
     )
 
 
@@ -56,6 +59,7 @@ def options_of(options: Mapping[str, Any]) -> SceneOptions:
         labels=tuple(options["labels"]),
         time_budget_s=options["time_budget_s"],
         max_gaussians=options["max_gaussians"],
+        preset=options.get("preset"),
     )
 
 
@@ -80,7 +84,8 @@ def camera_from_json(row: Mapping[str, Any]) -> PosedCamera:
     return PosedCamera(camera, np.array(row["world_from_camera"], dtype=np.float64), row["name"])
 
 
-def _dictionary_row(row: Mapping[str, Any]) -> DictionaryRow:
+def label_of(row: Mapping[str, Any]) -> DictionaryRow:
+    """What a caller sees of a stored dictionary entry."""
     return DictionaryRow(**{**row, "aliases": tuple(row["aliases"])})
 
 

@@ -5,12 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from io import BytesIO
 from typing import Any, Literal
 
-from service.common.camera import PosedCamera
-from service.query.types import Answer
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
-OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
+from service.common.camera import PosedCamera
+from service.query.rle import decode_rle
+from service.query.types import Answer
+from service.store.records import OperationState, SceneState
+
+Output = Literal["mask2d", "mask3d", "objects"]
+MaskEncoding = Literal["rle", "png"]
+Mask3dEncoding = Literal["bits", "runs", "indices", "ply"]
+PictureKind = Literal["rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture"]
+PictureFormat = Literal["png", "npy"]
+CameraFormat = Literal["json", "transforms", "colmap"]
+EditAction = Literal["recolour", "remove", "move", "duplicate"]
+Preset = Literal["draft", "balanced", "best"]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -21,11 +37,15 @@ class SceneOptions:
         labels: names to look for; empty lets the settings' prompt source decide.
         time_budget_s: training seconds, or None for the server's default.
         max_gaussians: hard budget, or None for the server's default.
+        preset: how much to spend, or None for the server's default.
+        priority: higher ones are trained first.
     """
 
     labels: tuple[str, ...] = ()
     time_budget_s: float | None = None
     max_gaussians: int | None = None
+    preset: Preset | None = None
+    priority: int = 0
 
 
 @dataclass(frozen=True)
@@ -62,6 +82,11 @@ class Operation:
     stages: tuple[StageProgress, ...]
     error: OperationError | None
 
+    @property
+    def done(self) -> bool:
+        """Whether the state is final."""
+        return self.state in ("SUCCEEDED", "FAILED", "CANCELLED")
+
 
 @dataclass(frozen=True)
 class DictionaryRow:
@@ -77,11 +102,14 @@ class DictionaryRow:
 
 @dataclass(frozen=True)
 class SceneInfo:
-    """A scene as listed. `dictionary`, `cameras` and `quality` are empty until `state` is READY."""
+    """A scene as listed. `dictionary`, `cameras`, `quality` and `version` are empty until `state` is READY.
+
+    Of very many labels and cameras only the first stand here; the counts are of all (of cameras, 0 in lists).
+    """
 
     id: str
     name: str
-    state: Literal["TRAINING", "READY", "FAILED"]
+    state: SceneState
     operation_id: str
     created_at: datetime
     gaussians: int
@@ -89,6 +117,86 @@ class SceneInfo:
     dictionary: tuple[DictionaryRow, ...]
     cameras: tuple[PosedCamera, ...]
     quality: Mapping[str, Any]
+    version: str
+    label_count: int
+    camera_count: int
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A rigid pose in the world frame: position x y z in scene units, unit quaternion x y z w."""
+
+    position: Vector
+    orientation: Quaternion
+
+
+@dataclass(frozen=True)
+class Box:
+    """An oriented box: the pose of its middle (orientation rotates box axes into world axes) and whole edge lengths."""
+
+    center: Pose
+    size: Vector
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One thing: connected Gaussians of one label. As vision_msgs/Detection3D.
+
+    Attributes:
+        id: stable within a version of a scene.
+        score: how sure its Gaussians are of the label, 0..1.
+        centroid: world frame, scene units.
+        metres: whether lengths are metres.
+        best_views: names of the scene's cameras that see it best, best first.
+    """
+
+    id: str
+    label_id: int
+    label: str
+    score: float
+    centroid: Vector
+    box: Box
+    gaussian_count: int
+    metres: bool
+    best_views: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What to do to everything of a label, or to one object.
+
+    Attributes:
+        action: what.
+        label, object_id: to what; exactly one of the two.
+        colour: RGB 0..1, for "recolour".
+        transform: for "move" and "duplicate", the rigid motion x' = R x + t in the world frame.
+    """
+
+    action: EditAction
+    label: str | None = None
+    object_id: str | None = None
+    colour: Vector | None = None
+    transform: Pose | None = None
+
+
+@dataclass(frozen=True)
+class SceneVersion:
+    """One state of a scene; never changes.
+
+    Attributes:
+        parent: the version it was made of; "" for the trained one.
+        gaussians: G.
+        current: whether questions that name no version go here.
+        edits: what made it of its parent.
+    """
+
+    scene_id: str
+    version: str
+    parent: str
+    created_at: datetime
+    gaussians: int
+    current: bool
+    edits: tuple[Edit, ...]
 
 
 @dataclass(frozen=True)
@@ -100,14 +208,26 @@ class QueryRequest:
         texts: the questions.
         cameras: free viewpoints for 2D masks.
         views: names of the scene's own cameras for 2D masks.
-        outputs: what to compute beside the ranking: "mask2d" needs a camera or a view; "mask3d" does not.
+        outputs: what to compute beside the ranking: "mask2d" needs a camera or a view; the others do not.
+        version: of the scene; "" is the current one.
+        negatives, templates: in place of the settings' own; empty leaves them.
+        coverage: of the label set, in (0, 1), or None for the settings' own.
+        max_matches: best entries to return; 0 is the settings' own number, -1 means all.
+        mask2d_encoding, mask3d_encoding: see `QueryAnswer` and `ViewMask`.
     """
 
     scene_id: str
     texts: tuple[str, ...]
     cameras: tuple[PosedCamera, ...] = ()
     views: tuple[str, ...] = ()
-    outputs: frozenset[Literal["mask2d", "mask3d"]] = frozenset()
+    outputs: frozenset[Output] = frozenset()
+    version: str = ""
+    negatives: tuple[str, ...] = ()
+    templates: tuple[str, ...] = ()
+    coverage: float | None = None
+    max_matches: int = 0
+    mask2d_encoding: MaskEncoding = "rle"
+    mask3d_encoding: Mask3dEncoding = "bits"
 
 
 @dataclass(frozen=True)
@@ -121,26 +241,48 @@ class RleMask:
 
 @dataclass(frozen=True)
 class ViewMask:
-    """A 2D mask of one answer in one camera; `view` is its name, "" for a free viewpoint given at `camera_index`."""
+    """A 2D mask of one answer in one camera; `view` is its name, "" for a free viewpoint given at `camera_index`.
+
+    Attributes:
+        area: pixels inside.
+        rle: the mask, unless PNG was asked for.
+        png: the mask as 8-bit grey, 255 inside, if asked for; else empty.
+    """
 
     view: str
     camera_index: int
-    rle: RleMask
-    pixels: int
+    area: int
+    rle: RleMask | None
+    png: bytes = b""
+
+    def array(self) -> NDArray[np.bool_]:
+        """bool [H, W]."""
+        if self.rle is not None:
+            return decode_rle(self.rle.counts, self.rle.height, self.rle.width)
+        return np.asarray(Image.open(BytesIO(self.png))) > 0
 
 
 @dataclass(frozen=True)
 class QueryAnswer:
-    """The ranked answer of one text with the masks that were asked for.
+    """The ranked answer of one text with what else was asked for.
 
     Attributes:
-        scene_id: which scene answered.
-        answer: verdict and ranked entries.
+        scene_id, version: what answered.
+        answer: verdict and the best entries.
+        match_count: entries in the whole dictionary.
+        gaussians: G, the length of the 3D mask.
         masks: 2D masks in the order cameras, then views; empty unless asked for.
-        mask3d: packed bits, most significant first, one per Gaussian in row order; empty unless asked for.
+        mask3d: the Gaussians that answer; empty unless asked for. "bits": packed, most significant first, one per
+            Gaussian in row order; "runs": little-endian uint32 lengths of alternating runs, outside first; "indices":
+            little-endian uint32 row numbers, ascending; "ply": a 3DGS PLY of just these.
+        objects: the things that answer, by label in the order of the matches; empty unless asked for.
     """
 
     scene_id: str
+    version: str
     answer: Answer
-    masks: tuple[ViewMask, ...]
-    mask3d: bytes
+    match_count: int
+    gaussians: int
+    masks: tuple[ViewMask, ...] = ()
+    mask3d: bytes = b""
+    objects: tuple[SceneObject, ...] = ()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from typing import get_args
 
-from service.calls.types import SceneOptions
+from service.calls.types import Preset, SceneOptions
 from service.common.dictionary import label_key
 from service.common.errors import InvalidInputError, LimitExceededError
 from service.settings import StoreSettings
 
 _DEFAULT_PAGE = 50
+_HIGHEST_PRIORITY = 100
 
 
 def check_page_size(size: int, limits: StoreSettings) -> int:
@@ -34,12 +36,7 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
     _check_length("name", name, limits.max_name_chars, "FASTSPLAT_STORE__MAX_NAME_CHARS")
     if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
         raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
-    if request_id and not re.fullmatch(r"[!-~]{1,200}", request_id):
-        raise InvalidInputError(
-            "the request id is not 1 to 200 printable ASCII characters without spaces",
-            field="request_id",
-            hint="Use a UUID.",
-        )
+    check_request_id(request_id)
     if len(options.labels) > limits.max_labels:
         raise LimitExceededError(
             f"{len(options.labels)} labels",
@@ -50,7 +47,36 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
         _check_length("labels", label, limits.max_label_chars, "FASTSPLAT_STORE__MAX_LABEL_CHARS")
         if not label_key(label):
             raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
+    _check_choices(options)
     _check_budgets(options, limits)
+
+
+def check_request_id(request_id: str) -> None:
+    """Raise unless this may name a request; "" names none.
+
+    Raises:
+        InvalidInputError: too long, or not plain.
+    """
+    if request_id and not re.fullmatch(r"[!-~]{1,200}", request_id):
+        raise InvalidInputError(
+            "the request id is not 1 to 200 printable ASCII characters without spaces",
+            field="request_id",
+            hint="Use a UUID.",
+        )
+
+
+def _check_choices(options: SceneOptions) -> None:
+    if options.preset is not None and options.preset not in get_args(Preset):
+        raise InvalidInputError(
+            f"no preset {options.preset[:40]!r}", field="preset", hint=f"Use one of {', '.join(get_args(Preset))}."
+        )
+    if abs(options.priority) > _HIGHEST_PRIORITY:
+        raise LimitExceededError(
+            f"a priority of {options.priority}",
+            field="priority",
+            limit=f"{-_HIGHEST_PRIORITY} to {_HIGHEST_PRIORITY}",
+            hint="0 is usual.",
+        )
 
 
 def _check_budgets(options: SceneOptions, limits: StoreSettings) -> None:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from api.grpc.server import MAX_MESSAGE_BYTES
-from api.grpc.translate import CHUNK_BYTES, answer_out, joined
+from api.grpc.messages import CHUNK_BYTES, joined, messages_of
 from api.rest import openapi
 from service.calls.types import QueryAnswer, RleMask, ViewMask
 from service.query.types import Answer, Match
@@ -55,14 +55,14 @@ def test_every_operation_documents_its_problems() -> None:
 def test_answers_of_any_size_fit_in_messages_and_come_together_again(sizes: list[int], gaussian_bytes: int) -> None:
     match = Match(1, "mug", 0.75, 0.5, "things", 60, True)
     masks = tuple(
-        ViewMask("", index, RleMask(4, 5, "".join(map(chr, range(48, 112))) * (size // 64)), size)
+        ViewMask("", index, size, RleMask(4, 5, "".join(map(chr, range(48, 112))) * (size // 64)))
         for index, size in enumerate(sizes)
     )
     mask3d = bytes(range(256)) * (gaussian_bytes // 256)
-    messages = list(answer_out(QueryAnswer("s", Answer("mug", "exact", (match,), "Here."), masks, mask3d)))
+    messages = list(messages_of(QueryAnswer("s", "1", Answer("mug", "exact", (match,), "Here."), 1, 9, masks, mask3d)))
     assert all(message.ByteSize() < MAX_MESSAGE_BYTES for message in messages)
     (whole,) = joined(messages)
     assert whole.mask3d == mask3d and whole.answer.matches[0].relevancy == 0.75
     assert [(m.camera_index, m.segmentation.counts, m.area) for m in whole.masks] == [
-        (m.camera_index, m.rle.counts, m.pixels) for m in masks
+        (m.camera_index, m.rle.counts, m.area) for m in masks
     ]

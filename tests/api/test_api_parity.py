@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import io
 import random
 from typing import Any
@@ -12,7 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from api.grpc.translate import camera_out, joined
+from api.grpc.messages import joined
+from api.grpc.translate import camera_out
 from api.rest.translate import camera_out as rest_camera_out
 from fastsplat.v1 import fastsplat_pb2 as pb
 from service.calls.service import SceneService
@@ -55,9 +55,9 @@ def _plain(answers: tuple[QueryAnswer, ...]) -> list[dict[str, Any]]:
             "text": result.answer.text,
             "verdict": result.answer.verdict,
             "explanation": result.answer.explanation,
-            "matches": [dataclasses.asdict(match) for match in result.answer.matches],
+            "matches": [match._asdict() for match in result.answer.matches],
             "masks": [
-                (m.view, m.camera_index, m.rle.height, m.rle.width, m.rle.counts, m.pixels) for m in result.masks
+                (m.view, m.camera_index, m.rle.height, m.rle.width, m.rle.counts, m.area) for m in result.masks
             ],
             "mask3d": result.mask3d,
         }
@@ -97,14 +97,14 @@ def _over_grpc(faces: Faces, query: QueryRequest) -> list[dict[str, Any]]:
         views=query.views,
         outputs=[outputs[name] for name in query.outputs],
     )
-    fields = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant")
+    fields = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
     return [
         {
             "scene_id": whole.answer.scene_id,
             "text": whole.answer.text,
             "verdict": pb.Verdict.Name(whole.answer.verdict).removeprefix("VERDICT_").lower(),
             "explanation": whole.answer.explanation,
-            "matches": [{name: getattr(match, name) for name in fields} for match in whole.answer.matches],
+            "matches": [{name: getattr(match, name) if name != "probability" or match.HasField(name) else None for name in fields} for match in whole.answer.matches],
             "masks": [
                 (m.view, m.camera_index, m.segmentation.height, m.segmentation.width, m.segmentation.counts, m.area)
                 for m in whole.masks
@@ -135,7 +135,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
         truth = service.query(query)
         verdicts |= {result.answer.verdict for result in truth}
         masked += sum(len(result.masks) for result in truth)
-        covered += sum(mask.pixels > 0 for result in truth for mask in result.masks)
+        covered += sum(mask.area > 0 for result in truth for mask in result.masks)
         _assert_same(_over_rest(faces, query), _plain(truth))
         _assert_same(_over_grpc(faces, query), _plain(truth))
     assert verdicts == {"exact", "related", "absent"}  # the questions are varied
@@ -143,7 +143,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
 
 
 def test_no_scene_means_all_ready_scenes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.query_all(("mug", "moon"))
+    truth = service.query(QueryRequest("", ("mug", "moon")))
     assert {result.scene_id for result in truth} >= {scene_id}
     everywhere = QueryRequest("", ("mug", "moon"))
     _assert_same(_over_rest(faces, everywhere), _plain(truth))
@@ -178,7 +178,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
 
 
 def test_files_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.scene_ply(scene_id).read_bytes()
+    truth = service.scene_ply(scene_id)[0].read_bytes()
     response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply")
     assert response.content == truth and response.headers["etag"]
     part = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply", headers={"Range": "bytes=10-19"})

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.calls import SceneService, open_service
+from service.calls.service import SceneService, open_service
 from service.calls.translate import camera_to_json
 from service.calls.types import SceneInfo, SceneOptions
 from service.capture.settings import CaptureSettings
@@ -47,7 +47,7 @@ def settings(tmp_path: Path) -> Settings:
         data_dir=tmp_path / "data",
         capture=CaptureSettings(max_upload_bytes=1000, max_entries=5),
         query=QuerySettings(backend="reference", max_poses=3),
-        store=StoreSettings(max_page_size=4, cached_scenes=2, max_labels=3, max_gaussians=100),
+        store=StoreSettings(max_page_size=4, max_labels=3, max_gaussians=100),
     )
 
 

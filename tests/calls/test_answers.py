@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.calls import open_service
+from service.calls.service import open_service
 from service.calls.types import QueryRequest
 from service.common.camera import Camera, PosedCamera
 from service.common.errors import (
@@ -63,10 +63,10 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
     for answer, side in ((mug, slice(0, 20)), (banana, slice(20, 40))):
         behind, front = answer.masks
-        assert (behind.view, behind.camera_index, behind.pixels) == ("", 0, 0)
+        assert (behind.view, behind.camera_index, behind.area) == ("", 0, 0)
         mask = decode_rle(front.rle.counts, front.rle.height, front.rle.width)
         assert mask.shape == (30, 40) and front.view == "front.jpg"
-        assert 0 < mask.sum() == mask[:, side].sum() == front.pixels
+        assert 0 < mask.sum() == mask[:, side].sum() == front.area
 
 
 def test_nothing_is_computed_that_was_not_asked_for(service, ready):
@@ -77,12 +77,12 @@ def test_nothing_is_computed_that_was_not_asked_for(service, ready):
 def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
     newer, unfinished = post("newer"), post("unfinished")
     finish(newer)
-    answers = service.query_all(("mug", "banana"), {"mask3d"})
+    answers = service.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
     assert [answer.scene_id for answer in answers] == [newer.id, newer.id, ready.id, ready.id]
     assert [answer.answer.text for answer in answers] == ["mug", "banana"] * 2
     assert answers[0].mask3d == b"\x80" and unfinished.id not in {answer.scene_id for answer in answers}
     with pytest.raises(InvalidInputError, match="mask2d"):
-        service.query_all(("mug",), {"mask2d"})
+        service.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
 
 
 def test_pictures_show_the_view(service, ready):
@@ -97,7 +97,7 @@ def test_pictures_show_the_view(service, ready):
 
 
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
-    whole = read_ply(service.scene_ply(ready.id))
+    whole = read_ply(service.scene_ply(ready.id)[0])
     (tmp_path / "mask.ply").write_bytes(service.mask_ply(ready.id, "banana"))
     part = read_ply(tmp_path / "mask.ply")
     assert len(whole) == 2 and np.array_equal(part.means, whole.means[1:])
@@ -138,8 +138,8 @@ def test_senseless_questions_are_refused(service, ready):
         (InvalidInputError, lambda: picture(ready.id, None, "mask", None, "front.jpg")),
         (InvalidInputError, lambda: picture(ready.id, "mug", "sketch", None, "front.jpg")),
         (NotFoundError, lambda: picture(ready.id, None, "rgb", None, "back.jpg")),
-        (InvalidInputError, lambda: service.query_all(())),
-        (LimitExceededError, lambda: service.query_all(("x" * 100_000,))),
+        (InvalidInputError, lambda: service.query(QueryRequest("", ()))),
+        (LimitExceededError, lambda: service.query(QueryRequest("", ("x" * 100_000,)))),
         (InvalidInputError, lambda: service.mask_ply(ready.id, "")),
     ]
     for error, call in refused:
@@ -150,19 +150,25 @@ def test_senseless_questions_are_refused(service, ready):
 
 def test_threads_share_one_open_scene(service, ready, monkeypatch):
     opened = []
-    real = service._answers._load
-    monkeypatch.setattr(service._answers, "_load", lambda *key: opened.append(key) or real(*key))
+    real = service._scenes._load
+    monkeypatch.setattr(service._scenes, "_load", lambda *key: opened.append(key) or real(*key))
     request = QueryRequest(ready.id, ("mug",), views=("front.jpg",), outputs=frozenset({"mask2d"}))
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: service.query(request), range(16)))
     assert len(opened) == 1 and all(answer == answers[0] for answer in answers)
 
 
-def test_only_so_many_scenes_stay_open(service, post, finish):
-    for number in range(3):
-        finish(post(str(number)))
-    assert len(service.query_all(("mug",))) == 3
-    assert len(service._answers._open) == 2
+def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
+    scenes = [post(str(number)) for number in range(3)]
+    for info in scenes:
+        finish(info)
+    folder = settings.data_dir / "scenes" / scenes[0].id / "v1" / "artefact"
+    weight = 2 * sum(path.stat().st_size for path in folder.iterdir())
+    calls = settings.calls.model_copy(update={"scene_memory_bytes": int(2.5 * weight)})
+    with open_service(settings.model_copy(update={"calls": calls})) as bounded:
+        assert len(bounded.query(QueryRequest("", ("mug",)))) == 3
+        assert bounded._scenes.count() == 2
+        assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
 
 
 def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from service.calls.types import QueryRequest
 from service.common.errors import InvalidInputError, NotFoundError
 
 
@@ -55,12 +56,12 @@ def test_a_foreign_page_token_is_refused(service, token):
 def test_deleted_is_gone_from_disk_and_database(service, settings, post, finish):
     info = post()
     finish(info)
-    service.query_all(["mug"])
+    service.query(QueryRequest("", ("mug",)))
     service.delete_scene(info.id)
     for call in (service.get_scene, service.delete_scene, service.scene_ply):
         with pytest.raises(NotFoundError):
             call(info.id)
-    assert service.query_all(["mug"]) == ()
+    assert service.query(QueryRequest("", ("mug",))) == ()
     assert list((settings.data_dir / "scenes").iterdir()) == []
     assert list((settings.data_dir / "uploads").iterdir()) == []
     assert service.get_operation(info.operation_id).state == "SUCCEEDED"

@@ -25,7 +25,7 @@ def test_a_job_ends_ready_and_leaves_only_its_scene(house):
     assert scene.state == "READY" and scene.gaussians == 5 and scene.scale == "METRIC"
     assert [row.label for row in scene.dictionary] == ["mug", "box"]
     assert set(scene.quality["stage_seconds"]) >= {"capture", "export"}
-    assert house.service.scene_ply(scene.id).read_bytes().startswith(b"ply")
+    assert house.service.scene_ply(scene.id)[0].read_bytes().startswith(b"ply")
     house.wait_for(lambda: house.left_over() == [])
 
 

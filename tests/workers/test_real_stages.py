@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from service.calls import open_service
+from service.calls.service import open_service
 from service.calls.types import QueryRequest, SceneOptions
 from service.common.errors import InvalidInputError
 from service.scene import read_ply
@@ -96,11 +96,11 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             outputs = frozenset({"mask2d", "mask3d"})
             texts = ("the mug", "swimming pool")
             mug, pool = service.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
-            assert mug.answer.verdict == "exact" and mug.answer.matches[0].label == "mug" and mug.masks[0].pixels > 0
+            assert mug.answer.verdict == "exact" and mug.answer.matches[0].label == "mug" and mug.masks[0].area > 0
             assert pool.answer.verdict != "exact"
             assert service.view_picture(info.id, "mug", "overlay", None, view).startswith(b"\x89PNG")
             (tmp_path / "mug.ply").write_bytes(service.mask_ply(info.id, "mug"))
-            assert len(read_ply(service.scene_ply(info.id))) == info.gaussians
+            assert len(read_ply(service.scene_ply(info.id)[0])) == info.gaussians
             assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
     finally:
         worker.terminate()

@@ -1687,6 +1687,7 @@ class Answer(_message.Message):
     THRESHOLD_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     MATCH_COUNT_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
@@ -1706,6 +1707,8 @@ class Answer(_message.Message):
     """of the scene"""
     match_count: _builtins.int
     """entries in the whole dictionary"""
+    gaussians: _builtins.int
+    """G, the length of the 3D mask"""
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
         """entries of the dictionary, best first; how many, QueryRequest.max_matches says"""
@@ -1729,10 +1732,11 @@ class Answer(_message.Message):
         threshold: _builtins.float | None = ...,
         version: _builtins.str = ...,
         match_count: _builtins.int = ...,
+        gaussians: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "probability", b"probability", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
@@ -1978,7 +1982,7 @@ class StreamQueryResponse(_message.Message):
 
     @_builtins.property
     def accepted(self) -> Global___Accepted:
-        """the question can be asked; once for each question, before its first answer"""
+        """the question can be asked; a question that a newer one overtook may get none"""
 
     @_builtins.property
     def response(self) -> Global___QueryResponse:

@@ -1,0 +1,217 @@
+"""`StreamQuery`: one standing question, pose after pose, the newest first and no queue."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from google.protobuf import timestamp_pb2
+
+from api.grpc.messages import messages_of
+from api.grpc.translate import camera_in, query_in
+from api.threads import Threads
+from fastsplat.v1 import fastsplat_pb2 as pb
+from service.calls.service import SceneService
+from service.calls.types import QueryRequest
+from service.common.camera import PosedCamera
+from service.common.errors import InvalidInputError
+
+_SHORTEST_HEARTBEAT_S = 0.1
+_LONGEST_HEARTBEAT_S = 300.0
+
+
+@dataclass(frozen=True)
+class _Question:
+    number: int
+    query: QueryRequest
+    heartbeat_s: float
+
+
+@dataclass(frozen=True)
+class _Pose:
+    sequence: int
+    camera: PosedCamera
+    stamp: timestamp_pb2.Timestamp | None
+    question: _Question
+
+
+async def answer_stream(
+    service: SceneService, threads: Threads, requests: AsyncIterator[pb.StreamQueryRequest]
+) -> AsyncIterator[pb.StreamQueryResponse]:
+    """The stream's answers; see StreamQueryRequest in the contract.
+
+    What waits is one pose, one question and one range of dropped numbers, however fast the poses come and however
+    slowly the answers are read.
+
+    Raises:
+        FastSplatError: what the stream, the question or a pose says is wrong, or the scene is gone.
+    """
+    inbox = _Inbox(service.heartbeat_s)
+    reading = asyncio.create_task(inbox.read(requests))
+    try:
+        while True:
+            if not await inbox.wait():
+                await threads.call(lambda: service.current_version(inbox.scene_id))  # raises if the scene is gone
+                yield _heartbeat(inbox.number)
+                continue
+            if inbox.ended:
+                await asyncio.wait((reading,))
+                if (error := reading.exception()) is not None:
+                    raise error
+            if (question := inbox.take_question()) is not None:
+                version = await threads.call(lambda: _accept(service, question.query))
+                yield pb.StreamQueryResponse(question=question.number, accepted=pb.Accepted(version=version))
+                continue
+            pose, dropped = inbox.take_pose()
+            if dropped is not None:
+                yield pb.StreamQueryResponse(dropped=dropped)
+            if pose is not None:
+                async for message in _answers(service, threads, pose):
+                    yield message
+            elif inbox.ended:
+                return
+    finally:
+        reading.cancel()
+        with suppress(asyncio.CancelledError, Exception):
+            await reading
+
+
+def _heartbeat(question: int) -> pb.StreamQueryResponse:
+    now = timestamp_pb2.Timestamp()
+    now.GetCurrentTime()
+    return pb.StreamQueryResponse(question=question, heartbeat=pb.Heartbeat(time=now))
+
+
+class _Inbox:
+    """What has come and is not answered yet."""
+
+    def __init__(self, heartbeat_s: float) -> None:
+        self._default_heartbeat_s = heartbeat_s
+        self._arrived = asyncio.Event()
+        self.ended = False
+        self._question: _Question | None = None
+        self._asked: _Question | None = None
+        self._pose: _Pose | None = None
+        self._dropped: pb.DroppedPoses | None = None
+        self._last = -math.inf
+
+    @property
+    def number(self) -> int:
+        """Of the newest question."""
+        return self._question.number if self._question is not None else 0
+
+    @property
+    def scene_id(self) -> str:
+        """Of the newest question."""
+        return self._question.query.scene_id if self._question is not None else ""
+
+    async def read(self, requests: AsyncIterator[pb.StreamQueryRequest]) -> None:
+        """Take everything that comes, at once."""
+        try:
+            async for request in requests:
+                part = request.WhichOneof("part")
+                if part == "question":
+                    self._take_in_question(request.question)
+                elif part == "pose":
+                    self._take_in_pose(request.pose)
+                else:
+                    raise InvalidInputError(
+                        "a message without content", field="part", hint="Send a question or a pose."
+                    )
+                self._arrived.set()
+        finally:
+            self.ended = True
+            self._arrived.set()
+
+    async def wait(self) -> bool:
+        """Until something has come, or the stream has ended; False after a heartbeat's silence."""
+        beat = self._question.heartbeat_s if self._question is not None else self._default_heartbeat_s
+        if self._question is None:
+            await self._arrived.wait()
+            return True
+        try:
+            async with asyncio.timeout(beat):
+                await self._arrived.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def take_question(self) -> _Question | None:
+        """A question that was not accepted yet."""
+        asked, self._asked = self._asked, None
+        return asked
+
+    def take_pose(self) -> tuple[_Pose | None, pb.DroppedPoses | None]:
+        """The newest pose, and those that it replaced."""
+        pose, self._pose = self._pose, None
+        dropped, self._dropped = self._dropped, None
+        if not self.ended:
+            self._arrived.clear()
+        return pose, dropped
+
+    def _take_in_question(self, question: pb.StandingQuestion) -> None:
+        query = query_in(question.query)
+        if not query.scene_id or query.cameras or query.views:
+            raise InvalidInputError(
+                "a standing question is for one scene, and its cameras come as poses",
+                field="question.query",
+                hint="Name the scene, and leave cameras and views empty.",
+            )
+        beat = question.heartbeat_s or self._default_heartbeat_s
+        if not _SHORTEST_HEARTBEAT_S <= beat <= _LONGEST_HEARTBEAT_S:
+            raise InvalidInputError(
+                f"a heartbeat of {beat} s",
+                field="question.heartbeat_s",
+                limit=f"{_SHORTEST_HEARTBEAT_S:g} to {_LONGEST_HEARTBEAT_S:g} s",
+            )
+        self._question = self._asked = _Question(self.number + 1, query, beat)
+
+    def _take_in_pose(self, pose: pb.StreamPose) -> None:
+        if self._question is None:
+            raise InvalidInputError("a pose before any question", field="question", hint="Send the question first.")
+        if pose.sequence <= self._last:
+            raise InvalidInputError(
+                f"sequence number {pose.sequence} after {self._last}", field="pose.sequence", hint="Count upwards."
+            )
+        self._last = pose.sequence
+        camera = camera_in(pose.camera, "pose.camera")
+        if self._pose is not None:
+            older = self._pose.sequence
+            if self._dropped is None:
+                self._dropped = pb.DroppedPoses(first=older)
+            self._dropped.last = older
+            self._dropped.count += 1
+        self._pose = _Pose(pose.sequence, camera, pose.stamp if pose.HasField("stamp") else None, self._question)
+
+
+def _accept(service: SceneService, query: QueryRequest) -> str:
+    """The scene's version, once the question has been found to make sense (a 2D mask needs the poses to come)."""
+    answers = service.query(replace(query, outputs=frozenset(), max_matches=1))
+    return answers[0].version
+
+
+async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> AsyncIterator[pb.StreamQueryResponse]:
+    query = replace(pose.question.query, cameras=(pose.camera,))
+    started = time.perf_counter()
+
+    def asked() -> list[pb.QueryResponse]:
+        return [message for answer in service.query(query) for message in messages_of(answer)]
+
+    work = asyncio.ensure_future(threads.call(asked))
+    try:
+        while not work.done():
+            await asyncio.wait((work,), timeout=pose.question.heartbeat_s)
+            if not work.done():
+                yield _heartbeat(pose.question.number)
+    finally:
+        work.cancel()
+    seconds = time.perf_counter() - started
+    head: dict[str, Any] = {"sequence": pose.sequence, "question": pose.question.number, "stamp": pose.stamp}
+    for message in work.result():
+        yield pb.StreamQueryResponse(**head, response=message)
+    yield pb.StreamQueryResponse(**head, done=pb.PoseDone(seconds=seconds))

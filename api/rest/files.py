@@ -1,0 +1,65 @@
+"""A file that never changes, with what HTTP has for large downloads (RFC 9110, sections 13 and 14)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+
+from service.common.errors import FastSplatError, Kind
+
+_RANGE = re.compile(r"bytes=\s*(?:\d+-\d*|-\d+)\s*(?:,\s*(?:\d+-\d*|-\d+)\s*)*", re.IGNORECASE)
+_FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")
+
+
+class RangeNotSatisfiableError(FastSplatError):
+    """The range asked for lies outside the file."""
+
+    kind = Kind.INVALID_ARGUMENT
+    reason = "RANGE_NOT_SATISFIABLE"
+
+
+def immutable_file(request: Request, path: Path, media_type: str, filename: str, tag: str) -> Response:
+    """The file, a range of it, or 304 if the client's copy is the same.
+
+    Args:
+        request: its headers Range, If-Range and If-None-Match count.
+        path: of the file.
+        media_type: of the answer.
+        filename: that a browser saves it as.
+        tag: names the content, for ever.
+
+    Raises:
+        RangeNotSatisfiableError: no byte of the range is in the file.
+    """
+    etag = f'"{tag}"'
+    headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
+    wanted = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
+    if etag in wanted or "*" in wanted:
+        return Response(status_code=304, headers=headers)
+    size = path.stat().st_size
+    range_header = request.headers.get("range")
+    if range_header is not None and request.headers.get("if-range", etag) == etag:
+        if not _RANGE.fullmatch(range_header) or not _consistent(range_header):
+            _ignore_range(request)  # RFC 9110: an invalid Range is as good as none
+        elif not _within(range_header, size):
+            raise RangeNotSatisfiableError(
+                f"no byte of {range_header[:80]!r} is in a file of {size} bytes", field="Range", limit=f"{size} bytes"
+            )
+    return FileResponse(path, media_type=media_type, filename=filename, headers=headers)
+
+
+def _ignore_range(request: Request) -> None:
+    request.scope["headers"] = [(name, value) for name, value in request.scope["headers"] if name != b"range"]
+
+
+def _consistent(header: str) -> bool:
+    return all(not last or int(first) <= int(last) for first, last, _ in _FIRST.findall(header) if first)
+
+
+def _within(header: str, size: int) -> bool:
+    return any(
+        int(first) < size if first else int(suffix) > 0 and size > 0 for first, _, suffix in _FIRST.findall(header)
+    )

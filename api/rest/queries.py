@@ -1,0 +1,191 @@
+"""The REST routes of questions, pictures and files of finished scenes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi import Path as PathParameter
+from starlette.responses import Response
+
+from api.rest import models
+from api.rest.calls import PROBLEMS, answered, called, file_response
+from api.rest.files import immutable_file
+from api.rest.routes import Version
+from api.rest.translate import answer_out, camera_in, query_in
+from api.threads import Threads
+from service.calls.service import SceneService
+from service.calls.types import (
+    Mask3dEncoding,
+    PictureFormat,
+    PictureKind,
+    QueryRequest,
+)
+
+_PLY = "application/x-ply"
+_MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}
+
+_Text = Annotated[str, Query(description="the question")]
+_View = Annotated[str, Query(description="name of one of the scene's cameras")]
+
+
+def query_routes(service: SceneService, threads: Threads) -> APIRouter:
+    """Questions, pictures and files of finished scenes."""
+    router = APIRouter(responses=PROBLEMS)
+
+    def asked(query: QueryRequest) -> models.QueryOut:
+        return models.QueryOut(answers=[answer_out(answer, query.outputs) for answer in service.query(query)])
+
+    @router.get("/query", response_model=models.QueryOut)
+    async def query(
+        request: Request,
+        text: Annotated[list[str], Query(description="the question; several are allowed")],
+        scene: Annotated[str, Query(description="scene id; empty: all ready scenes, newest first")] = "",
+        version: Version = "",
+        outputs: Annotated[
+            list[Literal["mask3d", "objects"]], Query(description="what to compute beside the ranking")
+        ] = [],  # noqa: B006
+        negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],  # noqa: B006
+        templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],  # noqa: B006
+        coverage: Annotated[float | None, Query(description="of the label set; none: the server's")] = None,
+        max_matches: Annotated[
+            int, Query(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
+        ] = 0,
+        mask3d_encoding: Annotated[Mask3dEncoding, Query(description=models.MASK3D)] = "bits",
+    ) -> Response:
+        """Ranked labels for a text, in one scene or in all."""
+        wanted = QueryRequest(
+            scene,
+            tuple(text),
+            outputs=frozenset(outputs),
+            version=version,
+            negatives=tuple(negatives),
+            templates=tuple(templates),
+            coverage=coverage,
+            max_matches=max_matches,
+            mask3d_encoding=mask3d_encoding,
+        )
+        return await answered(request, threads, lambda: asked(wanted))
+
+    @router.post("/v1/scenes/{scene_id}:query", response_model=models.QueryOut)
+    async def query_scene(request: Request, scene_id: str, query: models.QueryIn) -> Response:
+        """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
+        return await answered(request, threads, lambda: asked(query_in(scene_id, query)))
+
+    @router.get(
+        "/v1/scenes/{scene_id}/{kind}.png",
+        response_class=Response,
+        responses=file_response("image/png", description="the picture"),
+    )
+    async def view_picture(
+        request: Request,
+        scene_id: str,
+        kind: Annotated[PictureKind, PathParameter(description=models.PICTURES)],
+        view: _View,
+        text: Annotated[str | None, Query(description="the question; overlay, relevancy and mask need one")] = None,
+        version: Version = "",
+        depth_scale: Annotated[float, Query(ge=0, description=models.DEPTH_SCALE)] = 0.0,
+    ) -> Response:
+        """A picture from one of the scene's own cameras."""
+        png = await called(
+            request,
+            threads,
+            lambda: service.view_picture(scene_id, text or None, kind, None, view, version, depth_scale=depth_scale),
+        )
+        return Response(png, media_type="image/png")
+
+    @router.get(
+        "/v1/scenes/{scene_id}/{kind}.npy",
+        response_class=Response,
+        responses=file_response(_MEDIA_TYPES["npy"], description="numpy's file format"),
+    )
+    async def view_array(
+        request: Request,
+        scene_id: str,
+        kind: Annotated[
+            Literal["label_map", "depth"],
+            PathParameter(description="label_map: uint16 label ids; depth: float32 camera z in scene units, 0 nothing"),
+        ],
+        view: _View,
+        version: Version = "",
+    ) -> Response:
+        """Labels or depth from one of the scene's own cameras, as an array."""
+        npy = await called(
+            request, threads, lambda: service.view_picture(scene_id, None, kind, None, view, version, "npy")
+        )
+        return Response(npy, media_type=_MEDIA_TYPES["npy"])
+
+    @router.post(
+        "/v1/scenes/{scene_id}:render",
+        response_class=Response,
+        responses=file_response(*_MEDIA_TYPES.values(), description="the picture"),
+    )
+    async def render(request: Request, scene_id: str, wanted: models.RenderIn) -> Response:
+        """A picture from a free viewpoint, or from one of the scene's own cameras."""
+
+        def rendered() -> bytes:
+            camera = None if wanted.camera is None else camera_in(wanted.camera, "camera")
+            return service.view_picture(
+                scene_id,
+                wanted.text or None,
+                wanted.kind,
+                camera,
+                wanted.view,
+                wanted.version,
+                wanted.format,
+                wanted.depth_scale,
+            )
+
+        return Response(await called(request, threads, rendered), media_type=_MEDIA_TYPES[wanted.format])
+
+    @router.get(
+        "/v1/scenes/{scene_id}/scene.ply",
+        response_class=Response,
+        responses={
+            **file_response(_PLY, description="3DGS PLY"),
+            206: {"description": "the range asked for"},
+            304: {"description": "the copy that If-None-Match names is the same"},
+        },
+    )
+    async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:
+        """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
+        path, found = await called(request, threads, lambda: service.scene_ply(scene_id, version))
+        return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{found}")
+
+    @router.get(
+        "/v1/scenes/{scene_id}/mask.ply",
+        response_class=Response,
+        responses=file_response(_PLY, description="3DGS PLY"),
+    )
+    async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
+        """Only the Gaussians that answer the text, as a 3DGS PLY."""
+        ply = await called(request, threads, lambda: service.mask_ply(scene_id, text, version))
+        return Response(ply, media_type=_PLY, headers={"Content-Disposition": 'attachment; filename="mask.ply"'})
+
+    @router.get(
+        "/v1/scenes/{scene_id}/mask3d.bin",
+        response_class=Response,
+        responses=file_response(
+            "application/octet-stream",
+            description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
+        ),
+    )
+    async def mask3d(
+        request: Request,
+        scene_id: str,
+        text: _Text,
+        encoding: Annotated[Literal["bits", "runs", "indices"], Query(description=models.MASK3D)] = "bits",
+        version: Version = "",
+    ) -> Response:
+        """Which Gaussians answer the text."""
+        wanted = QueryRequest(
+            scene_id, (text,), outputs=frozenset({"mask3d"}), version=version, mask3d_encoding=encoding
+        )
+        answer = (await called(request, threads, lambda: service.query(wanted)))[0]
+        return Response(
+            answer.mask3d,
+            media_type="application/octet-stream",
+            headers={"X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
+        )
+
+    return router

@@ -1,0 +1,191 @@
+"""Edits as new versions of a scene: written beside the old one, shown at once, undone by pointing back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from service.calls.scenes import OpenScenes
+from service.calls.types import Edit, Pose, SceneVersion
+from service.calls.validate import check_request_id
+from service.common.cancellation import check_cancelled
+from service.common.errors import ConflictError, InvalidInputError, LimitExceededError
+from service.common.poses import rotation_of
+from service.query import SceneIndex
+from service.scene import Scene, write_ply, write_scene
+from service.settings import Settings
+from service.store import Store
+from service.store.blobs import remove
+from service.store.versions import NewVersion, VersionRecord
+
+_TRIES = 5
+_NEEDS = {"recolour": "colour", "remove": "", "move": "transform", "duplicate": "transform"}
+
+
+class Versions:
+    """The versions of scenes; see `SceneService` for each call."""
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+
+    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion:
+        """See `SceneService.edit_scene`."""
+        self._check(edits, request_id)
+        rows = [asdict(edit) for edit in edits]
+        digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+        for left in reversed(range(_TRIES)):
+            current = self._scenes.version(scene_id, "")
+            earlier = self._store.versions.made_by(scene_id, request_id, digest)
+            if earlier is not None:
+                return _version_of(earlier, current)
+            self._check_room(scene_id)
+            try:
+                return self._make(scene_id, current, edits, request_id, digest, rows)
+            except ConflictError:  # another edit was faster; this one is made of its result
+                if not left:
+                    raise
+        raise AssertionError
+
+    def undo(self, scene_id: str, expected: str) -> SceneVersion:
+        """See `SceneService.undo_edit`."""
+        current = self._scenes.version(scene_id, "")
+        self._store.versions.step_back(scene_id, expected or current)
+        return next(version for version in self.list(scene_id) if version.current)
+
+    def list(self, scene_id: str) -> tuple[SceneVersion, ...]:
+        """See `SceneService.list_versions`."""
+        self._scenes.version(scene_id, "")
+        scene = self._store.rows.scene(scene_id)
+        return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
+
+    def _named(self, scene_id: str, version: str) -> SceneVersion:
+        return next(known for known in self.list(scene_id) if known.version == version)
+
+    def _make(
+        self,
+        scene_id: str,
+        parent: str,
+        edits: Sequence[Edit],
+        request_id: str,
+        digest: str,
+        rows: Sequence[Mapping[str, Any]],
+    ) -> SceneVersion:
+        edited, counts = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits))
+        version = f"e{secrets.token_hex(8)}"
+        dictionary = [
+            {**row, "gaussian_count": counts[row["label_id"]]} for row in self._store.rows.scene(scene_id).dictionary
+        ]
+        self._write(edited, scene_id, version)
+        try:
+            self._store.versions.publish(
+                NewVersion(scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows)
+            )
+        except BaseException:
+            remove(self._store.blobs.version(scene_id, version))
+            raise
+        return self._named(scene_id, version)
+
+    def _apply(self, index: SceneIndex, edits: Sequence[Edit]) -> tuple[Scene, list[int]]:
+        from service.query.edits import Edit as SceneEdit
+        from service.query.edits import apply_edit
+
+        for edit in edits:
+            scene = apply_edit(
+                index, SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, _matrix(edit.transform))
+            )
+            index = self._scenes.index_of(scene)
+            check_cancelled()
+        classes = np.bincount(index.gaussian_classes, minlength=len(index.scene.dictionary) + 1)
+        return index.scene, classes.tolist()
+
+    def _write(self, scene: Scene, scene_id: str, version: str) -> None:
+        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload."""
+        scratch = self._store.blobs.upload(version)
+        try:
+            scratch.mkdir(parents=True)
+            write_scene(scene, scratch / "artefact")
+            write_ply(scene.gaussians, scratch / "scene.ply")
+            self._store.blobs.publish(scratch, scene_id, version)
+        finally:
+            remove(scratch)
+
+    def _check(self, edits: Sequence[Edit], request_id: str) -> None:
+        check_request_id(request_id)
+        limit = self._settings.calls.max_edits
+        if not edits:
+            raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
+        if len(edits) > limit:
+            raise LimitExceededError(
+                f"{len(edits)} edits",
+                field="edits",
+                limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
+                hint="Send them in several requests.",
+            )
+        for number, edit in enumerate(edits):
+            _check_edit(edit, f"edits[{number}]")
+
+    def _check_room(self, scene_id: str) -> None:
+        limit = self._settings.calls.max_versions
+        if len(self.list(scene_id)) >= limit:
+            raise LimitExceededError(
+                f"scene {scene_id!r} has {limit} versions",
+                field="scene",
+                limit=f"{limit} versions (FASTSPLAT_CALLS__MAX_VERSIONS)",
+                hint="Post the scene again, or raise the limit.",
+            )
+
+
+def _check_edit(edit: Edit, field: str) -> None:
+    if edit.action not in _NEEDS:
+        raise InvalidInputError(f"no action {edit.action!r}", field=f"{field}.action", hint=f"Use {', '.join(_NEEDS)}.")
+    if (edit.label is None) == (edit.object_id is None):
+        raise InvalidInputError(
+            "an edit needs exactly one of label and object_id", field=f"{field}.label", hint="Name what to edit."
+        )
+    for name in ("colour", "transform"):
+        given, needed = getattr(edit, name) is not None, _NEEDS[edit.action] == name
+        if needed and not given:
+            raise InvalidInputError(f'"{edit.action}" needs a {name}', field=f"{field}.{name}")
+        if given and not needed:
+            raise InvalidInputError(f'"{edit.action}" takes no {name}', field=f"{field}.{name}", hint="Leave it out.")
+    if edit.colour is not None and not all(0 <= value <= 1 for value in edit.colour):
+        raise InvalidInputError(f"a colour of {edit.colour}", field=f"{field}.colour", hint="RGB from 0 to 1.")
+    if edit.transform is not None and not all(map(math.isfinite, edit.transform.position)):
+        raise InvalidInputError("a position that is not finite", field=f"{field}.transform.position")
+
+
+def _matrix(pose: Pose | None) -> Any:
+    if pose is None:
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of(*pose.orientation)
+    matrix[:3, 3] = pose.position
+    return matrix
+
+
+def _version_of(record: VersionRecord, current: str) -> SceneVersion:
+    return SceneVersion(
+        scene_id=record.scene_id,
+        version=record.version,
+        parent=record.parent,
+        created_at=datetime.fromtimestamp(record.created_at, UTC),
+        gaussians=record.gaussians,
+        current=record.version == current,
+        edits=tuple(_edit_of(row) for row in record.edits),
+    )
+
+
+def _edit_of(row: Mapping[str, Any]) -> Edit:
+    colour, transform = row["colour"], row["transform"]
+    pose = transform and Pose(tuple(transform["position"]), tuple(transform["orientation"]))
+    return replace(Edit(**row), colour=colour and tuple(colour), transform=pose or None)

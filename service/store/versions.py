@@ -1,0 +1,200 @@
+"""Rows of scene versions: which there are, what they were made of, and which one is current.
+
+A scene without rows here was never edited: its trained version is the only one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    Column,
+    Connection,
+    Double,
+    Engine,
+    Integer,
+    String,
+    Table,
+    UniqueConstraint,
+    delete,
+    exists,
+    func,
+    insert,
+    select,
+    update,
+)
+
+from sqlalchemy.exc import IntegrityError
+
+from service.common.errors import ConflictError
+from service.store.records import SceneRecord
+from service.store.rows import no_scene, transaction
+from service.store.schema import metadata, scenes
+
+_versions = Table(
+    "scene_versions",
+    metadata,
+    Column("scene_id", String(40), primary_key=True),
+    Column("version", String(80), primary_key=True),
+    Column("number", Integer, nullable=False),
+    Column("parent", String(80), nullable=False, default=""),
+    Column("created_at", Double, nullable=False),
+    Column("request_id", String(200), nullable=True),
+    Column("request_digest", String(64), nullable=False, default=""),
+    Column("gaussians", Integer, nullable=False),
+    Column("dictionary", JSON, nullable=False),
+    Column("edits", JSON, nullable=False),
+    UniqueConstraint("scene_id", "request_id"),
+)
+
+
+@dataclass(frozen=True)
+class VersionRecord:
+    """One version. `number` counts from 1, the trained one; `edits` are JSON as the service layer wrote them."""
+
+    scene_id: str
+    version: str
+    number: int
+    parent: str
+    created_at: float
+    request_id: str | None
+    request_digest: str
+    gaussians: int
+    dictionary: Sequence[Mapping[str, Any]]
+    edits: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class NewVersion:
+    """A version whose folder is in place, to become the current one."""
+
+    scene_id: str
+    version: str
+    parent: str
+    request_id: str
+    request_digest: str
+    gaussians: int
+    dictionary: Sequence[Mapping[str, Any]]
+    edits: Sequence[Mapping[str, Any]]
+
+
+class VersionRows:
+    """Versions in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
+        """Every version of a READY scene, oldest first."""
+        query = select(_versions).where(_versions.c.scene_id == scene.id).order_by(_versions.c.number)
+        with self._reading() as connection:
+            found = [VersionRecord(**row) for row in connection.execute(query).mappings()]
+        return found or [_trained(scene)]
+
+    def known(self, scene_id: str, version: str) -> bool:
+        """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
+        here = select(exists().where(_versions.c.scene_id == scene_id, _versions.c.version == version))
+        with self._reading() as connection:
+            return bool(connection.scalar(here))
+
+    def made_by(self, scene_id: str, request_id: str, digest: str) -> VersionRecord | None:
+        """The version that this request id made before, or None.
+
+        Raises:
+            ConflictError: it was made by other edits.
+        """
+        if not request_id:
+            return None
+        here = select(_versions).where(_versions.c.scene_id == scene_id, _versions.c.request_id == request_id)
+        with self._reading() as connection:
+            row = connection.execute(here).mappings().first()
+        if row is None:
+            return None
+        if row["request_digest"] != digest:
+            raise ConflictError(
+                f"request id {request_id!r} was used before, for other edits",
+                field="request_id",
+                hint="Send the very same edits again, or choose a new request id.",
+            )
+        return VersionRecord(**row)
+
+    def publish(self, new: NewVersion) -> None:
+        """Make a version current, if its parent still is.
+
+        Raises:
+            ConflictError: the scene has another current version by now, or the request id made one meanwhile.
+            NotFoundError: the scene was deleted.
+        """
+        try:
+            self._publish(new)
+        except IntegrityError as error:
+            raise ConflictError(
+                f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
+            ) from error
+
+    def _publish(self, new: NewVersion) -> None:
+        with self._writing() as connection:
+            scene = _ready(connection, new.scene_id, expected=new.parent)
+            count = connection.scalar(
+                select(func.count()).select_from(_versions).where(_versions.c.scene_id == new.scene_id)
+            )
+            if not count:
+                first = vars(_trained(scene))
+                connection.execute(insert(_versions).values(first))
+            values = {**vars(new), "request_id": new.request_id or None, "number": (count or 1) + 1}
+            connection.execute(insert(_versions).values(**values, created_at=time.time()))
+            _point(connection, new.scene_id, new)
+
+    def step_back(self, scene_id: str, expected: str) -> None:
+        """Make the parent of the current version current.
+
+        Raises:
+            ConflictError: `expected` is not the current version (any more), or it is the trained one.
+            NotFoundError: the scene was deleted.
+        """
+        with self._writing() as connection:
+            _ready(connection, scene_id, expected=expected)
+            parents = select(_versions).where(_versions.c.scene_id == scene_id)
+            by_version = {row["version"]: VersionRecord(**row) for row in connection.execute(parents).mappings()}
+            current = by_version.get(expected)
+            if current is None or not current.parent:
+                raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
+            _point(connection, scene_id, by_version[current.parent])
+
+    def forget(self, scene_id: str) -> None:
+        """Remove the versions of a scene that is gone."""
+        with self._writing() as connection:
+            connection.execute(delete(_versions).where(_versions.c.scene_id == scene_id))
+
+
+def _ready(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
+    row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
+    if row is None:
+        raise no_scene(scene_id)
+    scene = SceneRecord(**row)
+    if scene.version != expected:
+        raise ConflictError(
+            f"the current version of scene {scene_id!r} is {scene.version!r}, not {expected[:80]!r}",
+            field="version",
+            hint="Look at the scene as it is now, then decide again.",
+        )
+    return scene
+
+
+def _point(connection: Connection, scene_id: str, to: NewVersion | VersionRecord) -> None:
+    values = {
+        "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary]
+    }  # fmt: skip
+    connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
+
+
+def _trained(scene: SceneRecord) -> VersionRecord:
+    return VersionRecord(
+        scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, ()
+    )
