@@ -45,6 +45,9 @@ bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/re
 bench-training: setup  ## PSNR against training seconds on the table-top benchmark
 	$(BIN)/python -m benchmarks.training
 
+bench-serve: setup  ## the API under load, writes benchmarks/results/serve.json
+	$(BIN)/python -m benchmarks.serve
+
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
 

@@ -1,0 +1,184 @@
+"""How the service carries load: `python -m benchmarks.serve` (or `make bench-serve`).
+
+One real `fastsplat api` process on loopback, clients in another process; every phase is bounded in time and count, and
+every judgement is a ratio within this run or a difference of medians measured in turns. Writes
+benchmarks/results/serve.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import grpc
+
+from benchmarks.serve.load import Load
+from benchmarks.serve.process import Api, load_of
+from benchmarks.serve.scenes import add_scene, room
+from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.v1 import fastsplat_pb2_grpc as rpc
+from service.calls.service import open_service
+from service.calls.types import QueryRequest
+from service.settings import Settings
+from service.store import open_store
+
+_OUT = Path(__file__).parent.parent / "results" / "serve.json"
+_TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")
+
+
+def main() -> None:
+    """Run every phase, print the table, write the file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="length of each loaded phase")
+    parser.add_argument("--soak", type=float, default=90.0, help="length of the mixed-request phase")
+    parser.add_argument("--out", type=Path, default=_OUT)
+    chosen = parser.parse_args()
+    models = Path(os.environ.get("FASTSPLAT_MODELS", ".models")).resolve()
+    folder = Path(tempfile.mkdtemp(prefix="fastsplat-serve-"))
+    rows: list[dict[str, Any]] = []
+
+    def note(name: str, goal: str, reached: bool, **figures: object) -> None:
+        rows.append({"phase": name, "goal": goal, "reached": reached, **figures})
+        print(f"{'ok  ' if reached else 'MISS'} {name}: {goal}: {json.dumps(figures)}", flush=True)
+
+    try:
+        settings = Settings(data_dir=folder / "data", models=models)
+        store = open_store(settings.data_dir, settings.database_url)
+        small = room(20_000, models)
+        scene = add_scene(store, small)
+        with Api(settings, {}) as api:
+            _overhead(settings, scene, api, note)
+            _crowd(scene, api, chosen.seconds, note)
+            _soak(scene, api, chosen.soak, note)
+        few = {"FASTSPLAT_LIMITS__ADMITTED": "16", "FASTSPLAT_LIMITS__IN_FLIGHT": "1000"}
+        with Api(settings, few) as api:
+            _flood(scene, api, chosen.seconds, note)
+        _shelf(settings, store, small, scene, note)
+        big = add_scene(store, room(1_000_000, models))
+        _cold(settings, big, note)
+        store.close()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    report = {
+        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "date": time.strftime("%Y-%m-%d"),
+        "command": " ".join(["python", "-m", "benchmarks.serve", *sys.argv[1:]]),
+        "rows": rows,
+    }
+    chosen.out.write_text(json.dumps(report, indent=1) + "\n")
+
+
+Note = Callable[..., None]
+
+
+def _paths(scene: str) -> tuple[str, ...]:
+    return tuple(f"/query?scene={scene}&text={text.replace(' ', '%20')}" for text in _TEXTS)
+
+
+def _overhead(settings: Settings, scene: str, api: Api, note: Note) -> None:
+    """The same warm question in process, over REST and over gRPC, in turns."""
+    times: Mapping[str, list[float]] = {"in_process": [], "rest": [], "grpc": []}
+    service = open_service(settings)
+    metadata = (("authorization", f"Bearer {api.key}"),)
+    with grpc.insecure_channel(f"127.0.0.1:{api.grpc_port}") as channel, api.http() as http, service:
+        stub = rpc.SceneServiceStub(channel)
+        ways = {
+            "in_process": lambda text: service.query(QueryRequest(scene, (text,))),
+            "rest": lambda text: http.get("/query", params={"text": text, "scene": scene}).raise_for_status(),
+            "grpc": lambda text: list(stub.Query(pb.QueryRequest(scene_id=scene, texts=[text]), metadata=metadata)),
+        }
+        for turn in range(320):
+            for name, ask in ways.items():
+                begun = time.perf_counter()
+                ask(_TEXTS[turn % len(_TEXTS)])
+                if turn >= 20:
+                    times[name].append((time.perf_counter() - begun) * 1e3)
+    p50 = {name: round(median(values), 3) for name, values in times.items()}
+    for name, goal in (("rest", 3.0), ("grpc", 1.5)):
+        over = round(p50[name] - p50["in_process"], 3)
+        note(f"overhead of {name}", f"at most {goal} ms at p50", over <= goal, overhead_ms=over, p50_ms=p50)
+
+
+def _crowd(scene: str, api: Api, seconds: float, note: Note) -> None:
+    load_of(Load(api.http_port, _paths(scene), api.key, 50, 2.0))
+    got = load_of(Load(api.http_port, _paths(scene), api.key, 50, seconds))
+    ratio = round(got["p99_ms"] / got["p50_ms"], 2)
+    fine = set(got["statuses"]) == {"200"} and ratio <= 5
+    note("50 clients", "no error, p99 at most 5 times p50", fine, p99_over_p50=ratio, **got)
+
+
+def _flood(scene: str, api: Api, seconds: float, note: Note) -> None:
+    load_of(Load(api.http_port, _paths(scene), api.key, 16, 2.0))
+    calm = load_of(Load(api.http_port, _paths(scene), api.key, 16, seconds, probe="/livez"))
+    flood = load_of(Load(api.http_port, _paths(scene), api.key, 160, seconds, probe="/livez"))
+    ratio = round(flood["p99_ms"] / calm["p99_ms"], 2)
+    fine = ratio <= 2 and set(flood["statuses"]) <= {"200", "429", "503", "probe 200"}
+    note(
+        "ten times the admitted load", "the admitted keep p99 within 2 times", fine, ratio=ratio, calm=calm, flood=flood
+    )
+    worst = flood["probe"]["max_ms"]
+    note("/livez in the flood", "answers within 50 ms", worst <= 50, max_ms=worst)
+
+
+def _soak(scene: str, api: Api, seconds: float, note: Note) -> None:
+    """Rankings, pictures, lists and refusals for a while, after a warm-up of the same kind."""
+    pictures = tuple(
+        f"/v1/scenes/{scene}/{kind}.png?view={view}.jpg&text=tea" for kind in ("overlay", "rgb") for view in range(4)
+    )
+    mixed = (*_paths(scene) * 6, *pictures, "/v1/scenes", f"/v1/scenes/{scene}", "/query?text=", "/v1/scenes/none")
+    load_of(Load(api.http_port, mixed, api.key, 8, min(30.0, seconds)))
+    before = api.resident_mib()
+    got = load_of(Load(api.http_port, mixed, api.key, 8, seconds))
+    after = api.resident_mib()
+    growth = round(after / before - 1, 4)
+    figures = {"before_mib": before, "after_mib": after, "requests": sum(got["statuses"].values())}
+    note("mixed requests", "resident memory grows by at most 2 %", growth <= 0.02, growth=growth, **figures, **got)
+
+
+def _shelf(settings: Settings, store: Any, small: Any, scene: str, note: Note) -> None:
+    """One client's p50 on one scene, before and after a thousand others stand beside it; fresh processes, in turns."""
+
+    def one() -> float:
+        with Api(settings, {}) as api:
+            load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=200))
+            return float(load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=1500))["p50_ms"])
+
+    before = [one() for _ in range(3)]
+    for _ in range(1_000):
+        add_scene(store, small, like=scene)
+    after = [one() for _ in range(3)]
+    change = round(median(after) / median(before) - 1, 3)
+    note(
+        "1,000 stored scenes",
+        "/query?scene= changes by under 10 %",
+        change < 0.1,
+        change=change,
+        before_ms=before,
+        after_ms=after,
+    )
+
+
+def _cold(settings: Settings, scene: str, note: Note) -> None:
+    """The first answer of a scene that no process has open; the text encoder was used once before."""
+    times = []
+    for _ in range(3):
+        with Api(settings, {}) as api, api.http() as http:
+            http.get("/query", params={"text": "tea", "scene": "none"})
+            begun = time.perf_counter()
+            http.get("/query", params={"text": "tea", "scene": scene}).raise_for_status()
+            times.append(round(time.perf_counter() - begun, 3))
+    note("a cold scene of 1M Gaussians", "first answer within 1 s", median(times) <= 1, seconds=times)
+
+
+if __name__ == "__main__":
+    main()
