@@ -1,4 +1,4 @@
-"""`fastsplat serve | api | worker | models`: what an operator types."""
+"""`fastsplat serve | api | worker | models | evaluate`: what an operator types."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from cli.evaluate import evaluate
 from cli.health import health
 from cli.logs import log_to_stderr
 from cli.models import models_app
@@ -21,6 +22,7 @@ app = typer.Typer(
 )
 app.add_typer(models_app, name="models")
 app.command()(health)
+app.command()(evaluate)
 
 
 @app.command()

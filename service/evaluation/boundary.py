@@ -35,26 +35,25 @@ def boundary_counts(
         InvalidInputError: shapes that differ, or a class outside 0..N.
     """
     check_maps(predicted, truth, labels)
-    width = boundary_width(truth.shape[0], truth.shape[1], diagonal_share)
     counts = np.zeros((labels + 1, 3), np.int64)
     for label in np.union1d(predicted, truth).tolist():
-        true_region = boundary_region(truth == label, width)
-        found_region = boundary_region(predicted == label, width)
-        if valid is not None:
-            true_region &= valid
-            found_region &= valid
-        counts[label] = (true_region & found_region).sum(), true_region.sum(), found_region.sum()
+        counts[label] = mask_boundary_counts(predicted == label, truth == label, valid, diagonal_share=diagonal_share)
     return MaskCounts(counts)
 
 
-def mask_boundary_iou(
-    predicted: NDArray[np.bool_], truth: NDArray[np.bool_], *, diagonal_share: float = DIAGONAL_SHARE
-) -> float:
-    """Boundary IoU of two masks [H, W]; 1 when both are empty."""
+def mask_boundary_counts(
+    predicted: NDArray[np.bool_],
+    truth: NDArray[np.bool_],
+    valid: NDArray[np.bool_] | None = None,
+    *,
+    diagonal_share: float = DIAGONAL_SHARE,
+) -> tuple[int, int, int]:
+    """|G_d ∩ P_d|, |G_d|, |P_d| of one mask [H, W]; pixels that are not valid are not counted."""
     width = boundary_width(truth.shape[0], truth.shape[1], diagonal_share)
     true_region, found_region = boundary_region(truth, width), boundary_region(predicted, width)
-    union = int((true_region | found_region).sum())
-    return int((true_region & found_region).sum()) / union if union else 1.0
+    if valid is not None:
+        true_region, found_region = true_region & valid, found_region & valid
+    return int((true_region & found_region).sum()), int(true_region.sum()), int(found_region.sum())
 
 
 def boundary_width(height: int, width: int, diagonal_share: float) -> int:

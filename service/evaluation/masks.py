@@ -53,8 +53,3 @@ class MaskCounts:
         """Share of the truth's labelled pixels that the prediction of the same label covers; NaN when there is none."""
         both, truth, _ = self.counts[UNDETECTED + 1 :].sum(axis=0)
         return float(both / truth) if truth else float("nan")
-
-
-def no_counts(labels: int) -> MaskCounts:
-    """Counts of no image, for N labels."""
-    return MaskCounts(np.zeros((labels + 1, 3), np.int64))

@@ -1,0 +1,121 @@
+"""A test view beside its answer: photo, truth, answer, error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from service.common.dictionary import Dictionary
+from service.evaluation.datasets.types import TrueView
+from service.evaluation.scoring import ViewScore
+from service.query.pictures import overlay
+
+U8 = NDArray[np.uint8]
+
+_GAP = 4
+_WRONG, _MISSED, _TOO_MUCH, _RIGHT = (230, 40, 40), (250, 200, 30), (230, 40, 40), (60, 180, 90)
+_GOLDEN = 0.618034  # turns of hue between neighbours: consecutive ids look unlike
+
+
+def label_sheet(view: TrueView, score: ViewScore, dictionary: Dictionary) -> U8:
+    """uint8 [h, w, 3]: photo, rendered view, true labels, answered labels, errors, and the labels' colours by name.
+
+    In the errors a wrong label is red and a missing one yellow.
+    """
+    assert view.rgb is not None and view.labels is not None
+    assert score.predicted is not None and score.rendered is not None
+    counted = np.ones(view.labels.shape, np.bool_) if view.valid is None else view.valid
+    wrong = counted & (score.predicted != view.labels)
+    errors = (view.rgb // 3).astype(np.uint8)
+    errors[wrong] = _WRONG
+    errors[wrong & (score.predicted == 0)] = _MISSED
+    colours = label_colours(len(dictionary))
+    truth, answer = (_mixed(view.rgb, colours[ids], ids > 0) for ids in (view.labels, score.predicted))
+    panels = (
+        ("photo", view.rgb), ("rendered", score.rendered), ("truth", truth), ("answer", answer), ("error", errors),
+    )  # fmt: skip
+    iou = score.closed.iou()
+    here = np.union1d(view.labels, score.predicted)
+    legend = [
+        (f"{dictionary.label_of(number)} {'' if np.isnan(iou[number]) else f'{iou[number]:.2f}'}", colours[number])
+        for number in here.tolist()
+        if number
+    ]
+    return _sheet(f"{view.name}   mean IoU {score.closed.macro_iou():.3f}", panels, legend)
+
+
+def query_sheet(view: TrueView, shown: Sequence[tuple[str, NDArray[np.bool_]]]) -> U8:
+    """uint8 [h, w, 3]: a row a text: photo, true mask, mask of the answer, errors (missed yellow, too much red).
+
+    Args:
+        view: with queries.
+        shown: text and answered mask [H, W] of each query of the view, in its order.
+    """
+    assert view.rgb is not None
+    rows = []
+    for truth, (text, mask) in zip(view.queries, shown, strict=True):
+        errors = (view.rgb // 3).astype(np.uint8)
+        errors[truth.mask & mask] = _RIGHT
+        errors[truth.mask & ~mask] = _MISSED
+        errors[~truth.mask & mask] = _TOO_MUCH
+        panels = (
+            ("photo", view.rgb), ("truth", overlay(view.rgb, truth.mask)),
+            ("answer", overlay(view.rgb, mask)), ("error", errors),
+        )  # fmt: skip
+        rows.append(_sheet(f"{view.name}   {text}", panels, ()))
+    return np.concatenate(rows) if rows else view.rgb
+
+
+def label_colours(labels: int) -> U8:
+    """uint8 [N + 1, 3]: black for undetected, then colours that neighbours do not share."""
+    hue = (np.arange(labels, dtype=np.float64) * _GOLDEN) % 1.0
+    light = np.where(np.arange(labels) % 2, 0.55, 0.95)[:, None]
+    channels = [np.clip(np.abs(((hue + offset) % 1.0) * 6 - 3) - 1, 0, 1) for offset in (0, 1 / 3, 2 / 3)]
+    rgb = np.stack(channels, axis=1) * light * 255
+    return np.asarray(np.concatenate([np.zeros((1, 3)), rgb]).round(), dtype=np.uint8)
+
+
+def _mixed(rgb: U8, tint: U8, where: NDArray[np.bool_]) -> U8:
+    grey = rgb.mean(axis=2, keepdims=True)
+    mixed = 0.35 * grey + 0.65 * tint
+    return np.asarray(np.where(where[..., None], mixed, 0.5 * grey).round(), dtype=np.uint8)
+
+
+def _sheet(title: str, panels: Sequence[tuple[str, U8]], legend: Sequence[tuple[str, U8]]) -> U8:
+    height, width = panels[0][1].shape[:2]
+    size = max(12, height // 24)
+    font = ImageFont.load_default(size)
+    bar = round(size * 1.6)
+    whole = len(panels) * (width + _GAP) - _GAP
+    rows = _legend_rows(legend, font, whole, size)
+    sheet = Image.new("RGB", (whole, 2 * bar + height + bar * len(rows)), (24, 24, 24))
+    draw = ImageDraw.Draw(sheet)
+    draw.text((_GAP, bar / 2), title, font=font, anchor="lm", fill=(255, 255, 255))
+    for number, (name, pixels) in enumerate(panels):
+        left = number * (width + _GAP)
+        draw.text((left + _GAP, bar * 1.5), name, font=font, anchor="lm", fill=(200, 200, 200))
+        sheet.paste(Image.fromarray(pixels), (left, 2 * bar))
+    for number, row in enumerate(rows):
+        y = 2 * bar + height + bar * number
+        for x, text, colour in row:
+            draw.rectangle((x, y + bar // 4, x + size, y + bar // 4 + size), fill=tuple(colour.tolist()))
+            draw.text((x + size + _GAP, y + bar / 2), text, font=font, anchor="lm", fill=(255, 255, 255))
+    return np.asarray(sheet)
+
+
+def _legend_rows(
+    legend: Sequence[tuple[str, U8]], font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int, size: int
+) -> list[list[tuple[float, str, U8]]]:
+    rows: list[list[tuple[float, str, U8]]] = []
+    x = float(width)
+    for text, colour in legend:
+        needed = font.getlength(text) + 2 * size + 2 * _GAP
+        if x + needed > width:
+            rows.append([])
+            x = _GAP
+        rows[-1].append((x, text, colour))
+        x += needed
+    return rows

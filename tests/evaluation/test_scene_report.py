@@ -1,0 +1,150 @@
+"""A scene that is known exactly scores perfectly on every layout; what is wrong, missing or cheating does not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.capture.settings import CaptureSettings
+from service.common.camera import PosedCamera
+from service.common.errors import InvalidInputError
+from service.evaluation import evaluate_scene
+from service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
+from service.query import SceneIndex
+from tests.evaluation import made_data
+
+KEYS = (
+    "miou", "miou_per_class", "boundary_iou", "localization", "pixel_accuracy", "ghost_rate", "mask3d_iou", "psnr",
+    "ssim", "depth_error", "absent_auroc", "gaussians", "bytes", "seconds", "peak_mb",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    folder = made_data.nerfstudio(tmp_path_factory.mktemp("truth") / "made", 6, (0, 1, 2, 3, 4))
+    return read_dataset(folder, CaptureSettings())
+
+
+def _renamed(names: tuple[str, ...]) -> SceneIndex:
+    return made_data.index(made_data.scene(names))
+
+
+def test_the_truth_scores_perfectly_and_the_report_has_every_key(dataset: Dataset) -> None:
+    report = evaluate_scene(made_data.index(), dataset, seconds={"training": 3.0}, peak_mb=7.0, samples=50)
+    assert report.miou == 1 == report.pixel_accuracy == report.boundary_iou == report.localization
+    assert report.miou_per_class == dict.fromkeys(made_data.LABELS, 1)
+    assert report.ghost_rate == 0 and report.mask3d_iou == 1 and report.absent_auroc == 1
+    assert report.depth_error < 1e-3 and report.gaussians == 3 and report.bytes > 100
+    written = report.to_json()
+    assert set(KEYS) <= set(written)
+    assert set(written["seconds"]) == {"training", "scoring"} and written["peak_mb"] == 7
+    assert written["psnr"] is None and "equal" in written["reasons"]["psnr"]  # equal pictures: infinite
+    assert written["miou_micro"] == 1 == written["miou_threshold"] == written["localization_peak_in_mask"]
+    assert written["intervals"]["miou"] == [1, 1]
+    assert written["absent"]["texts"] >= 100
+    assert len(written["queries"]) == 5 * 3
+    json.dumps(written, allow_nan=False)
+
+
+def test_the_order_of_images_changes_nothing(dataset: Dataset) -> None:
+    index = _renamed((made_data.LABELS[0], made_data.LABELS[2], made_data.LABELS[1]))
+    turned = replace(dataset, test=dataset.test[::-1])
+    first, second = (evaluate_scene(index, each, samples=50).to_json() for each in (dataset, turned))
+    assert first.pop("seconds") and second.pop("seconds")
+    assert first == second
+
+
+def test_two_labels_exchanged_lose_their_share_and_nothing_else(dataset: Dataset) -> None:
+    index = _renamed((made_data.LABELS[0], made_data.LABELS[2], made_data.LABELS[1]))
+    report = evaluate_scene(index, dataset, samples=0)
+    assert report.miou_per_class == {"red mug": 1, "green spoon": 0, "blue bed": 0}
+    assert report.miou == pytest.approx(1 / 3) == report.mask3d_iou == report.localization
+    assert report.details["miou_threshold"] == pytest.approx(1 / 3)
+    assert report.psnr > 50 or np.isinf(report.psnr)
+
+
+def test_a_label_that_the_scene_does_not_have_counts_as_zero(dataset: Dataset) -> None:
+    report = evaluate_scene(_renamed((*made_data.LABELS[:2], "purple elephant")), dataset, samples=0)
+    assert report.miou_per_class["blue bed"] == 0
+    assert report.miou == pytest.approx(2 / 3) == report.details["miou_threshold"]
+    asked = [query for query in report.queries if query.text == "blue bed"]
+    assert asked and all(query.verdict == "absent" and query.iou_threshold == 0 for query in asked)
+
+
+def test_a_missing_prediction_lowers_every_figure(dataset: Dataset) -> None:
+    index = made_data.index()
+    whole = evaluate_scene(index, dataset, samples=0)
+    lost = TrueView("lost", None, labels=dataset.test[0].labels)
+    # A map of a view without a pose has no camera to say its size, so the annotated kind is used.
+    queries = tuple(
+        QueryTruth(label, lost.labels == number, ((0.0, 0.0, 64.0, 48.0),))
+        for number, label in enumerate(made_data.LABELS, 1)
+    )
+    less = replace(dataset, test=(*dataset.test, TrueView("lost", None, queries=queries)))
+    report = evaluate_scene(index, less, samples=0)
+    for name in ("miou", "boundary_iou", "localization", "pixel_accuracy"):
+        assert getattr(report, name) < getattr(whole, name)
+    for name in ("miou_micro", "miou_views", "miou_threshold", "localization_peak_in_mask"):
+        assert report.details[name] < whole.details[name]
+    assert report.details["miou_views"] == pytest.approx(5 / 6) == report.localization
+
+
+def test_pixels_that_do_not_count_do_not_count(dataset: Dataset) -> None:
+    index = _renamed((made_data.LABELS[0], made_data.LABELS[2], made_data.LABELS[1]))
+    left = tuple(replace(view, valid=np.broadcast_to(np.arange(64) < 22, (48, 64))) for view in dataset.test)
+    assert evaluate_scene(index, replace(dataset, test=left), samples=0).miou == 1
+
+
+def test_a_scene_that_saw_a_test_view_is_refused_by_name_and_by_pose(dataset: Dataset) -> None:
+    view = dataset.test[2]
+    for name in (view.name, "another name.png"):
+        cheat = replace(made_data.scene(), cameras=(PosedCamera(made_data.CAMERA, view.posed.world_from_camera, name),))
+        with pytest.raises(InvalidInputError, match="trained on the test view"):
+            evaluate_scene(made_data.index(cheat), dataset)
+        held_out = replace(cheat, quality={"held_out_views": [name]})
+        assert evaluate_scene(made_data.index(held_out), dataset, samples=0).miou == 1
+
+
+def test_a_scene_in_another_world_frame_is_refused(dataset: Dataset) -> None:
+    pose = dataset.test[0].posed.world_from_camera.copy()
+    pose[2, 3] += 1
+    moved = PosedCamera(made_data.CAMERA, pose, dataset.test[0].name)
+    other = replace(made_data.scene(), cameras=(moved,), quality={"held_out_views": [moved.name]})
+    with pytest.raises(InvalidInputError, match="another pose"):
+        evaluate_scene(made_data.index(other), dataset)
+
+
+def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: Path) -> None:
+    folder = made_data.lerf_ovs(tmp_path, [1, 2, 3, 4], [2, 3])
+    truth = made_data.index()
+    read = read_dataset(folder, CaptureSettings())
+    views = []
+    for view in read.test:
+        shown = truth.label_map(view.posed)
+        queries = [
+            QueryTruth("red mug", shown == 1, ((0, 0, 64, 48),)),
+            QueryTruth("sofa", shown == 2, ((0, 0, 1, 1),)),
+        ]
+        views.append(replace(view, queries=tuple(queries)))
+    dataset = replace(read, test=tuple(views), dictionary=made_data.dictionary_of(["red mug", "sofa"]))
+    report = evaluate_scene(truth, dataset, samples=0)
+    assert report.miou_per_class["red mug"] == 1
+    assert report.details["miou_threshold_per_class"] == {"red mug": 1, "sofa": 0}
+    sofas = [query for query in report.queries if query.text == "sofa"]
+    assert all(query.verdict == "absent" and query.iou_threshold == 0 for query in sofas)
+    written = report.to_json()
+    assert written["ghost_rate"] is None and written["mask3d_iou"] is None and written["depth_error"] is None
+    assert {"ghost_rate", "mask3d_iou", "depth_error"} <= set(written["reasons"])
+
+
+def test_a_data_set_without_labels_measures_pictures_alone(tmp_path: Path) -> None:
+    dataset = read_dataset(made_data.colmap(tmp_path / "plain", ["a", "b", "c"]), CaptureSettings())
+    written = evaluate_scene(made_data.index(), dataset).to_json()
+    assert written["psnr"] > 0 and written["ssim"] is not None
+    for name in ("miou", "localization", "pixel_accuracy", "boundary_iou", "absent_auroc"):
+        assert written[name] is None and written["reasons"][name]
+    assert written["miou_per_class"] == {}
