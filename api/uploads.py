@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
-from service.calls.types import SceneOptions
+from service.calls.types import Preset, SceneOptions
 from service.common.errors import LimitExceededError
 
 
-def scene_options(labels: Sequence[str], time_budget_s: float | None, max_gaussians: int | None) -> SceneOptions:
+def scene_options(
+    labels: Sequence[str], time_budget_s: float | None, max_gaussians: int | None, preset: str, priority: int
+) -> SceneOptions:
     """Options as sent; one string may hold several labels, separated by commas."""
     names = [part.strip() for text in labels for part in text.split(",")]
-    return SceneOptions(tuple(name for name in names if name), time_budget_s, max_gaussians)
+    return SceneOptions(
+        tuple(name for name in names if name),
+        time_budget_s,
+        max_gaussians,
+        cast(Preset, preset) if preset else None,  # the service refuses what is none
+        priority,
+    )
 
 
 def check_announced(size: int, max_upload_bytes: int) -> None:

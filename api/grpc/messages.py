@@ -1,8 +1,8 @@
-"""Answers of any size in messages well below gRPC's 4 MiB, and together again."""
+"""Answers of any size in messages well below gRPC's 4 MiB."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from api.grpc.translate import answer_out, match_out, object_out
 from fastsplat.v1 import fastsplat_pb2 as pb
@@ -46,30 +46,6 @@ def messages_of(result: types.QueryAnswer) -> Iterator[pb.QueryResponse]:
         response.mask3d = chunk
         room = 0
     yield response
-
-
-def joined(responses: Iterable[pb.QueryResponse]) -> Iterator[pb.QueryResponse]:
-    """For clients: the messages of a Query put together again, one for each answer."""
-    whole: pb.QueryResponse | None = None
-    for response in responses:
-        if response.HasField("answer"):
-            if whole is not None:
-                yield whole
-            whole = pb.QueryResponse(answer=response.answer)
-        assert whole is not None, "the first message of a Query carries an answer"
-        whole.answer.matches.extend(response.matches)
-        for mask in response.masks:
-            if mask.continues:
-                if mask.png:
-                    whole.masks[-1].png += mask.png
-                else:
-                    whole.masks[-1].segmentation.counts += mask.segmentation.counts
-            else:
-                whole.masks.append(mask)
-        whole.objects.extend(response.objects)
-        whole.mask3d += response.mask3d
-    if whole is not None:
-        yield whole
 
 
 def chunks(data: bytes) -> Iterator[bytes]:

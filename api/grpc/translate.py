@@ -15,6 +15,7 @@ from fastsplat.v1 import fastsplat_pb2 as pb
 from service.calls import types
 from service.common.camera import Camera, PosedCamera
 from service.common.errors import InvalidInputError
+from service.common.states import OperationState
 
 M = TypeVar("M", bound=Message)
 E = TypeVar("E")
@@ -67,7 +68,7 @@ _ACTIONS: dict[int, types.EditAction] = {
     pb.EDIT_ACTION_MOVE: "move",
     pb.EDIT_ACTION_DUPLICATE: "duplicate",
 }
-_STATES: dict[int, types.OperationState | None] = {
+_STATES: dict[int, OperationState | None] = {
     pb.OPERATION_STATE_UNSPECIFIED: None,
     pb.OPERATION_STATE_QUEUED: "QUEUED",
     pb.OPERATION_STATE_RUNNING: "RUNNING",
@@ -135,7 +136,7 @@ def camera_format_in(request: pb.DownloadCamerasRequest) -> types.CameraFormat:
     return _named(_CAMERA_FORMATS, request.format, "format")
 
 
-def state_in(request: pb.ListOperationsRequest) -> types.OperationState | None:
+def state_in(request: pb.ListOperationsRequest) -> OperationState | None:
     """The state asked for, None for all."""
     return _named(_STATES, request.state, "state")
 

@@ -27,6 +27,8 @@ def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneReques
         header.labels,
         header.time_budget_s if header.HasField("time_budget_s") else None,
         header.max_gaussians if header.HasField("max_gaussians") else None,
+        header.preset,
+        header.priority,
     )
     with service.new_upload() as upload:
         files = _Files(messages)

@@ -16,7 +16,8 @@ from api.rest.upload import BODY_SCHEMA, receive_scene
 from api.threads import Threads
 from service.calls.cameras import MEDIA_TYPES
 from service.calls.service import SceneService
-from service.calls.types import CameraFormat, OperationState
+from service.calls.types import CameraFormat
+from service.common.states import OperationState
 from service.settings import Settings
 
 _POLL_S = 0.25

@@ -53,6 +53,8 @@ BODY_SCHEMA: dict[str, Any] = {
                         },
                         "time_budget_s": {"type": "number", "description": "training seconds, > 0"},
                         "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
+                        "preset": {"type": "string", "enum": ["draft", "balanced", "best"]},
+                        "priority": {"type": "integer", "description": "higher ones are trained first; 0 is usual"},
                     },
                 }
             }
@@ -70,6 +72,8 @@ class _Texts(BaseModel):
     labels: list[str] = []
     time_budget_s: float | None = None
     max_gaussians: int | None = None
+    preset: str = ""
+    priority: int = 0
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -125,7 +129,7 @@ def _receive(service: SceneService, settings: Settings, content_type: str, body:
                     )
                 upload.write(part.filename, part.chunks)
         form = _form(texts)
-        options = scene_options(form.labels, form.time_budget_s, form.max_gaussians)
+        options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
         return upload.commit(form.name, form.request_id, options)
 
 

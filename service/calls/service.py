@@ -18,7 +18,6 @@ from service.calls.types import (
     DictionaryRow,
     Edit,
     Operation,
-    OperationState,
     PictureFormat,
     PictureKind,
     QueryAnswer,
@@ -34,6 +33,7 @@ from service.calls.versions import Versions
 from service.capture.settings import CaptureSettings
 from service.capture.types import AdmittedUpload
 from service.common.camera import PosedCamera
+from service.common.states import OperationState
 from service.settings import Settings
 from service.store import Store, open_store
 from service.store.blobs import remove, sync_tree
@@ -239,7 +239,7 @@ class SceneService:
         Raises:
             NotFoundError, NotReadyError: as `edit_scene`.
         """
-        return self._versions.list(scene_id)
+        return self._versions.all(scene_id)
 
     def current_version(self, scene_id: str) -> str:
         """The version that a question would read now.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from service.common.camera import PosedCamera
+from service.common.states import OperationState, SceneState
 from service.query.rle import decode_rle
 from service.query.types import Answer
-from service.store.records import OperationState, SceneState
 
 Output = Literal["mask2d", "mask3d", "objects"]
 MaskEncoding = Literal["rle", "png"]

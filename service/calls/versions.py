@@ -60,16 +60,16 @@ class Versions:
         """See `SceneService.undo_edit`."""
         current = self._scenes.version(scene_id, "")
         self._store.versions.step_back(scene_id, expected or current)
-        return next(version for version in self.list(scene_id) if version.current)
+        return next(version for version in self.all(scene_id) if version.current)
 
-    def list(self, scene_id: str) -> tuple[SceneVersion, ...]:
+    def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """See `SceneService.list_versions`."""
         self._scenes.version(scene_id, "")
         scene = self._store.rows.scene(scene_id)
         return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
-        return next(known for known in self.list(scene_id) if known.version == version)
+        return next(known for known in self.all(scene_id) if known.version == version)
 
     def _make(
         self,
@@ -136,7 +136,7 @@ class Versions:
 
     def _check_room(self, scene_id: str) -> None:
         limit = self._settings.calls.max_versions
-        if len(self.list(scene_id)) >= limit:
+        if len(self.all(scene_id)) >= limit:
             raise LimitExceededError(
                 f"scene {scene_id!r} has {limit} versions",
                 field="scene",

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
-SceneState = Literal["TRAINING", "READY", "FAILED"]
+from service.common.states import OperationState, SceneState
 
 
 @dataclass(frozen=True)
@@ -74,3 +73,18 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class WorkerRecord:
+    """One worker process. Times are seconds since 1970, UTC; a worker that has resigned beat at 0."""
+
+    executor_id: str
+    host: str
+    pid: int
+    started_at: float
+    beat_at: float
+
+    def silent(self, stale_s: float, now: float) -> bool:
+        """Whether its last beat is older than `stale_s` seconds at time `now`."""
+        return self.beat_at < now - stale_s

@@ -12,8 +12,9 @@ from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from service.common.errors import ConflictError, NotFoundError
+from service.common.states import OperationState, SceneState
 from service.store.errors import DatabaseError
-from service.store.records import NewJob, OperationRecord, OperationState, SceneRecord, SceneState
+from service.store.records import NewJob, OperationRecord, SceneRecord
 from service.store.schema import operations, scenes
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]

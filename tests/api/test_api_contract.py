@@ -10,9 +10,10 @@ from types import ModuleType
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from api.grpc.messages import CHUNK_BYTES, messages_of
 from api.grpc.server import MAX_MESSAGE_BYTES
-from api.grpc.messages import CHUNK_BYTES, joined, messages_of
 from api.rest import openapi
+from fastsplat_client.messages import joined
 from service.calls.types import QueryAnswer, RleMask, ViewMask
 from service.query.types import Answer, Match
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from api.grpc.messages import joined
 from api.grpc.translate import camera_out
 from api.rest.translate import camera_out as rest_camera_out
 from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat_client.messages import joined
 from service.calls.service import SceneService
 from service.calls.types import QueryAnswer, QueryRequest
 from service.common.camera import PosedCamera
@@ -56,9 +56,7 @@ def _plain(answers: tuple[QueryAnswer, ...]) -> list[dict[str, Any]]:
             "verdict": result.answer.verdict,
             "explanation": result.answer.explanation,
             "matches": [match._asdict() for match in result.answer.matches],
-            "masks": [
-                (m.view, m.camera_index, m.rle.height, m.rle.width, m.rle.counts, m.area) for m in result.masks
-            ],
+            "masks": [(m.view, m.camera_index, m.rle.height, m.rle.width, m.rle.counts, m.area) for m in result.masks],
             "mask3d": result.mask3d,
         }
         for result in answers
@@ -97,14 +95,29 @@ def _over_grpc(faces: Faces, query: QueryRequest) -> list[dict[str, Any]]:
         views=query.views,
         outputs=[outputs[name] for name in query.outputs],
     )
-    fields = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
+    fields = (
+        "label_id",
+        "label",
+        "relevancy",
+        "similarity",
+        "nearest_negative",
+        "gaussian_count",
+        "relevant",
+        "probability",
+    )
     return [
         {
             "scene_id": whole.answer.scene_id,
             "text": whole.answer.text,
             "verdict": pb.Verdict.Name(whole.answer.verdict).removeprefix("VERDICT_").lower(),
             "explanation": whole.answer.explanation,
-            "matches": [{name: getattr(match, name) if name != "probability" or match.HasField(name) else None for name in fields} for match in whole.answer.matches],
+            "matches": [
+                {
+                    name: getattr(match, name) if name != "probability" or match.HasField(name) else None
+                    for name in fields
+                }
+                for match in whole.answer.matches
+            ],
             "masks": [
                 (m.view, m.camera_index, m.segmentation.height, m.segmentation.width, m.segmentation.counts, m.area)
                 for m in whole.masks

@@ -1,0 +1,344 @@
+"""Every call of the service, over REST; standing questions over gRPC."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Self
+from urllib.parse import quote, urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat_client import parse
+from fastsplat_client.captures import CaptureFiles
+from fastsplat_client.errors import DeadlineExceededError, UnreachableError
+from fastsplat_client.events import events_of
+from fastsplat_client.stream import PoseAnswer, StandingQuestion, stream_query
+from fastsplat_client.transport import Retry, Transport
+from service.calls import types
+from service.calls.masks import decode_mask3d
+from service.common.camera import PosedCamera
+from service.common.states import OperationState
+
+_USUAL = Retry()
+_COPY_BYTES = 1 << 20
+
+
+class Client:
+    """One server. A context manager; threads may share it.
+
+    Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
+
+    Args:
+        url: of the REST interface.
+        key: an access key; "" where the server needs none.
+        grpc_target: "host:port" for standing questions; by default the URL's host and port 8001.
+        ca: PEM certificates to trust in place of the system's, for both interfaces.
+        timeout_s: of a call that names none, retries included.
+        retry: see `Retry`.
+
+    All calls raise the `FastSplatError` that the server raised, `UnreachableError` or `DeadlineExceededError`.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8000",
+        *,
+        key: str = "",
+        grpc_target: str = "",
+        ca: Path | None = None,
+        timeout_s: float = 60.0,
+        retry: Retry = _USUAL,
+    ) -> None:
+        self._transport = Transport(url, key, ca, timeout_s, retry)
+        self._key, self._ca, self._secure = key, ca, urlsplit(url).scheme == "https"
+        self._grpc_target = grpc_target or f"{urlsplit(url).hostname}:8001"
+        self._retry = retry
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._transport.close()
+
+    def create_scene(
+        self,
+        capture: Path,
+        *,
+        name: str = "",
+        options: types.SceneOptions | None = None,
+        request_id: str = "",
+        timeout_s: float = 3600.0,
+    ) -> types.Operation:
+        """Upload a folder of photos, an archive or a video; its training is queued, durably, on return."""
+        chosen = options or types.SceneOptions()
+        fields: dict[str, Any] = {"name": name, "request_id": request_id or uuid.uuid4().hex}
+        fields |= {"labels": list(chosen.labels), "preset": chosen.preset or "", "priority": str(chosen.priority)}
+        for field in ("time_budget_s", "max_gaussians"):
+            if (value := getattr(chosen, field)) is not None:
+                fields[field] = str(value)
+        with CaptureFiles(capture) as files:
+            response = self._transport.call(
+                "POST", "/v1/scenes", content=lambda: {**files.parts(), "data": fields}, timeout_s=timeout_s
+            )
+        return parse.operation_from(response.json())
+
+    def operation(self, operation_id: str) -> types.Operation:
+        """Where a job stands."""
+        return parse.operation_from(self._get(f"/v1/operations/{_in_path(operation_id)}"))
+
+    def operations(self, state: OperationState | None = None) -> Iterator[types.Operation]:
+        """All jobs, newest first, page by page."""
+        params = {} if state is None else {"state": state}
+        return map(parse.operation_from, self._pages("/v1/operations", "operations", params))
+
+    def cancel(self, operation_id: str) -> types.Operation:
+        """Ask a job to stop; one that is over stays as it is."""
+        path = f"/v1/operations/{_in_path(operation_id)}:cancel"
+        return parse.operation_from(self._transport.call("POST", path).json())
+
+    def watch(self, operation_id: str) -> Iterator[types.Operation]:
+        """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
+        path, last, failures = f"/v1/operations/{_in_path(operation_id)}/events", "", 0
+        while True:
+            try:
+                headers = {"Last-Event-ID": last} if last else {}
+                with self._transport.streamed(path, headers=headers) as response:
+                    for event in events_of(response.iter_lines()):
+                        last, failures = event.id, 0
+                        operation = parse.operation_from(json.loads(event.data))
+                        yield operation
+                        if operation.done:
+                            return
+                    if response.status_code == 204:
+                        return
+            except (UnreachableError, DeadlineExceededError):
+                failures += 1
+                if failures >= self._retry.tries:
+                    raise
+                time.sleep(self._retry.pause(failures - 1))
+
+    def wait(
+        self,
+        operation_id: str,
+        *,
+        timeout_s: float = float("inf"),
+        on_change: Callable[[types.Operation], None] = lambda operation: None,
+    ) -> types.Operation:
+        """The job when it is done, whichever way.
+
+        Raises:
+            DeadlineExceededError: it is not done after `timeout_s`.
+        """
+        deadline = time.monotonic() + timeout_s
+        operation = self.operation(operation_id)
+        on_change(operation)
+        while not operation.done:
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise DeadlineExceededError(f"operation {operation_id} is {operation.state} after {timeout_s:g} s")
+            newer = parse.operation_from(
+                self._get(
+                    f"/v1/operations/{_in_path(operation_id)}:wait", {"timeout_s": min(left, _POLL_S)}, _POLL_S + 60.0
+                )
+            )
+            if newer != operation:
+                on_change(newer)
+            operation = newer
+        return operation
+
+    def scene(self, scene_id: str) -> types.SceneInfo:
+        """One scene with its dictionary, cameras and quality."""
+        return parse.scene_from(self._get(_scene(scene_id)))
+
+    def scenes(self) -> Iterator[types.SceneInfo]:
+        """All scenes, newest first, page by page, without dictionary, cameras and quality."""
+        return map(parse.scene_from, self._pages("/v1/scenes", "scenes"))
+
+    def delete_scene(self, scene_id: str) -> None:
+        """Forget a scene and all its files."""
+        self._transport.call("DELETE", _scene(scene_id), repeatable=False)
+
+    def labels(self, scene_id: str) -> Iterator[types.DictionaryRow]:
+        """A scene's whole dictionary, by label id."""
+        return map(parse.label_from, self._pages(f"{_scene(scene_id)}/labels", "labels"))
+
+    def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[types.SceneObject]:
+        """The things of a scene as oriented boxes."""
+        params = {"label": label, "version": version}
+        return map(parse.object_from, self._pages(f"{_scene(scene_id)}/objects", "objects", params))
+
+    def edit_scene(
+        self, scene_id: str, edits: Sequence[types.Edit], *, request_id: str = "", timeout_s: float | None = None
+    ) -> types.SceneVersion:
+        """Make a new version; it is current on return."""
+        body = {"edits": [parse.edit_to(edit) for edit in edits], "request_id": request_id or uuid.uuid4().hex}
+        response = self._transport.call("POST", f"{_scene(scene_id)}:edit", json=body, timeout_s=timeout_s)
+        return parse.version_from(response.json())
+
+    def undo_edit(self, scene_id: str, version: str = "") -> types.SceneVersion:
+        """Go back to the version before the current one; with `version`, only if that is the current one."""
+        response = self._transport.call("POST", f"{_scene(scene_id)}:undo", json={"version": version}, repeatable=False)
+        return parse.version_from(response.json())
+
+    def versions(self, scene_id: str) -> tuple[types.SceneVersion, ...]:
+        """Every version, oldest first."""
+        return tuple(map(parse.version_from, self._get(f"{_scene(scene_id)}/versions")["versions"]))
+
+    def query(
+        self,
+        scene_id: str,
+        texts: str | Sequence[str],
+        *,
+        cameras: Sequence[PosedCamera] = (),
+        views: Sequence[str] = (),
+        outputs: Iterable[types.Output] = (),
+        timeout_s: float | None = None,
+        **choices: Any,
+    ) -> tuple[types.QueryAnswer, ...]:
+        """Ask one scene, one answer a text; or, with "" for a scene, all of them.
+
+        Args:
+            scene_id: which scene.
+            texts: one question or several.
+            cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
+            outputs: any of "mask2d", "mask3d" and "objects".
+            timeout_s: when to give up; the server then stops, too.
+            choices: version, negatives, templates, coverage, max_matches, mask2d_encoding and mask3d_encoding, as in
+                `QueryRequest`.
+        """
+        asked = (texts,) if isinstance(texts, str) else tuple(texts)
+        request = types.QueryRequest(scene_id, asked, tuple(cameras), tuple(views), frozenset(outputs), **choices)
+        return self.ask(request, timeout_s=timeout_s)
+
+    def ask(self, request: types.QueryRequest, *, timeout_s: float | None = None) -> tuple[types.QueryAnswer, ...]:
+        """As `query`, with the request as the service takes it."""
+        body = parse.query_to(request)
+        if request.scene_id:
+            path = f"{_scene(request.scene_id)}:query"
+            response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
+        else:
+            for field in ("cameras", "views", "mask2d_encoding"):
+                body.pop(field)
+            params = {"text": body.pop("texts")} | {name: value for name, value in body.items() if value is not None}
+            response = self._transport.call("GET", "/query", params=params, timeout_s=timeout_s)
+        return tuple(map(parse.answer_from, response.json()["answers"]))
+
+    def mask3d(self, scene_id: str, text: str, *, version: str = "") -> NDArray[np.bool_]:
+        """bool [G]: which Gaussians answer the text; row number = Gaussian id of the version."""
+        (answer,) = self.query(scene_id, text, outputs=["mask3d"], version=version, max_matches=1)
+        return decode_mask3d(answer.mask3d, "bits", answer.gaussians)
+
+    def picture(
+        self,
+        scene_id: str,
+        kind: types.PictureKind,
+        viewpoint: str | PosedCamera,
+        *,
+        text: str = "",
+        version: str = "",
+        depth_scale: float = 0.0,
+    ) -> bytes:
+        """A PNG from one of the scene's own cameras (its name) or from a free viewpoint; kinds as `PictureKind`."""
+        return self._render(scene_id, kind, viewpoint, text, version, "png", depth_scale)
+
+    def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
+        """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
+        content = self._render(scene_id, "label_map", viewpoint, "", version, "npy", 0.0)
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
+
+    def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
+        """float32 [H, W]: camera z in scene units, 0 where nothing is."""
+        content = self._render(scene_id, "depth", viewpoint, "", version, "npy", 0.0)
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
+
+    def cameras(self, scene_id: str, wanted: types.CameraFormat = "json") -> bytes:
+        """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
+        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": wanted}).content
+
+    def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
+        """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
+        path, params = f"{_scene(scene_id)}/scene.ply", {"version": version} if version else {}
+        tag, failures = "", 0
+        with target.open("wb") as file:
+            while True:
+                # If another version became current meanwhile, If-Range makes the server begin anew.
+                headers = {"Range": f"bytes={file.tell()}-", "If-Range": tag} if tag and file.tell() else {}
+                try:
+                    with self._transport.streamed(path, params=params, headers=headers) as response:
+                        if response.status_code != 206:
+                            file.seek(0)
+                            file.truncate()
+                        tag = response.headers["etag"]
+                        for piece in response.iter_bytes(_COPY_BYTES):
+                            file.write(piece)
+                            failures = 0
+                        return tag
+                except UnreachableError:
+                    failures += 1
+                    if failures >= self._retry.tries:
+                        raise
+                    time.sleep(self._retry.pause(failures - 1))
+
+    def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
+        """Just the Gaussians that answer, as a 3DGS PLY."""
+        params = {"text": text, "version": version}
+        return self._transport.call("GET", f"{_scene(scene_id)}/mask.ply", params=params).content
+
+    def stream_query(
+        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+    ) -> Iterator[PoseAnswer]:
+        """A standing question: an answer for each pose, or for the newest of those that came faster than the answers.
+
+        Args:
+            question: what is asked of every pose.
+            poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
+                before.
+        """
+        return stream_query(self._grpc_target, self._key, self._ca, self._secure, question, poses)
+
+    def _render(
+        self,
+        scene_id: str,
+        kind: types.PictureKind,
+        viewpoint: str | PosedCamera,
+        text: str,
+        version: str,
+        image_format: types.PictureFormat,
+        depth_scale: float,
+    ) -> bytes:
+        body: dict[str, Any] = {"kind": kind, "text": text or None, "version": version, "format": image_format}
+        body |= {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": parse.camera_to(viewpoint)}
+        body["depth_scale"] = depth_scale
+        return self._transport.call("POST", f"{_scene(scene_id)}:render", json=body).content
+
+    def _get(self, path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> Any:
+        return self._transport.call("GET", path, params=params, timeout_s=timeout_s).json()
+
+    def _pages(self, path: str, field: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
+        token = ""
+        while True:
+            page = self._get(path, {**(params or {}), "page_token": token})
+            yield from page[field]
+            if not (token := page["next_page_token"]):
+                return
+
+
+_POLL_S = 20.0
+
+
+def _scene(scene_id: str) -> str:
+    return f"/v1/scenes/{_in_path(scene_id)}"
+
+
+def _in_path(name: str) -> str:
+    return quote(name, safe="")

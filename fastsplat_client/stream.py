@@ -1,0 +1,122 @@
+"""Standing questions over gRPC: poses go in, masks and objects come out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import grpc
+from google.rpc import error_details_pb2  # type: ignore[import-untyped]
+from grpc_status import rpc_status
+
+from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.v1 import fastsplat_pb2_grpc as rpc
+from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
+from fastsplat_client.messages import answers_of, camera_message, query_message
+from service.calls.types import QueryAnswer, QueryRequest
+from service.common.camera import PosedCamera
+from service.common.errors import CancelledError, FastSplatError
+
+
+@dataclass(frozen=True)
+class StandingQuestion:
+    """What is asked of every pose.
+
+    Attributes:
+        request: one scene, without cameras and views.
+        heartbeat_s: how long the server may be silent; 0 for its own choice.
+    """
+
+    request: QueryRequest
+    heartbeat_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class PoseAnswer:
+    """What one pose brought.
+
+    Attributes:
+        sequence: which of the poses, counted from 1.
+        question: which of the questions, counted from 1.
+        answers: one a text.
+        dropped: how many poses before this one, and after the last answer, were not looked at.
+        seconds: the server's, waiting aside.
+    """
+
+    sequence: int
+    question: int
+    answers: tuple[QueryAnswer, ...]
+    dropped: int
+    seconds: float
+
+
+def stream_query(
+    target: str,
+    key: str,
+    ca: Path | None,
+    secure: bool,
+    question: StandingQuestion,
+    poses: Iterable[PosedCamera | StandingQuestion],
+) -> Iterator[PoseAnswer]:
+    """See `Client.stream_query`."""
+    if secure:
+        credentials = grpc.ssl_channel_credentials(None if ca is None else ca.read_bytes())
+        channel = grpc.secure_channel(target, credentials)
+    else:
+        channel = grpc.insecure_channel(target)
+    metadata = (("authorization", f"Bearer {key}"),) if key else None
+    with channel:
+        call = rpc.SceneServiceStub(channel).StreamQuery(_requests(question, poses), metadata=metadata)
+        try:
+            yield from _answers(call)
+        except grpc.RpcError as error:
+            raise error_from(error) from error
+        finally:
+            call.cancel()
+
+
+def error_from(error: grpc.RpcError) -> FastSplatError:
+    """What a failed RPC says, as the exception that the server raised."""
+    assert isinstance(error, grpc.Call)
+    status = rpc_status.from_call(error)
+    info = error_details_pb2.ErrorInfo()
+    for detail in status.details if status is not None else ():
+        if detail.Unpack(info):
+            return error_of(info.reason, error.details() or "", info.metadata)
+    if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
+        return DeadlineExceededError("no answer in time", hint="Give it more time.")
+    if error.code() is grpc.StatusCode.CANCELLED:
+        return CancelledError("the call was cancelled")
+    return UnreachableError(f"{error.code().name}: {error.details()}", hint="Is the server running?")
+
+
+def _requests(
+    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+) -> Iterator[pb.StreamQueryRequest]:
+    yield pb.StreamQueryRequest(question=_question(question))
+    sequence = 0
+    for pose in poses:
+        if isinstance(pose, StandingQuestion):
+            yield pb.StreamQueryRequest(question=_question(pose))
+        else:
+            sequence += 1
+            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=camera_message(pose)))
+
+
+def _answers(call: Iterable[pb.StreamQueryResponse]) -> Iterator[PoseAnswer]:
+    pieces: list[pb.QueryResponse] = []
+    dropped = 0
+    for reply in call:
+        part = reply.WhichOneof("part")
+        if part == "response":
+            pieces.append(reply.response)
+        elif part == "dropped":
+            dropped += reply.dropped.count
+        elif part == "done":
+            yield PoseAnswer(reply.sequence, reply.question, tuple(answers_of(pieces)), dropped, reply.done.seconds)
+            pieces, dropped = [], 0
+
+
+def _question(question: StandingQuestion) -> pb.StandingQuestion:
+    return pb.StandingQuestion(query=query_message(question.request), heartbeat_s=question.heartbeat_s)

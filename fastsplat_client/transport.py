@@ -1,0 +1,153 @@
+"""HTTP with one deadline a call, and retries of what may be repeated."""
+
+from __future__ import annotations
+
+import random
+import ssl
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
+from service.common.errors import FastSplatError
+
+_AGAIN = (429, 502, 503, 504)
+
+
+@dataclass(frozen=True)
+class Retry:
+    """How often, and after how long, a call is repeated. Only calls that change nothing by being repeated are.
+
+    Attributes:
+        tries: calls in all.
+        first_s: the first pause; each next one is twice as long, and shortened at random by up to half.
+        most_s: the longest pause. A pause that the server asks for (Retry-After) is taken as it is.
+    """
+
+    tries: int = 4
+    first_s: float = 0.2
+    most_s: float = 5.0
+
+    def pause(self, attempt: int) -> float:
+        """Seconds after the failed call `attempt`, counted from 0."""
+        return min(self.most_s, self.first_s * 2.0**attempt) * random.uniform(0.5, 1.0)
+
+
+class Transport:
+    """One server. Threads may share it.
+
+    Args:
+        url: e.g. "https://robots.example:8000".
+        key: an access key, or "".
+        ca: PEM certificates to trust in place of the system's.
+        timeout_s: of calls that name none, retries included.
+        retry: see there.
+    """
+
+    def __init__(self, url: str, key: str, ca: Path | None, timeout_s: float, retry: Retry) -> None:
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        verify = ssl.create_default_context(cafile=str(ca)) if ca is not None else True
+        self._http = httpx.Client(base_url=url, headers=headers, verify=verify, follow_redirects=False)
+        self._timeout_s = timeout_s
+        self._retry = retry
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def call(
+        self,
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        content: Callable[[], dict[str, Any]] = dict,
+        headers: Mapping[str, str] | None = None,
+        repeatable: bool = True,
+        timeout_s: float | None = None,
+    ) -> httpx.Response:
+        """A response of status 2xx, read to its end.
+
+        Args:
+            method, path, params, json, headers: of the request.
+            content: makes httpx's own arguments anew for each try, for bodies that are read while they are sent.
+            repeatable: whether to send it again when it is not known that nothing was done.
+            timeout_s: for all tries together.
+
+        Raises:
+            FastSplatError: what the server says, `UnreachableError` or `DeadlineExceededError`.
+        """
+
+        def send(timeout: httpx.Timeout) -> httpx.Response:
+            return self._http.request(
+                method, path, params=params, json=json, headers=headers, timeout=timeout, **content()
+            )
+
+        return self._tried(send, repeatable, timeout_s)
+
+    @contextmanager
+    def streamed(
+        self, path: str, *, params: Mapping[str, Any] | None = None, headers: Mapping[str, str] | None = None
+    ) -> Iterator[httpx.Response]:
+        """A GET whose body is read by the caller; between two pieces of it may pass the usual time.
+
+        Raises:
+            FastSplatError: as `call`; also while the body is read.
+        """
+
+        def send(timeout: httpx.Timeout) -> httpx.Response:
+            request = self._http.build_request("GET", path, params=params, headers=headers, timeout=timeout)
+            response = self._http.send(request, stream=True)
+            if not response.is_success:
+                response.read()
+            return response
+
+        response = self._tried(send, True, None)
+        try:
+            yield response
+        except httpx.TransportError as error:
+            raise UnreachableError(f"the answer broke off: {error}", hint="Continue, or try again.") from error
+        finally:
+            response.close()
+
+    def _tried(
+        self, send: Callable[[httpx.Timeout], httpx.Response], repeatable: bool, timeout_s: float | None
+    ) -> httpx.Response:
+        deadline = time.monotonic() + (self._timeout_s if timeout_s is None else timeout_s)
+        for attempt in range(self._retry.tries):
+            last = attempt == self._retry.tries - 1
+            pause = self._retry.pause(attempt)
+            try:
+                response = send(httpx.Timeout(max(0.001, deadline - time.monotonic())))
+                if response.is_success or response.status_code == 304:
+                    return response
+                error = _problem(response)
+                # 429 turns away before any work, so that even what must not be done twice may be sent again.
+                again = response.status_code in _AGAIN and (repeatable or response.status_code == 429)
+                pause = pause if error.retry_after_s is None else error.retry_after_s
+            except httpx.TimeoutException as broken:
+                raise DeadlineExceededError("no answer in time", hint="Give it more time.") from broken
+            except httpx.TransportError as broken:
+                again = repeatable or isinstance(broken, httpx.ConnectError)
+                error = UnreachableError(f"{type(broken).__name__}: {broken}", hint="Is the server running?")
+                error.__cause__ = broken
+            if last or not again or time.monotonic() + pause > deadline:
+                raise error
+            time.sleep(pause)
+        raise AssertionError
+
+
+def _problem(response: httpx.Response) -> FastSplatError:
+    try:
+        body = response.json()
+        reason, detail = str(body["reason"]), str(body["detail"])
+    except (ValueError, KeyError, TypeError):
+        body, reason, detail = {}, "", f"HTTP {response.status_code} without a problem to read"
+    after = response.headers.get("retry-after", "")
+    return error_of(reason, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)
