@@ -12,7 +12,7 @@ import uuid
 from dataclasses import dataclass
 
 import grpc
-from google.protobuf import any_pb2
+from google.protobuf import any_pb2, duration_pb2
 from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 
 from service.common.errors import FastSplatError, Kind
@@ -46,6 +46,8 @@ _BY_KIND = {
     Kind.ALREADY_EXISTS: Status(409, grpc.StatusCode.ALREADY_EXISTS, "This conflicts with something that exists"),
     Kind.FAILED_PRECONDITION: Status(409, grpc.StatusCode.FAILED_PRECONDITION, "This cannot be done in this state"),
     Kind.RESOURCE_EXHAUSTED: Status(503, grpc.StatusCode.RESOURCE_EXHAUSTED, "The server is out of a resource"),
+    Kind.UNAUTHENTICATED: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
+    Kind.PERMISSION_DENIED: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
     Kind.CANCELLED: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
     Kind.UNAVAILABLE: Status(503, grpc.StatusCode.UNAVAILABLE, "The service is not available now"),
     Kind.INTERNAL: Status(500, grpc.StatusCode.INTERNAL, "The server failed"),
@@ -53,6 +55,9 @@ _BY_KIND = {
 _BY_REASON = {
     # One gRPC code, two HTTP ones: this request is too large, whoever sends it and whenever.
     "LIMIT_EXCEEDED": Status(413, grpc.StatusCode.RESOURCE_EXHAUSTED, "The request passes a limit"),
+    "RATE_LIMITED": Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
+    # Not 429: who waits and sends it again gets the same answer.
+    "QUOTA": Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
     "METHOD_NOT_ALLOWED": Status(405, grpc.StatusCode.UNIMPLEMENTED, "The path does not know this method"),
 }
 
@@ -67,6 +72,7 @@ class Problem:
         detail: one sentence on this occurrence.
         details: any of field, limit and hint.
         request_id: finds the request in the server's log.
+        retry_after_s: seconds after which it may be sent again, if that is known.
     """
 
     status: Status
@@ -74,6 +80,7 @@ class Problem:
     detail: str
     details: dict[str, str]
     request_id: str
+    retry_after_s: float | None = None
 
     def as_json(self) -> dict[str, str | int]:
         """The members of a problem+json object."""
@@ -88,14 +95,20 @@ class Problem:
         }
 
     def as_rpc_status(self) -> status_pb2.Status:
-        """The same as google.rpc.Status with an ErrorInfo."""
+        """The same as google.rpc.Status with an ErrorInfo, and a RetryInfo where the time is known."""
         info = error_details_pb2.ErrorInfo(
             reason=self.reason, domain=DOMAIN, metadata={**self.details, "request_id": self.request_id}
         )
-        packed = any_pb2.Any()
-        packed.Pack(info)
+        details = [info]
+        if self.retry_after_s is not None:
+            delay = duration_pb2.Duration()
+            delay.FromNanoseconds(int(self.retry_after_s * 1e9))
+            details.append(error_details_pb2.RetryInfo(retry_delay=delay))
+        packed = [any_pb2.Any() for _ in details]
+        for into, detail in zip(packed, details, strict=True):
+            into.Pack(detail)
         code = code_pb2.Code.Value(self.status.grpc.name)
-        return status_pb2.Status(code=code, message=self.detail, details=[packed])
+        return status_pb2.Status(code=code, message=self.detail, details=packed)
 
 
 def status_of(error: FastSplatError) -> Status:
@@ -109,7 +122,9 @@ def problem_of(error: Exception, request_id: str) -> Problem:
         if error.kind is Kind.INTERNAL:
             _log.error("request %s failed: %s", request_id, error, exc_info=error)
         details = {name: _shortened(value) for name, value in error.details().items()}
-        return Problem(status_of(error), error.reason, _shortened(error.message), details, request_id)
+        return Problem(
+            status_of(error), error.reason, _shortened(error.message), details, request_id, error.retry_after_s
+        )
     _log.error("request %s failed unexpectedly", request_id, exc_info=error)
     return Problem(
         _BY_KIND[Kind.INTERNAL],

@@ -4,39 +4,47 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import signal
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from dataclasses import dataclass
 
 import uvicorn
+from fastapi import FastAPI
 
+from api.auth import check_exposure
+from api.doors import open_doors
 from api.grpc.server import start_server
+from api.health import Readiness
+from api.metrics import Metrics, serve_metrics
 from api.rest.app import create_app
 from api.threads import Threads
+from api.tls import Tls, tls_of
 from service.calls.service import SceneService, open_service
 from service.common.errors import ResourceError
 from service.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-_GRACE_S = 10
 _MAX_REQUEST_HEAD = 2**18  # so that a question of 100 kB in a URL gets an answer that says what is wrong with it
 
 
 @dataclass(frozen=True)
 class Ports:
-    """Where the faces listen."""
+    """Where the faces and the metrics listen."""
 
     http: int
     grpc: int
+    metrics: int
 
 
 def run(settings: Settings) -> None:
     """Serve REST on host:http_port and gRPC on host:grpc_port until SIGTERM or SIGINT; running calls may finish.
 
     Raises:
+        InvalidInputError: keys are off and the host is not loopback, or the TLS files cannot be used.
         ResourceError: a port, the data folder or the database cannot be had.
     """
 
@@ -46,7 +54,10 @@ def run(settings: Settings) -> None:
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         await serve(service, settings, stop)
 
+    check_exposure(settings)
     with open_service(settings) as service:
+        if settings.auth == "on" and service.admin.keys.ensure_first(settings.first_key):
+            _log.info("the first key is in %s", settings.first_key)
         asyncio.run(until_signal())
 
 
@@ -58,19 +69,65 @@ async def serve(
 ) -> None:
     """Serve both faces until `stop` is set; port 0 takes a free one, and `on_ready` tells which.
 
+    Then nothing is ready any more for `drain_notice_s`, no new call is taken, and those that run have `drain_s`.
+
+    Args:
+        service: what answers. Anything but a SceneService has no keys, no figures, and is always ready.
+        settings: hosts, ports, keys, TLS, limits.
+        stop: set to end.
+        on_ready: called once, when both faces answer.
+
     Raises:
+        InvalidInputError: as `run`.
         ResourceError: a port cannot be had.
     """
-    threads = Threads()
-    listener = _listen(settings.host, settings.http_port)
-    try:
-        grpc_server = await start_server(service, threads, settings.host, settings.grpc_port)
-    except ResourceError:
-        listener.close()
-        raise
-    http_server = _Server(
+    check_exposure(settings)
+    tls = tls_of(settings)
+    admin = service.admin if isinstance(service, SceneService) else None
+    metrics = Metrics()
+    if admin is not None:
+        metrics.watch_jobs(admin.figures)
+    doors = open_doors(settings, admin, metrics)
+    readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
+    threads = Threads(settings.limits.threads, metrics)
+    async with AsyncExitStack() as opened:
+        opened.push_async_callback(asyncio.to_thread, threads.close)
+        listener = _listen(settings.host, settings.http_port)
+        opened.callback(listener.close)
+        metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
+        opened.push_async_callback(asyncio.to_thread, stop_metrics)
+        grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, doors, tls)
+        http_server = _http_server(create_app(service, settings, threads, doors, readiness), settings, tls)
+        serving = asyncio.create_task(http_server.serve([listener]))
+        stopping = asyncio.create_task(stop.wait())
+        watching: asyncio.Task[None] | None = None
+        try:
+            while not http_server.started and not serving.done():
+                await asyncio.sleep(0.01)
+            await readiness.look()
+            await grpc_server.tell(readiness.ready)
+            watching = asyncio.create_task(readiness.watch(grpc_server.tell))
+            ports = Ports(listener.getsockname()[1], grpc_server.port, metrics_port)
+            scheme = "http" if tls is None else "https"
+            _log.info("HTTP on %s://%s:%d, gRPC on %s:%d", scheme, settings.host, ports.http, settings.host, ports.grpc)
+            on_ready(ports)
+            await asyncio.wait((serving, stopping), return_when=asyncio.FIRST_COMPLETED)
+            readiness.drain()
+            await grpc_server.tell(False)
+            _log.info("draining")
+            await asyncio.sleep(settings.drain_notice_s)
+        finally:
+            if watching is not None:
+                watching.cancel()
+            http_server.should_exit = True
+            await asyncio.gather(grpc_server.stop(settings.drain_s), serving)
+            stopping.cancel()
+
+
+def _http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> _Server:
+    return _Server(
         uvicorn.Config(
-            create_app(service, settings, threads),
+            app,
             http="h11",
             ws="none",
             lifespan="off",
@@ -79,23 +136,11 @@ async def serve(
             proxy_headers=False,
             server_header=False,
             h11_max_incomplete_event_size=_MAX_REQUEST_HEAD,
-            timeout_graceful_shutdown=_GRACE_S,
+            timeout_graceful_shutdown=math.ceil(settings.drain_s),
+            ssl_certfile=tls.cert if tls is not None else None,
+            ssl_context_factory=None if tls is None else lambda config, default: tls.http_context(),
         )
     )
-    serving = asyncio.create_task(http_server.serve([listener]))
-    stopping = asyncio.create_task(stop.wait())
-    try:
-        while not http_server.started and not serving.done():
-            await asyncio.sleep(0.01)
-        ports = Ports(listener.getsockname()[1], grpc_server.port)
-        _log.info("HTTP on http://%s:%d, gRPC on %s:%d", settings.host, ports.http, settings.host, ports.grpc)
-        on_ready(ports)
-        await asyncio.wait((serving, stopping), return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        http_server.should_exit = True
-        await asyncio.gather(grpc_server.stop(_GRACE_S), serving)
-        stopping.cancel()
-        await asyncio.to_thread(threads.close)
 
 
 class _Server(uvicorn.Server):

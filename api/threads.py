@@ -14,6 +14,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from api.metrics import Metrics
+from service.common.cancellation import Cancellation, cancellable
 from service.common.errors import CancelledError, InvalidInputError
 
 _T = TypeVar("_T")
@@ -25,13 +27,28 @@ _STALL_S = 60.0
 class Threads:
     """Two bounded pools: one for calls, one for uploads, so that slow uploads never starve questions."""
 
-    def __init__(self) -> None:
-        self._calls = ThreadPoolExecutor(max(4, 2 * (os.cpu_count() or 1)), thread_name_prefix="call")
+    def __init__(self, size: int = 0, metrics: Metrics | None = None) -> None:
+        """Threads for calls: `size`, or if 0 two a core and at least four. `metrics` learns what waits and what runs."""
+        self._calls = ThreadPoolExecutor(size or max(4, 2 * (os.cpu_count() or 1)), thread_name_prefix="call")
         self._uploads = ThreadPoolExecutor(8, thread_name_prefix="upload")
+        self._metrics = metrics or Metrics()
 
     async def call(self, function: Callable[[], _R]) -> _R:
-        """Run a service call on a thread and await its answer."""
-        return await asyncio.get_running_loop().run_in_executor(self._calls, function)
+        """Run a service call on a thread and await its answer. If this coroutine is cancelled, so is the call: it stops
+        at its next `check_cancelled`."""
+        cancellation = Cancellation()
+
+        def watched() -> _R:
+            with cancellable(cancellation):
+                return function()
+
+        try:
+            with self._metrics.queued() as call:
+                call.future = self._calls.submit(call.run, watched)
+                return await asyncio.wrap_future(call.future)
+        except asyncio.CancelledError:
+            cancellation.cancel()
+            raise
 
     async def consume(self, stream: AsyncIterator[_T], function: Callable[[Iterator[_T]], _R]) -> _R:
         """Run `function` on a thread over `stream` as a plain iterator.

@@ -1,4 +1,4 @@
-"""Logs on stderr, one line a record, machine-readable; URLs that hold a password are told without it."""
+"""Logs on stderr, one line a record, machine-readable; passwords in URLs and access keys are never told."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 _PASSWORD = re.compile(r"(\w+://[^\s:/@]+):[^\s/@]+@")
+_KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]+")
 _STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "color_message"}
 
 
@@ -33,7 +34,8 @@ class JsonLines(logging.Formatter):
         line.update({name: value for name, value in vars(record).items() if name not in _STANDARD})
         if record.exc_info:
             line["trace"] = self.formatException(record.exc_info)
-        return _PASSWORD.sub(r"\1:***@", json.dumps(line, default=str, ensure_ascii=False))
+        told = json.dumps(line, default=str, ensure_ascii=False)
+        return _KEY.sub(r"fsk_\1_***", _PASSWORD.sub(r"\1:***@", told))
 
 
 def log_to_stderr(role: str, level: int = logging.INFO) -> None:

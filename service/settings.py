@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from service.calls.settings import CallSettings
 from service.capture.settings import CaptureSettings
+from service.limits import LimitSettings, QuotaSettings
 from service.perception.settings import PerceptionSettings
 from service.query.settings import QuerySettings
 from service.splatting.settings import TrainingSettings
@@ -38,7 +41,6 @@ class StoreSettings(BaseModel):
     max_time_budget_s: float = 24 * 3600.0
     max_gaussians: int = 20_000_000
     max_page_size: int = 500
-    cached_scenes: int = Field(4, ge=1, description="scenes kept open for queries, least recently used leave first")
     abandoned_upload_s: float = Field(24 * 3600.0, description="an upload without a commit is removed after this")
 
 
@@ -53,6 +55,15 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     http_port: int = 8000
     grpc_port: int = 8001
+    metrics_host: str = "127.0.0.1"
+    metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")
+
+    auth: Literal["on", "off"] = Field("on", description='"off": no keys; the server then binds to loopback alone')
+    tls_cert: Path | None = Field(None, description="PEM certificate chain of both ports; needs tls_key")
+    tls_key: Path | None = Field(None, description="PEM private key of both ports; needs tls_cert")
+    tls_client_ca: Path | None = Field(None, description="PEM certificates; clients must show one that they signed")
+    drain_notice_s: float = Field(0.0, ge=0, description="on SIGTERM: not ready, but answering, for so long")
+    drain_s: float = Field(10.0, ge=0, description="on SIGTERM, after that: running requests may take so long")
 
     capture: CaptureSettings = CaptureSettings()
     perception: PerceptionSettings = PerceptionSettings()
@@ -60,6 +71,14 @@ class Settings(BaseSettings):
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     store: StoreSettings = StoreSettings()
+    calls: CallSettings = CallSettings()
+    limits: LimitSettings = LimitSettings()
+    quotas: QuotaSettings = QuotaSettings()
+
+    @property
+    def first_key(self) -> Path:
+        """Where the key lies that the first start makes."""
+        return self.data_dir / "key"
 
 
 @cache

@@ -13,6 +13,7 @@ from grpc import aio
 from grpc_status import rpc_status
 
 from api.errors import accepted_request_id, problem_of
+from api.requests import log_request
 
 Context: TypeAlias = aio.ServicerContext[Any, Any]
 
@@ -21,8 +22,8 @@ _KEY = "x-request-id"
 
 
 @asynccontextmanager
-async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
-    """Run an RPC's body; whatever it raises becomes the RPC's status with its details."""
+async def guarded(context: Context, rpc: str, *, quiet: bool = False) -> AsyncIterator[None]:
+    """Run an RPC's body; whatever it raises becomes the RPC's status with its details. `quiet` logs failures only."""
     metadata = dict(context.invocation_metadata() or ())
     request_id = accepted_request_id(str(metadata.get(_KEY, "")))
     context.set_trailing_metadata(((_KEY, request_id),))
@@ -38,4 +39,5 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
         outcome = problem.status.grpc.name
         await context.abort_with_status(rpc_status.to_status(problem.as_rpc_status()))
     finally:
-        _log.info("%s %s %s %.1f ms", request_id, rpc, outcome, 1000 * (time.perf_counter() - started))
+        if not quiet or outcome != "OK":
+            log_request(_log, request_id, "gRPC", rpc, outcome, started)

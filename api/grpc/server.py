@@ -8,8 +8,11 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
+from api.doors import Doors
+from api.grpc.access import AccessInterceptor
 from api.grpc.servicer import SceneServicer
 from api.threads import Threads
+from api.tls import Tls
 from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from service.calls.service import SceneService
 from service.common.errors import ResourceError
@@ -32,34 +35,48 @@ class RunningServer:
     _server: aio.Server
     _health: health.aio.HealthServicer
 
+    async def tell(self, ready: bool) -> None:
+        """What health checks hear from now on."""
+        status = health_pb2.HealthCheckResponse.SERVING if ready else health_pb2.HealthCheckResponse.NOT_SERVING
+        for name in ("", _SERVICE):
+            await self._health.set(name, status)
+
     async def stop(self, grace_s: float) -> None:
         """Say NOT_SERVING, take no new calls, give the others `grace_s` seconds."""
         await self._health.enter_graceful_shutdown()
         await self._server.stop(grace_s)
 
 
-async def start_server(service: SceneService, threads: Threads, host: str, port: int) -> RunningServer:
-    """Listen on host:port (0 takes a free port) with health checks and reflection.
+async def start_server(
+    service: SceneService, threads: Threads, host: str, port: int, doors: Doors, tls: Tls | None
+) -> RunningServer:
+    """Listen on host:port (0 takes a free port) with health checks (not serving until told otherwise) and reflection.
 
     Raises:
         ResourceError: the port cannot be had.
     """
     server = aio.server(
+        interceptors=[AccessInterceptor(doors)],
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
-        ]
+        ],
     )
     fastsplat_pb2_grpc.add_SceneServiceServicer_to_server(SceneServicer(service, threads), server)
     checks = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(checks, server)
     reflection.enable_server_reflection((_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME), server)
+    address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     try:
-        bound = server.add_insecure_port(f"[{host}]:{port}" if ":" in host else f"{host}:{port}")
+        if tls is None:
+            bound = server.add_insecure_port(address)
+        else:
+            bound = server.add_secure_port(address, tls.grpc_credentials())
     except RuntimeError as error:
         raise ResourceError(
             f"gRPC cannot listen on {host}:{port}", field="grpc_port", hint="Set FASTSPLAT_GRPC_PORT to a free port."
         ) from error
     await server.start()
-    await checks.set(_SERVICE, health_pb2.HealthCheckResponse.SERVING)
-    return RunningServer(bound, server, checks)
+    running = RunningServer(bound, server, checks)
+    await running.tell(False)
+    return running

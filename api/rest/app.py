@@ -11,9 +11,15 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
+from api.auth import rule_of
+from api.doors import Doors, open_doors
+from api.health import Readiness
 from api.rest import problems
+from api.rest.access import AccessLayer
+from api.rest.health import health_routes
 from api.rest.middleware import OuterLayer
-from api.rest.routes import health_routes, query_routes, scene_routes
+from api.rest.queries import query_routes
+from api.rest.routes import operation_routes, scene_routes
 from api.threads import Threads
 from service.calls.service import SceneService
 from service.settings import Settings
@@ -27,6 +33,7 @@ _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in pla
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
 **Units**: scene units (metres when the scene's `scale` is METRIC), seconds, pixels with centres at +0.5.
+**Keys**: `Authorization: Bearer KEY` or `X-Api-Key: KEY`; health alone needs none.
 **Errors**: RFC 9457 problems; `reason` is stable. The same content goes over gRPC as google.rpc.Status."""
 
 
@@ -35,24 +42,46 @@ class _App(FastAPI):
         if self.openapi_schema is None:
             schema = super().openapi()
             schema["components"]["schemas"]["Problem"] = problems.Problem.model_json_schema()
+            schema["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+            for path, operations in schema["paths"].items():
+                for method, operation in operations.items():
+                    need = rule_of(f"{method.upper()} {path}").need
+                    operation["security"] = [] if need == "open" else [{"key": []}]
         return super().openapi()
 
 
-def create_app(service: SceneService, settings: Settings, threads: Threads | None = None) -> FastAPI:
+def create_app(
+    service: SceneService,
+    settings: Settings,
+    threads: Threads | None = None,
+    doors: Doors | None = None,
+    readiness: Readiness | None = None,
+) -> FastAPI:
     """The REST face of `service`, with the web page at `/`.
 
     Args:
         service: what answers.
         settings: limits on uploads.
         threads: where blocking calls run, to share them with another face; its owner closes it.
+        doors: who may come in, shared with the other face; without, and with keys on, nobody.
+        readiness: what `/readyz` tells; without, never ready.
     """
     threads = threads or Threads()
-    app = _App(title="FAST-Splat scene service", version="v1", description=_DESCRIPTION, docs_url=None, redoc_url=None)
+    app = _App(
+        title="FAST-Splat scene service",
+        version="v1",
+        description=_DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,  # a redirect would tell those without a key which paths there are
+    )
+    app.add_middleware(AccessLayer, routed=app, doors=doors or open_doors(settings, None))
     app.add_middleware(OuterLayer)
     problems.install(app)
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
+    app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
-    app.include_router(health_routes(service, threads), tags=["health"])
+    app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
     @app.get("/", include_in_schema=False)
     async def page() -> Response:

@@ -10,6 +10,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.errors import accepted_request_id
+from api.requests import log_request
 from api.rest.problems import BodyTooLargeError, problem_response
 
 _log = logging.getLogger(__name__)
@@ -53,8 +54,7 @@ class OuterLayer:
             if status:
                 raise  # too late for another answer; the server closes the connection
             await problem_response(request_id, error)(scope, receive, tagged_send)
-        milliseconds = 1000 * (time.perf_counter() - started)
-        _log.info("%s %s %s %d %.1f ms", request_id, scope["method"], scope["path"][:200], status, milliseconds)
+        log_request(_log, request_id, scope["method"], scope["path"], status, started)
 
 
 def _limited(receive: Receive) -> Receive:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -56,7 +57,11 @@ class _MethodNotAllowedError(FastSplatError):
 def problem_response(request_id: str, error: Exception) -> Response:
     """The response that tells of `error`."""
     problem = problem_of(error, request_id)
-    headers = {"Retry-After": "1"} if problem.status.http == 503 else None
+    headers = {}
+    if problem.status.http in (429, 503):
+        headers["Retry-After"] = str(max(1, math.ceil(problem.retry_after_s or 1)))
+    if problem.status.http == 401:
+        headers["WWW-Authenticate"] = 'Bearer realm="fastsplat"'
     body = json.dumps(problem.as_json(), ensure_ascii=False)
     return Response(body, problem.status.http, headers=headers, media_type=MEDIA_TYPE)
 

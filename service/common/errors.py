@@ -15,6 +15,8 @@ class Kind(Enum):
     FAILED_PRECONDITION = "FAILED_PRECONDITION"
     RESOURCE_EXHAUSTED = "RESOURCE_EXHAUSTED"
     CANCELLED = "CANCELLED"
+    UNAUTHENTICATED = "UNAUTHENTICATED"
+    PERMISSION_DENIED = "PERMISSION_DENIED"
     UNAVAILABLE = "UNAVAILABLE"
     INTERNAL = "INTERNAL"
 
@@ -33,6 +35,8 @@ class FastSplatError(Exception):
 
     kind: ClassVar[Kind] = Kind.INTERNAL
     reason: ClassVar[str] = "INTERNAL"
+    retry_after_s: float | None = None
+    """Seconds after which the same request may succeed; None: nothing is known about that."""
 
     def __init__(self, message: str, *, hint: str = "", field: str = "", limit: str = "") -> None:
         super().__init__(message)
@@ -120,3 +124,43 @@ class ResourceError(FastSplatError):
 
     kind = Kind.RESOURCE_EXHAUSTED
     reason = "OUT_OF_RESOURCES"
+
+
+class UnauthenticatedError(FastSplatError):
+    """The call carries no key, or none that is valid."""
+
+    kind = Kind.UNAUTHENTICATED
+    reason = "UNAUTHENTICATED"
+
+
+class PermissionDeniedError(FastSplatError):
+    """The key is valid, but not for this."""
+
+    kind = Kind.PERMISSION_DENIED
+    reason = "PERMISSION_DENIED"
+
+
+class RateLimitedError(FastSplatError):
+    """This key calls too often, or has too many calls under way."""
+
+    kind = Kind.RESOURCE_EXHAUSTED
+    reason = "RATE_LIMITED"
+
+    def __init__(
+        self, message: str, *, hint: str = "", field: str = "", limit: str = "", retry_after_s: float = 1.0
+    ) -> None:
+        super().__init__(message, hint=hint, field=field, limit=limit)
+        self.retry_after_s = retry_after_s
+
+
+class OverloadedError(RateLimitedError):
+    """The server has all the work it can answer in good time, whoever asks."""
+
+    reason = "OVERLOADED"
+
+
+class QuotaError(FastSplatError):
+    """What this key may hold (scenes, bytes, queued jobs) is used up; waiting alone does not help."""
+
+    kind = Kind.RESOURCE_EXHAUSTED
+    reason = "QUOTA"

@@ -9,9 +9,10 @@ import pytest
 
 from service.calls.service import SceneService, open_service
 from service.capture.settings import CaptureSettings
+from service.perception.settings import PerceptionSettings
 from service.query.settings import QuerySettings
 from service.settings import Settings
-from tests.api.made_scene import add_scene, write_words
+from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.served import Faces, served
 
 MAX_UPLOAD_BYTES = 3_000_000
@@ -27,6 +28,9 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         models=folder / "models",
         http_port=0,
         grpc_port=0,
+        metrics_port=0,
+        auth="off",
+        perception=PerceptionSettings(text_encoder=ENCODER),
         capture=CaptureSettings(max_upload_bytes=MAX_UPLOAD_BYTES),
         query=QuerySettings(backend="reference", threshold=0.5, exact_threshold=0.95),
     )

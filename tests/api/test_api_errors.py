@@ -28,6 +28,11 @@ _STATUSES = {
     errors.NotReadyError: (409, "FAILED_PRECONDITION"),
     errors.CancelledError: (499, "CANCELLED"),
     errors.ResourceError: (503, "RESOURCE_EXHAUSTED"),
+    errors.UnauthenticatedError: (401, "UNAUTHENTICATED"),
+    errors.PermissionDeniedError: (403, "PERMISSION_DENIED"),
+    errors.RateLimitedError: (429, "RESOURCE_EXHAUSTED"),
+    errors.OverloadedError: (503, "RESOURCE_EXHAUSTED"),
+    errors.QuotaError: (403, "RESOURCE_EXHAUSTED"),
 }
 
 
@@ -51,7 +56,7 @@ def refusing() -> _Refusing:
 
 @pytest.fixture(scope="module")
 def refused(refusing: _Refusing) -> Iterator[Faces]:
-    with served(refusing, Settings(http_port=0, grpc_port=0)) as faces:
+    with served(refusing, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off")) as faces:
         yield faces
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -18,9 +21,10 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from api.server import _listen, serve
-from service.calls.service import SceneService
+from service.calls.service import SceneService, open_service
 from service.common.errors import ResourceError
 from service.settings import Settings
+from tests.api.made_scene import write_words
 from tests.api.served import Faces, served
 
 
@@ -33,15 +37,54 @@ def test_health_answers_on_both_ports(faces: Faces) -> None:
         assert answer.status == health_pb2.HealthCheckResponse.SERVING
 
 
-def test_not_ready_without_a_database(api_settings: Settings) -> None:
-    class Broken:
-        def list_scenes(self, page_size: int, page_token: str) -> None:
-            raise ResourceError("the database is gone")
+def test_not_ready_without_models_until_they_come(api_settings: Settings, tmp_path: Path) -> None:
+    settings = api_settings.model_copy(update={"data_dir": tmp_path / "data", "models": tmp_path / "models"})
+    with open_service(settings) as service, served(service, settings) as faces:
+        stub = health_pb2_grpc.HealthStub(faces.channel)
 
-    with served(Broken(), api_settings) as faces:
-        assert faces.rest.get("/livez").status_code == 200
+        def told() -> tuple[int, int]:
+            return faces.rest.get("/readyz").status_code, stub.Check(health_pb2.HealthCheckRequest()).status
+
+        assert told() == (503, health_pb2.HealthCheckResponse.NOT_SERVING)
         refused = faces.rest.get("/readyz")
-        assert refused.status_code == 503 and refused.headers["retry-after"]
+        assert refused.headers["retry-after"] and "words" in refused.json()["detail"]
+        assert faces.rest.get("/livez").status_code == 200
+        write_words(settings.models)
+        _wait_for(lambda: told() == (200, health_pb2.HealthCheckResponse.SERVING))
+
+
+def _gone_database(service: SceneService, settings: Settings) -> None:
+    (settings.data_dir / "fastsplat.sqlite").rename(settings.data_dir / "elsewhere")
+    (settings.data_dir / "fastsplat.sqlite").mkdir()
+    service.admin.keys._rows._engine.dispose()  # open handles would still see the file
+
+
+def _read_only_folder(service: SceneService, settings: Settings) -> None:
+    # A folder of mode 0500 stops nobody who tests as root.
+    shutil.rmtree(settings.data_dir)
+
+
+@pytest.mark.parametrize("breakage", [_gone_database, _read_only_folder])
+def test_what_breaks_later_ends_readiness_but_not_life(
+    api_settings: Settings, tmp_path: Path, breakage: Callable[[SceneService, Settings], None]
+) -> None:
+    settings = api_settings.model_copy(update={"data_dir": tmp_path / "data"})
+    with open_service(settings) as service, served(service, settings) as faces:
+        assert faces.rest.get("/readyz").status_code == 200
+        breakage(service, settings)
+        stub = health_pb2_grpc.HealthStub(faces.channel)
+        _wait_for(lambda: faces.rest.get("/readyz").status_code == 503)
+        _wait_for(
+            lambda: stub.Check(health_pb2.HealthCheckRequest()).status == health_pb2.HealthCheckResponse.NOT_SERVING
+        )
+        assert faces.rest.get("/livez").status_code == 200
+
+
+def _wait_for(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 30
+    while not what():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
 
 
 def test_reflection_lists_the_service(faces: Faces) -> None:
@@ -70,8 +113,9 @@ def test_the_api_description_needs_no_other_host(faces: Faces) -> None:
 
 
 def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, faces: Faces) -> None:
-    for field, port in (("http_port", faces.ports.http), ("grpc_port", faces.ports.grpc)):
-        settings = Settings(**{"http_port": 0, "grpc_port": 0, field: port})
+    ports = {"http_port": faces.ports.http, "grpc_port": faces.ports.grpc, "metrics_port": faces.ports.metrics}
+    for field, port in ports.items():
+        settings = Settings(**{"http_port": 0, "grpc_port": 0, "metrics_port": 0, field: port})
         with pytest.raises(ResourceError) as caught:
             asyncio.run(serve(service, settings, asyncio.Event()))
         assert caught.value.field == field
@@ -105,15 +149,15 @@ _SERVE = """
 import logging, sys, time
 from pathlib import Path
 from api.server import run
-from service.calls.service import SceneService
+from service.calls.service import SceneService, open_service
 from service.settings import Settings
 logging.basicConfig(level=logging.INFO)
 def slow(self, scene_id):
     print("BEGUN", flush=True)
-    time.sleep(1.0)
+    time.sleep(3.0)
     return real(self, scene_id)
 real, SceneService.get_scene = SceneService.get_scene, slow
-run(Settings(data_dir=Path(sys.argv[1]), http_port=0, grpc_port=0))
+run(Settings(data_dir=Path(sys.argv[1]), http_port=0, grpc_port=0, metrics_port=0, auth="off", drain_notice_s=1.0))
 print("STOPPED", flush=True)
 """
 
@@ -143,6 +187,8 @@ def test_a_signal_lets_running_calls_finish(tmp_path: Path, number: signal.Signa
         asking.start()
         assert process.stdout.readline() == "BEGUN\n"
         process.send_signal(number)
+        _wait_for(lambda: "about to stop" in httpx.get(f"http://127.0.0.1:{port}/readyz").text)
+        assert httpx.get(f"http://127.0.0.1:{port}/livez").status_code == 200
         asking.join(30)
         assert answers == [404]
         assert process.stdout.readline() == "STOPPED\n"

@@ -1,0 +1,82 @@
+"""Whether this process lives, and whether it can answer: the same truth for both faces."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from service.common.errors import FastSplatError, Kind
+
+_log = logging.getLogger(__name__)
+_DEADLINE_S = 5.0
+
+
+class NotReadyNowError(FastSplatError):
+    """The process lives, but should get no requests now; the message says why."""
+
+    kind = Kind.UNAVAILABLE
+    reason = "UNAVAILABLE"
+
+
+class Readiness:
+    """The last finding of a check that runs every `PERIOD_S`, on threads that no request ever waits for.
+
+    Asking costs nothing, whoever asks how often.
+
+    Args:
+        check: raises a FastSplatError where something is missing; runs on a thread.
+    """
+
+    PERIOD_S = 1.0
+
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+        self._missing: str | None = "the first check has not ended"
+        self._draining = False
+
+    def require(self) -> None:
+        """Return if requests should come.
+
+        Raises:
+            NotReadyNowError: they should not.
+        """
+        why = "the server is about to stop" if self._draining else self._missing
+        if why is not None:
+            raise NotReadyNowError(f"not ready: {why}", hint="Ask again in a moment.")
+
+    @property
+    def ready(self) -> bool:
+        """Whether requests should come."""
+        return self._missing is None and not self._draining
+
+    def drain(self) -> None:
+        """From now on: not ready."""
+        self._draining = True
+
+    async def look(self) -> None:
+        """Check once."""
+        before = self._missing
+        try:
+            async with asyncio.timeout(_DEADLINE_S):
+                await asyncio.to_thread(self._check)
+            self._missing = None
+        except TimeoutError:
+            self._missing = f"the checks have not ended for {_DEADLINE_S:g} s"
+        except FastSplatError as error:
+            self._missing = error.message
+        except Exception:
+            _log.exception("the readiness check failed unexpectedly")
+            self._missing = "the check failed unexpectedly"
+        if self._missing != before:
+            _log.info("ready" if self._missing is None else "not ready", extra={"why": self._missing or ""})
+
+    async def watch(self, changed: Callable[[bool], Awaitable[None]]) -> None:
+        """Look again and again; `changed` learns of every finding that differs from the one before."""
+        told: bool | None = None
+        while True:
+            await self.look()
+            if self.ready != told:
+                told = self.ready
+                await changed(self.ready)
+            await asyncio.sleep(self.PERIOD_S)

@@ -1,0 +1,93 @@
+"""How much at a time, and over time: refused at once rather than answered late.
+
+Every call of a key takes a token from its bucket and counts among its calls under way; those that compute also count
+among the admitted of all keys, which bounds the queue in front of the threads. All of it on the event loop alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from api.auth import Principal, Rule
+from service.common.errors import OverloadedError, RateLimitedError
+from service.limits import LimitSettings
+
+_REMEMBERED = 10_000
+
+
+@dataclass
+class _Account:
+    tokens: float
+    at: float
+    in_flight: int = 0
+
+
+class Limiter:
+    """Accounts of all keys of one process."""
+
+    def __init__(self, settings: LimitSettings, clock: Callable[[], float] = time.monotonic) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._accounts: OrderedDict[str, _Account] = OrderedDict()
+        self.admitted = 0
+        """Calls that compute, or wait for a thread."""
+
+    def enter(self, principal: Principal, rule: Rule) -> Entry:
+        """Count a call as under way until it leaves.
+
+        Raises:
+            RateLimitedError: the key calls too often, or has too many calls under way.
+            OverloadedError: the server has all the work it can answer in good time.
+        """
+        limits = self._settings
+        account = self._account(principal.key_id)
+        if account.in_flight >= limits.in_flight:
+            raise RateLimitedError(
+                f"{account.in_flight} calls of this key are under way",
+                limit=f"{limits.in_flight} calls at a time (FASTSPLAT_LIMITS__IN_FLIGHT)",
+                hint="Wait for answers before asking more.",
+            )
+        if account.tokens < 1:
+            raise RateLimitedError(
+                "this key calls too often",
+                limit=f"{limits.rate_per_s:g} calls a second (FASTSPLAT_LIMITS__RATE_PER_S)",
+                hint="Wait as long as the answer says, then send it again.",
+                retry_after_s=(1 - account.tokens) / limits.rate_per_s,
+            )
+        if not rule.standing and self.admitted >= limits.admitted:
+            raise OverloadedError(
+                "the server has all the work it can answer in good time",
+                limit=f"{limits.admitted} calls of all keys at a time (FASTSPLAT_LIMITS__ADMITTED)",
+                hint="Wait a moment, then send it again.",
+            )
+        account.tokens -= 1
+        account.in_flight += 1
+        self.admitted += not rule.standing
+        return Entry(self, account, rule)
+
+    def _account(self, key_id: str) -> _Account:
+        now = self._clock()
+        account = self._accounts.setdefault(key_id, _Account(self._settings.burst, now))
+        self._accounts.move_to_end(key_id)
+        account.tokens = min(self._settings.burst, account.tokens + (now - account.at) * self._settings.rate_per_s)
+        account.at = now
+        if len(self._accounts) > _REMEMBERED:
+            oldest = next(iter(self._accounts))
+            if not self._accounts[oldest].in_flight:
+                del self._accounts[oldest]
+        return account
+
+
+class Entry:
+    """One call that has come in; it must `leave`, once."""
+
+    def __init__(self, limiter: Limiter, account: _Account, rule: Rule) -> None:
+        self._limiter, self._account, self._rule = limiter, account, rule
+
+    def leave(self) -> None:
+        """The call is over."""
+        self._account.in_flight -= 1
+        self._limiter.admitted -= not self._rule.standing

@@ -1,0 +1,165 @@
+"""Prometheus metrics on a port of their own: what waits, what computes, what is refused, what the jobs do."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from service.calls.figures import Figures
+from service.common.errors import FastSplatError, ResourceError
+
+_R = TypeVar("_R")
+
+current_route: ContextVar[str] = ContextVar("current_route", default="other")
+"""The matched route (REST) or method (gRPC) that the running task serves."""
+
+_log = logging.getLogger(__name__)
+_SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
+_STAGE_SECONDS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
+
+
+class Metrics:
+    """The figures of one server process. Safe from any thread."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        here = {"registry": self.registry}
+        self._waited = Histogram(
+            "fastsplat_queue_seconds",
+            "From a call's arrival at a pool to its thread",
+            ["route"],
+            buckets=_SECONDS,
+            **here,
+        )
+        self._computed = Histogram("fastsplat_compute_seconds", "On the thread", ["route"], buckets=_SECONDS, **here)
+        self._answered = Histogram(
+            "fastsplat_request_seconds", "From head to last byte", ["route"], buckets=_SECONDS, **here
+        )
+        self._outcomes = Counter("fastsplat_requests", "Answers by status", ["route", "status"], **here)
+        self._in_flight = Gauge("fastsplat_in_flight", "Requests under way", ["route"], **here)
+        self._waiting = Gauge("fastsplat_queued_calls", "Calls that wait for a thread", **here)
+        self._computing = Gauge("fastsplat_running_calls", "Calls on a thread", **here)
+        self._refused = Counter("fastsplat_rejected", "Refused before any work", ["reason"], **here)
+        self._stages = Histogram(
+            "fastsplat_job_stage_seconds", "Stages of the jobs that ended", ["stage"], buckets=_STAGE_SECONDS, **here
+        )
+
+    @contextmanager
+    def request(self, route: str) -> Iterator[Callable[[str], None]]:
+        """Watch one request; call what this yields with its status, e.g. "200" or "OK"."""
+        started = time.perf_counter()
+        self._in_flight.labels(route).inc()
+        current_route.set(route)  # every request runs in a task of its own
+        try:
+            yield lambda status: self._outcomes.labels(route, status).inc()
+        finally:
+            self._in_flight.labels(route).dec()
+            self._answered.labels(route).observe(time.perf_counter() - started)
+
+    def refused(self, reason: str) -> None:
+        """Count a request that was turned away: UNAUTHENTICATED, RATE_LIMITED, OVERLOADED, ..."""
+        self._refused.labels(reason).inc()
+
+    @contextmanager
+    def queued(self) -> Iterator[Call]:
+        """Watch one call from before it is handed to a pool until it is over, or until nobody waits for it."""
+        call = Call(current_route.get(), self)
+        self._waiting.inc()
+        try:
+            yield call
+        finally:
+            if call.never_ran():
+                self._waiting.dec()
+
+    def _begun(self, call: Call) -> None:
+        self._waiting.dec()
+        self._computing.inc()
+        self._waited.labels(call.route).observe(time.perf_counter() - call.at)
+
+    def _ended(self, call: Call) -> None:
+        self._computing.dec()
+        self._computed.labels(call.route).observe(time.perf_counter() - call.at)
+
+    def watch_jobs(self, figures: Figures) -> None:
+        """Tell of jobs and scenes too, as the database has them at each look."""
+        self.registry.register(_Jobs(figures, self._stages))
+
+
+class Call:
+    """One call that waits for a thread, computes, or has been given up."""
+
+    def __init__(self, route: str, metrics: Metrics) -> None:
+        self.route = route
+        self.at = time.perf_counter()
+        self.future: Future[Any] | None = None
+        self._metrics = metrics
+
+    def run(self, function: Callable[[], _R]) -> _R:
+        """On the thread: make the call."""
+        self._metrics._begun(self)
+        self.at = time.perf_counter()
+        try:
+            return function()
+        finally:
+            self._metrics._ended(self)
+
+    def never_ran(self) -> bool:
+        """Whether it was given up before a thread took it."""
+        return self.future is None or self.future.cancelled()
+
+
+class _Jobs(Collector):
+    def __init__(self, figures: Figures, stages: Histogram) -> None:
+        self._figures = figures
+        self._stages = stages
+
+    def collect(self) -> Iterable[Metric]:
+        try:
+            jobs, ended = self._figures.jobs(), self._figures.newly_ended_stages()
+        except FastSplatError as error:
+            _log.warning("no figures of the jobs: %s", error.message)
+            return
+        for stage, seconds in ended:
+            self._stages.labels(stage).observe(seconds)
+        by_state = GaugeMetricFamily("fastsplat_jobs", "Jobs by state", labels=["state"])
+        for state, count in jobs.items():
+            by_state.add_metric([state], count)
+        yield by_state
+        yield GaugeMetricFamily(
+            "fastsplat_open_scenes", "Scenes kept open for queries", value=self._figures.open_scenes()
+        )
+
+    def describe(self) -> Iterable[Metric]:
+        return ()
+
+
+def serve_metrics(metrics: Metrics, host: str, port: int) -> tuple[int, Callable[[], None]]:
+    """Serve /metrics on a thread of its own. Returns the port, and what stops it.
+
+    Raises:
+        ResourceError: the port cannot be had.
+    """
+    try:
+        server, thread = start_http_server(port, host, metrics.registry)
+    except OSError as error:
+        raise ResourceError(
+            f"metrics cannot listen on {host}:{port}: {error.strerror}",
+            field="metrics_port",
+            hint="Set FASTSPLAT_METRICS_PORT to a free port.",
+        ) from error
+
+    def stop() -> None:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+    return server.server_port, stop

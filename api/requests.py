@@ -1,0 +1,41 @@
+"""The line that every request leaves in the log."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from api.auth import current_principal
+
+_MAX_CHARS = 200
+
+
+def log_request(
+    log: logging.Logger, request_id: str, method: str, path: str, status: int | str, started: float
+) -> None:
+    """One record: who asked for what, the outcome, how long it took. Never a header, a query string or a body.
+
+    Args:
+        log: the face's logger.
+        request_id: as the answer carries it.
+        method: HTTP's, or "gRPC".
+        path: without its query string, or the RPC.
+        status: HTTP's number or gRPC's name.
+        started: `time.perf_counter()` when the request came.
+    """
+    milliseconds = round(1000 * (time.perf_counter() - started), 1)
+    principal = current_principal.get()
+    log.info(
+        "%s %s %s",
+        method,
+        path[:_MAX_CHARS],
+        status,
+        extra={
+            "request_id": request_id,
+            "method": method,
+            "path": path[:_MAX_CHARS],
+            "status": status,
+            "milliseconds": milliseconds,
+            "key_id": principal.key_id if principal is not None else "",
+        },
+    )

@@ -1,0 +1,110 @@
+"""Who may come in over HTTP: every request passes here, with the route it will reach already known."""
+
+from __future__ import annotations
+
+from fastapi import FastAPI
+from fastapi.routing import APIRoute, RouteContext, iter_route_contexts
+from starlette.datastructures import Headers
+from starlette.routing import Match, Mount
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.auth import UNMATCHED, Principal, Rule, current_principal, is_loopback, rule_of, sent_key
+from api.doors import Doors
+from api.errors import status_of
+from service.common.errors import FastSplatError, PermissionDeniedError
+
+NO_ROUTE = "unmatched"
+"""The name of all that no route has, in metrics."""
+
+
+class AccessLayer:
+    """ASGI middleware: matches as the router will, then asks the doorkeeper and the limiter.
+
+    Args:
+        app: the next layer.
+        routed: the application whose routes decide.
+        doors: see there.
+    """
+
+    def __init__(self, app: ASGIApp, routed: FastAPI, doors: Doors) -> None:
+        self._app = app
+        self._routed = routed
+        self._doors = doors
+        self._routes: tuple[RouteContext, ...] = ()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request.
+
+        Raises:
+            FastSplatError: it may not come in; the layer outside answers.
+        """
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        route = self.matched_route(scope)
+        rule = UNMATCHED if route == NO_ROUTE else rule_of(route)
+        with self._doors.metrics.request(route) as ended:
+
+            async def counted_send(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    ended(str(message["status"]))
+                await send(message)
+
+            try:
+                principal = await self._admitted(Headers(scope=scope), rule)
+                current_principal.set(principal)
+                if principal is None:
+                    await self._app(scope, receive, counted_send)
+                    return
+                with self._doors.entered(principal, rule):
+                    await self._app(scope, receive, counted_send)
+            except Exception as error:  # answered by the layer outside
+                ended(str(status_of(error).http if isinstance(error, FastSplatError) else 500))
+                raise
+
+    def matched_route(self, scope: Scope) -> str:
+        """The route that the router will choose, as the table of rules names it; `NO_ROUTE` if it has none."""
+        if not self._routes:
+            self._routes = tuple(iter_route_contexts(self._routed.routes))
+        for context in self._routes:
+            if _matches(context, scope):
+                return route_name(context, scope["method"])
+        return NO_ROUTE
+
+    async def _admitted(self, headers: Headers, rule: Rule) -> Principal | None:
+        doors = self._doors
+        if not doors.keys_are_on and rule.need != "open":
+            with doors.refusals_counted():
+                _check_local(headers)
+        key = sent_key(headers.get("authorization", ""), headers.get("x-api-key", ""))
+        return await doors.admit(key, rule)
+
+
+def route_name(context: RouteContext, method: str) -> str:
+    """How the table of rules names a route."""
+    if isinstance(context.original_route, Mount):
+        return f"MOUNT {context.path}"
+    return f"{method} {context.path}"
+
+
+def _matches(context: RouteContext, scope: Scope) -> bool:
+    own = isinstance(context.original_route, APIRoute) or context.original_route is not context.route
+    match, _ = context.matches(scope) if own else context.route.matches(scope)
+    return match is Match.FULL
+
+
+def _check_local(headers: Headers) -> None:
+    """Without keys, a page of another site that a browser on this machine shows must not reach in.
+
+    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`.
+    """
+    for name in ("host", "origin"):
+        value = headers.get(name, "")
+        host = value.rpartition("://")[2]
+        host = host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]
+        if value and not is_loopback(host):
+            raise PermissionDeniedError(
+                f"without keys, requests for or from {host[:80]!r} are refused",
+                field=name,
+                hint="Ask http://localhost, or switch the keys on.",
+            )

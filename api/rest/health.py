@@ -1,0 +1,26 @@
+"""Health over HTTP. Neither route waits for a thread, a key or a limit."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from api.health import Readiness
+from api.rest.problems import PROBLEM_RESPONSE
+
+
+def health_routes(readiness: Readiness) -> APIRouter:
+    """Whether the process lives, and whether it can answer."""
+    router = APIRouter()
+
+    @router.get("/livez")
+    async def livez() -> dict[str, str]:
+        """The process runs its event loop."""
+        return {"status": "ok"}
+
+    @router.get("/readyz", responses={"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE})
+    async def readyz() -> dict[str, str]:
+        """The database answers, the data folder can be written, the models are there, and no stop is under way."""
+        readiness.require()
+        return {"status": "ok"}
+
+    return router
