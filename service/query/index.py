@@ -19,6 +19,7 @@ from service.scene.types import Scene
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from service.perception.text import TextEncoder
+    from service.query.objects import SceneObject
     from service.query.views import Renderer
 
 _DEFAULTS = QuerySettings()
@@ -50,11 +51,18 @@ class SceneIndex:
         self._ranker = Ranker(scene, counts, encoder, settings)
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
+        self._objects: tuple[SceneObject, ...] | None = None
+        self._objects_lock = threading.Lock()
 
     @property
     def calibrated(self) -> bool:
         """Whether there are thresholds for this encoder, so that `related` can be said at all."""
         return self._ranker.calibrated
+
+    @property
+    def label_field(self) -> LabelField:
+        """Label and confidence of each Gaussian."""
+        return self._field
 
     @property
     def gaussian_classes(self) -> NDArray[np.int32]:
@@ -94,6 +102,27 @@ class SceneIndex:
         wanted = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
         wanted[list(self._relevant_ids(answer))] = True
         return np.asarray(wanted[self._field.classes])
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """All things of this scene, see `find_objects`; found with the first question for them."""
+        from service.query.objects import find_objects
+
+        with self._objects_lock:
+            if self._objects is None:
+                self._objects = find_objects(self.scene, self._field)
+            return self._objects
+
+    def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
+        """The things that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
+        are in `mask3d`.
+
+        Raises:
+            InvalidInputError: the answer names entries that this scene does not have.
+        """
+        place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
+        found = [thing for thing in self.objects if thing.label_id in place]
+        return tuple(sorted(found, key=lambda thing: place[thing.label_id]))
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.

@@ -1,0 +1,93 @@
+"""Oriented boxes about the scene's vertical."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.camera import PosedCamera
+
+F64 = NDArray[np.float64]
+
+_TRIM = 0.015
+_LEVEL = 0.25
+
+
+@dataclass(frozen=True)
+class Box:
+    """float64 each: `center` [3] and whole edge lengths `size` [3] in scene units, `axes` [3, 3] with the box's axes
+    as columns, a rotation world-from-box."""
+
+    center: F64
+    size: F64
+    axes: F64
+
+
+def vertical_axis(cameras: Sequence[PosedCamera]) -> F64 | None:
+    """float64 [3], the unit vector up, or None where the cameras do not tell.
+
+    People hold cameras level: the vertical is what their x axes are most at right angles to (the smallest principal
+    axis), on the side of their −y axes. It takes x axes that point in different directions: None where the second
+    principal axis is not much larger than the smallest.
+    """
+    if len(cameras) < 3:
+        return None
+    rotations = np.stack([posed.world_from_camera[:3, :3] for posed in cameras])
+    across, up = rotations[:, :, 0], -rotations[:, :, 1].mean(axis=0)
+    values, vectors = np.linalg.eigh(across.T @ across / len(across))
+    axis = vectors[:, 0]
+    if values[0] > _LEVEL * values[1] or abs(axis @ up) < _LEVEL:
+        return None
+    return np.asarray(axis if axis @ up > 0 else -axis)
+
+
+def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
+    """The box of points [K, 3], K ≥ 1: its z axis is `up`, or the direction of least spread where there is none; its
+    base is the rectangle of least area, its x axis the longer side. Of the points 1.5 % by weight are left out at
+    either end of each axis of spread.
+    """
+    center = np.average(points, axis=0, weights=weights)
+    offsets = points - center
+    spread = np.linalg.eigh((offsets * weights[:, None]).T @ offsets)[1].T
+    third = spread[0] if up is None else up
+    first = np.cross(np.eye(3)[np.abs(third).argmin()], third)
+    first /= np.linalg.norm(first)
+    second = np.cross(third, first)
+    inner = np.ones(len(points), dtype=np.bool_)
+    for axis in (*spread, third):
+        along = offsets @ axis
+        low, high = _quantiles(along, weights)
+        inner &= (along >= low) & (along <= high)
+    kept = offsets[inner] if inner.any() else offsets
+    flat = np.stack([kept @ first, kept @ second], axis=1)
+    heights = kept @ third
+    (x, y), (width, depth), degrees = _rectangle(flat)
+    if width < depth:
+        width, depth, degrees = depth, width, degrees + 90.0
+    angle = np.deg2rad(degrees)
+    along, aside = np.cos(angle) * first + np.sin(angle) * second, np.cos(angle) * second - np.sin(angle) * first
+    middle = (heights.max() + heights.min()) / 2
+    return Box(
+        center=center + x * first + y * second + middle * third,
+        size=np.array([width, depth, heights.max() - heights.min()]),
+        axes=np.stack([along, aside, third], axis=1),
+    )
+
+
+def _rectangle(flat: F64) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Centre, edge lengths and angle in degrees of the rectangle of least area around points [K, 2]; scaled for
+    OpenCV, which counts in float32 and takes lengths below 1e-7 for nothing."""
+    scale = max(float(np.abs(flat).max()), np.finfo(np.float64).tiny) / 1000.0
+    (x, y), (width, depth), degrees = cv2.minAreaRect((flat / scale).astype(np.float32))
+    return (x * scale, y * scale), (width * scale, depth * scale), float(degrees)
+
+
+def _quantiles(values: F64, weights: F64) -> tuple[float, float]:
+    order = values.argsort(kind="stable")
+    reached = weights[order].cumsum()
+    low, high = np.searchsorted(reached, [_TRIM * reached[-1], (1 - _TRIM) * reached[-1]])
+    return float(values[order[low]]), float(values[order[min(int(high), len(values) - 1)]])

@@ -1,0 +1,71 @@
+"""Which Gaussians hang together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from service.scene.types import Gaussians
+
+F64 = NDArray[np.float64]
+
+_NEIGHBOURS = 8
+_REACH = 1.0
+_WIDEST = 4.0
+_SPACINGS = 2.0
+_CHUNK = 1 << 16
+
+
+def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.int32]:
+    """int32 [K], the component of each of the Gaussians `members` [K], 0 ≤ component.
+
+    Each is held against its eight nearest: two touch where their centres are no further apart than the sum of
+    their standard deviations along the line between them, or than twice the usual distance to the nearest neighbour.
+    Standard deviations count up to four times the usual largest one, so that no giant bridges two things. Work and
+    memory are linear in K but for the tree.
+    """
+    count = len(members)
+    if count < 2:
+        return np.zeros(count, dtype=np.int32)
+    means = gaussians.means[members].astype(np.float64)
+    scales = np.exp(gaussians.log_scales[members].astype(np.float64))
+    np.minimum(scales, _WIDEST * np.median(scales.max(axis=1)), out=scales)
+    turns = _rotations(gaussians.quats[members])
+    tree = cKDTree(means)
+    spacing = _usual_spacing(tree, means)
+    edges: list[NDArray[np.int64]] = []
+    for start in range(0, count, _CHUNK):
+        rows = np.arange(start, min(start + _CHUNK, count))
+        distance, near = tree.query(means[rows], k=min(_NEIGHBOURS + 1, count))
+        pairs = np.stack([np.repeat(rows, near.shape[1]), near.ravel()])
+        distance = distance.ravel()
+        other = pairs[0] != pairs[1]
+        pairs, distance = pairs[:, other], distance[other]
+        towards = (means[pairs[1]] - means[pairs[0]]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
+        reach = sum(_deviation(scales[end], turns[end], towards) for end in pairs)
+        edges.append(pairs[:, distance <= np.maximum(_REACH * reach, _SPACINGS * spacing)])
+    left, right = np.concatenate(edges, axis=1)
+    graph = coo_array((np.ones(len(left), dtype=np.bool_), (left, right)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
+
+
+def _usual_spacing(tree: cKDTree, means: F64) -> float:
+    """Median distance to the nearest neighbour, of at most 4,096 points."""
+    sample = means[:: max(1, len(means) // 4096)]
+    return float(np.median(tree.query(sample, k=2)[0][:, 1]))
+
+
+def _deviation(scales: F64, turns: F64, towards: F64) -> F64:
+    """[P]: √(uᵀ Σ u) along unit vectors u [P, 3]."""
+    return np.asarray(np.linalg.norm(np.einsum("pij,pi->pj", turns, towards) * scales, axis=1))
+
+
+def _rotations(quats: NDArray[np.float32]) -> F64:
+    """[K, 3, 3], world-from-Gaussian; a quaternion of length 0 counts as no rotation."""
+    usable = quats.astype(np.float64)[:, [1, 2, 3, 0]]
+    usable[~(np.linalg.norm(usable, axis=1) > 0)] = (0.0, 0.0, 0.0, 1.0)
+    return np.asarray(Rotation.from_quat(usable).as_matrix())

@@ -1,0 +1,216 @@
+"""Edits by name: recolour, remove, move or duplicate what a label or an object is. A scene in, another scene out.
+
+Rows keep their order, so that a mask of the old version tells what became of it: recolouring and moving change no row
+number, removing closes the gaps, duplicates come after all other rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from service.common.camera import check_rigid
+from service.common.errors import InvalidInputError, NotFoundError
+from service.query.objects import masses
+from service.scene.evidence import rows_of
+from service.scene.types import F32, Gaussians, Scene
+
+if TYPE_CHECKING:
+    from service.query.index import SceneIndex
+
+F64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Action = Literal["recolour", "remove", "move", "duplicate"]
+
+_SH_C0 = 0.28209479177387814  # Y_00
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
+_DARK = 0.1
+_DIRECTIONS = 64
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What to do to everything of a label, or to one object.
+
+    Attributes:
+        action: what.
+        label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None.
+        object_id: `SceneObject.id`, or None; exactly one of the two.
+        colour: RGB 0..1 for `recolour`, the mean colour afterwards; None otherwise.
+        transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
+            units; None otherwise.
+    """
+
+    action: Action
+    label: str | None = None
+    object_id: str | None = None
+    colour: tuple[float, float, float] | None = None
+    transform: NDArray[np.float64] | None = None
+
+
+def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
+    """The scene after the edit; evidence and codes go along with their rows. The index's own scene stays as it is.
+
+    Raises:
+        NotFoundError: no such label or object here.
+        InvalidInputError: an unknown action, both or neither of label and object_id, a colour or transform that is
+            missing, superfluous, out of range or not rigid.
+    """
+    actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
+        "recolour": _recolour,
+        "remove": _remove,
+        "move": _move,
+        "duplicate": _duplicate,
+    }
+    if edit.action not in actions:
+        raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(actions)}.")
+    _check_extras(edit)
+    return actions[edit.action](index.scene, _rows(index, edit), edit)
+
+
+def _check_extras(edit: Edit) -> None:
+    for name, value, wanted in (
+        ("colour", edit.colour, edit.action == "recolour"),
+        ("transform", edit.transform, edit.action in ("move", "duplicate")),
+    ):
+        if (value is not None) != wanted:
+            raise InvalidInputError(
+                f"{edit.action} {'needs' if wanted else 'takes no'} {name}", field=name, hint="See the edit's fields."
+            )
+    if edit.transform is not None:
+        check_rigid(np.asarray(edit.transform, dtype=np.float64), field="transform")
+    if edit.colour is not None:
+        colour = np.asarray(edit.colour, dtype=np.float64)
+        if colour.shape != (3,) or not ((colour >= 0) & (colour <= 1)).all():
+            raise InvalidInputError(f"a colour of {edit.colour}", field="colour", limit="RGB, 0 to 1 each")
+
+
+def _rows(index: SceneIndex, edit: Edit) -> Rows:
+    if (edit.label is None) == (edit.object_id is None):
+        raise InvalidInputError(
+            "an edit speaks of a label or of an object", field="label", hint="Send exactly one of label and object_id."
+        )
+    if edit.label is not None:
+        found = index.scene.dictionary.id_of(edit.label)
+        if found is None:
+            raise NotFoundError(
+                f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
+            )
+        return np.flatnonzero(index.gaussian_classes == found)
+    for known in index.objects:
+        if known.id == edit.object_id:
+            return known.rows.astype(np.int64)
+    raise NotFoundError(
+        f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
+    )
+
+
+def _remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    kept = np.ones(len(scene.gaussians), dtype=np.bool_)
+    kept[rows] = False
+    return _taken(scene, np.flatnonzero(kept))
+
+
+def _move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    moved = _moved(_part(scene.gaussians, rows), edit)
+    return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
+
+
+def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    count = len(scene.gaussians)
+    grown = _taken(scene, np.concatenate([np.arange(count), rows]))
+    copies = np.arange(count, count + len(rows))
+    moved = _moved(_part(grown.gaussians, copies), edit)
+    return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
+
+
+def _recolour(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The luminance of each Gaussian, in every direction, relative to the mean one, times the new colour: what was in
+    the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
+    part = _part(scene.gaussians, rows)
+    if not len(rows):
+        return scene
+    target = np.asarray(edit.colour, dtype=np.float64)
+    luminance = part.sh.astype(np.float64) @ _LUMINANCE  # [K, B], coefficients
+    weights = masses(part.log_scales, part.logit_opacities)
+    base = 0.5 + _SH_C0 * luminance[:, 0]
+    mean = float(np.average(base, weights=weights))
+    gain = target / max(mean, _DARK)
+    sh = luminance[:, :, None] * gain
+    sh[:, 0] = (target + (base - mean)[:, None] * gain - 0.5) / _SH_C0
+    return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
+
+
+def _moved(part: Gaussians, edit: Edit) -> Gaussians:
+    pose = np.asarray(edit.transform, dtype=np.float64)
+    turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
+    rotation = turn.as_matrix()
+    means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
+    x, y, z, w = turn.as_quat()
+    return replace(
+        part,
+        means=means.astype(np.float32),
+        quats=_multiplied((w, x, y, z), part.quats),
+        sh=_rotated_harmonics(part.sh, rotation),
+    )
+
+
+def _multiplied(left: tuple[float, float, float, float], right: F32) -> F32:
+    """Hamilton products left ⊗ right [K, 4], w x y z; lengths are those of `right`."""
+    w, x, y, z = left
+    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    return np.asarray(right.astype(np.float64) @ matrix.T, dtype=np.float32)
+
+
+def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
+    """Coefficients [K, B, 3] of the same colours seen by a turned object: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
+
+    Each degree is a space of its own under rotation. Its matrix follows from the basis at more directions than it has
+    functions, which is exact up to rounding and needs no formulas for Wigner's matrices.
+    """
+    import torch
+
+    from service.splatting.raster.harmonics import basis  # torch loads with the first edit that turns something
+
+    degree = round(sh.shape[1] ** 0.5) - 1
+    if degree == 0:
+        return sh
+    steps = np.arange(_DIRECTIONS) + 0.5
+    heights, angles = 1 - 2 * steps / _DIRECTIONS, np.pi * (1 + 5**0.5) * steps  # a Fibonacci sphere
+    rims = np.sqrt(1 - heights**2)
+    directions = np.stack([rims * np.cos(angles), rims * np.sin(angles), heights], axis=1)
+    before = basis(torch.from_numpy(directions @ rotation), degree).numpy()
+    after = basis(torch.from_numpy(directions), degree).numpy()
+    turned = sh.astype(np.float64)
+    for level in range(1, degree + 1):
+        band = slice(level**2, (level + 1) ** 2)
+        matrix = np.linalg.lstsq(after[:, band], before[:, band], rcond=None)[0]
+        turned[:, band] = np.einsum("ab,kbc->kac", matrix, turned[:, band])
+    return turned.astype(np.float32)
+
+
+def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
+    return Gaussians(
+        means=gaussians.means[rows],
+        quats=gaussians.quats[rows],
+        log_scales=gaussians.log_scales[rows],
+        logit_opacities=gaussians.logit_opacities[rows],
+        sh=gaussians.sh[rows],
+        codes=gaussians.codes[rows],
+    )
+
+
+def _taken(scene: Scene, rows: Rows) -> Scene:
+    evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
+    return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence)
+
+
+def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:
+    means, quats, sh = gaussians.means.copy(), gaussians.quats.copy(), gaussians.sh.copy()
+    means[rows], quats[rows], sh[rows] = part.means, part.quats, part.sh
+    return replace(gaussians, means=means, quats=quats, sh=sh)

@@ -1,0 +1,138 @@
+"""Things, not only labels: connected Gaussians of one label, each with a place, a box and the views that see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.poses import quaternion_of
+from service.query.boxes import oriented_box, vertical_axis
+from service.query.connectivity import components
+from service.query.fields import LabelField
+from service.query.visibility import best_views
+from service.scene.types import F32, Scene
+
+F64 = NDArray[np.float64]
+
+_MIN_OPACITY = 0.05
+_MIN_SHARE = 0.05
+_WIDEST = 4.0
+_MAX_OBJECTS_A_LABEL = 1_000
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One thing.
+
+    Attributes:
+        id: "label id-number", numbered from the largest; the same in every index of the same scene.
+        label_id: dictionary id, from 1.
+        label: the entry's name.
+        rows: int32 [K], its Gaussians, ascending.
+        centroid: float64 [3], mean of its Gaussians by visible area, world frame, scene units.
+        box_center: float64 [3], world frame, scene units.
+        box_size: float64 [3], whole edge lengths, scene units.
+        box_orientation: unit quaternion x y z w, world-from-box; the box's z axis is the scene's vertical where the
+            cameras tell it, its x axis the longer of the other two.
+        gaussian_count: K.
+        confidence: 0..1, mean confidence of its Gaussians in the label, by visible area.
+        metres: whether scene units are metres.
+        best_views: names of the scene's cameras that see most of it, best first; at most five.
+    """
+
+    id: str
+    label_id: int
+    label: str
+    rows: NDArray[np.int32]
+    centroid: F64
+    box_center: F64
+    box_size: F64
+    box_orientation: tuple[float, float, float, float]
+    gaussian_count: int
+    confidence: float
+    metres: bool
+    best_views: tuple[str, ...]
+
+
+def find_objects(scene: Scene, field: LabelField) -> tuple[SceneObject, ...]:
+    """All objects of a scene, by label id, then from the largest.
+
+    Gaussians less opaque than 0.05 belong to no object. Of one label those that touch (see `components`) are one
+    object. A component with less than a twentieth of what its label's largest has is a speck, and no object: labels
+    that leak onto what stands behind look like that. Sizes count Gaussians, by opacity and confidence; centroids and
+    boxes weigh them by area as well, up to four times the usual one, so that what leaked far away, where Gaussians are
+    wide, does not outweigh the thing.
+    """
+    gaussians = scene.gaussians
+    areas = masses(gaussians.log_scales, gaussians.logit_opacities)
+    sizes = _sigmoid(gaussians.logit_opacities) * field.confidence
+    solid = (gaussians.logit_opacities >= np.log(_MIN_OPACITY / (1 - _MIN_OPACITY))) & (field.classes > 0)
+    rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
+    up = vertical_axis(scene.cameras)
+    grouped = rows[field.classes[rows].argsort(kind="stable")]
+    labels, starts = np.unique(field.classes[grouped], return_index=True)
+    parts: list[tuple[int, int, NDArray[np.int64]]] = []
+    for label_id, members in zip(labels.tolist(), np.split(grouped, starts[1:]), strict=True):
+        areas[members] = np.minimum(areas[members], _WIDEST * np.median(areas[members]))
+        found = _large(components(gaussians, members), members, sizes)
+        parts += [(label_id, number, chosen) for number, chosen in enumerate(found, start=1)]
+    views = best_views(scene, [part for _, _, part in parts], areas)
+    return tuple(
+        _described(scene, field, areas * field.confidence, up, *part, seen)
+        for part, seen in zip(parts, views, strict=True)
+    )
+
+
+def masses(log_scales: F32, logit_opacities: F32) -> F64:
+    """float64 [G]: opacity times the product of the two larger standard deviations: how much surface a Gaussian is."""
+    logs = log_scales.astype(np.float64)
+    area = np.exp(logs.sum(axis=1) - logs.min(axis=1))
+    return np.asarray(np.maximum(area * _sigmoid(logit_opacities), np.finfo(np.float64).tiny))
+
+
+def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64) -> list[NDArray[np.int64]]:
+    """The components that are no specks, largest first."""
+    sums = np.bincount(component, weights=sizes[members])
+    order = (-sums).argsort(kind="stable")
+    chosen = order[sums[order] >= _MIN_SHARE * sums.max()][:_MAX_OBJECTS_A_LABEL]
+    place = np.full(len(sums), -1)
+    place[chosen] = np.arange(len(chosen))
+    kept = place[component]
+    by_part = kept.argsort(kind="stable")
+    counts = np.bincount(kept[kept >= 0], minlength=len(chosen))
+    sorted_members = members[by_part[(kept < 0).sum() :]]
+    return np.split(sorted_members, np.cumsum(counts)[:-1])
+
+
+def _described(
+    scene: Scene,
+    field: LabelField,
+    weights: F64,
+    up: F64 | None,
+    label_id: int,
+    number: int,
+    rows: NDArray[np.int64],
+    views: tuple[str, ...],
+) -> SceneObject:
+    means, mass = scene.gaussians.means[rows].astype(np.float64), weights[rows]
+    box = oriented_box(means, mass, up)
+    return SceneObject(
+        id=f"{label_id}-{number}",
+        label_id=label_id,
+        label=scene.dictionary.label_of(label_id),
+        rows=rows.astype(np.int32),
+        centroid=np.average(means, axis=0, weights=mass),
+        box_center=box.center,
+        box_size=box.size,
+        box_orientation=quaternion_of(box.axes),
+        gaussian_count=len(rows),
+        confidence=float(np.average(field.confidence[rows], weights=mass)),
+        metres=scene.scale == "METRIC",
+        best_views=views,
+    )
+
+
+def _sigmoid(logits: F32) -> F64:
+    return np.asarray(1.0 / (1.0 + np.exp(-logits.astype(np.float64))))
