@@ -70,6 +70,16 @@ def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...
     return tuple(index for index in range(count) if index not in held_out), held_out
 
 
+def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Indices of (training, held-out) views: those that the upload itself sets apart for testing are held out; if it
+    says nothing, as `split_views`. `every` = 0 holds none out."""
+    apart = set(capture.test_names)
+    held_out = tuple(index for index, view in enumerate(capture.views) if view.posed.name in apart)
+    if not every or not held_out or len(held_out) == len(capture.views):
+        return split_views(len(capture.views), every)
+    return tuple(index for index in range(len(capture.views)) if index not in held_out), held_out
+
+
 def load_views(
     capture: Capture,
     labelling: Labelling,
