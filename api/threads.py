@@ -28,7 +28,7 @@ class Threads:
     """Two bounded pools: one for calls, one for uploads, so that slow uploads never starve questions."""
 
     def __init__(self, size: int = 0, metrics: Metrics | None = None) -> None:
-        """Threads for calls: `size`, or if 0 two a core and at least four. `metrics` learns what waits and what runs."""
+        """Threads for calls: `size`, or if 0 two a core and at least four. `metrics` learns what waits and runs."""
         self._calls = ThreadPoolExecutor(size or max(4, 2 * (os.cpu_count() or 1)), thread_name_prefix="call")
         self._uploads = ThreadPoolExecutor(8, thread_name_prefix="upload")
         self._metrics = metrics or Metrics()

@@ -1,14 +1,16 @@
-"""`fastsplat serve | api | worker | models | evaluate`: what an operator types."""
+"""`fastsplat serve | api | worker | models | keys | evaluate`: what an operator types."""
 
 from __future__ import annotations
 
 import os
 import sys
+from typing import Annotated
 
 import typer
 
 from cli.evaluate import evaluate
 from cli.health import health
+from cli.keys import keys_app
 from cli.logs import log_to_stderr
 from cli.models import models_app
 from service.common.errors import FastSplatError
@@ -21,16 +23,26 @@ app = typer.Typer(
     help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
 )
 app.add_typer(models_app, name="models")
+app.add_typer(keys_app, name="keys")
 app.command()(health)
 app.command()(evaluate)
 
 
 @app.command()
-def serve() -> None:
+def serve(
+    no_auth: Annotated[
+        bool,
+        typer.Option("--no-auth", help="Ask nobody for a key. Only for a server on loopback (FASTSPLAT_AUTH=off)."),
+    ] = False,
+) -> None:
     """Run the API and one worker on this machine until SIGTERM or SIGINT."""
+    from api.auth import check_exposure
     from cli.serve import serve as run
 
     log_to_stderr("serve")
+    if no_auth:
+        os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
+    check_exposure(load_settings())
     raise typer.Exit(run({role: [sys.executable, "-m", "cli.main", role] for role in ("api", "worker")}))
 
 

@@ -41,16 +41,16 @@ def main() -> None:
     )
     started = time.monotonic()
     ports = {"http_port": options.http_port, "grpc_port": options.grpc_port}
-    with running_service(data_dir=output / "service", models=models, log=output / "service.log", **ports):
-        rest = Rest(options.http_port)
+    with running_service(data_dir=output / "service", models=models, log=output / "service.log", **ports) as key:
+        rest = Rest(options.http_port, key)
         try:
-            _run(rest, options, console, output)
+            _run(rest, key, options, console, output)
         finally:
             rest.close()
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
 
 
-def _run(rest: Rest, options: argparse.Namespace, console: Console, output: Path) -> None:
+def _run(rest: Rest, key: str, options: argparse.Namespace, console: Console, output: Path) -> None:
     capture: Path = options.photos or _SAMPLE
     fields = {"time_budget_s": str(options.train_seconds)} if options.train_seconds else {}
     operation = rest.post_capture(capture, name=capture.stem, fields=fields)
@@ -62,7 +62,7 @@ def _run(rest: Rest, options: argparse.Namespace, console: Console, output: Path
     texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
     answers = [rest.query(scene["id"], text) for text in texts]
     for answer in answers:
-        _require_same(answer, rpc.query(options.grpc_port, scene["id"], answer["text"]))
+        _require_same(answer, rpc.query(options.grpc_port, key, scene["id"], answer["text"]))
     report = report_of(scene, operation, answers)
     write_report(report, output)
     save_evidence(rest, scene, answers, output)

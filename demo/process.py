@@ -19,8 +19,8 @@ _STOP_SECONDS = 20
 
 
 @contextmanager
-def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[None]:
-    """`fastsplat serve` while the block runs: REST, gRPC and one worker, with state in `data_dir`.
+def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[str]:
+    """`fastsplat serve` while the block runs: REST, gRPC and one worker, with state in `data_dir`. Yields its key.
 
     Raises:
         SystemExit: a port is taken, or the service does not get ready; says which and shows the end of its log.
@@ -33,6 +33,7 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
         "FASTSPLAT_MODELS": str(models),
         "FASTSPLAT_HTTP_PORT": str(http_port),
         "FASTSPLAT_GRPC_PORT": str(grpc_port),
+        "FASTSPLAT_METRICS_PORT": "0",
     }
     with log.open("wb") as sink:
         # A session of its own, so that whatever it starts can be stopped with it.
@@ -45,7 +46,7 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
         )
     try:
         _wait_ready(process, http_port, log)
-        yield
+        yield (data_dir / "key").read_text().strip()
     finally:
         _stop(process)
 

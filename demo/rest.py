@@ -23,8 +23,12 @@ class Refused(SystemExit):
 class Rest:
     """One server's REST face."""
 
-    def __init__(self, port: int) -> None:
-        self._http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=httpx.Timeout(120.0))
+    def __init__(self, port: int, key: str) -> None:
+        self._http = httpx.Client(
+            base_url=f"http://127.0.0.1:{port}",
+            headers={"Authorization": f"Bearer {key}"},
+            timeout=httpx.Timeout(120.0),
+        )
 
     def close(self) -> None:
         self._http.close()

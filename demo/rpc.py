@@ -10,10 +10,12 @@ from fastsplat.v1 import fastsplat_pb2 as pb
 from fastsplat.v1 import fastsplat_pb2_grpc as rpc
 
 
-def query(port: int, scene_id: str, text: str) -> dict[str, Any]:
+def query(port: int, key: str, scene_id: str, text: str) -> dict[str, Any]:
     """The ranked answer as the REST face words it, for comparison."""
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
-        replies = rpc.SceneServiceStub(channel).Query(pb.QueryRequest(scene_id=scene_id, texts=[text]))
+        replies = rpc.SceneServiceStub(channel).Query(
+            pb.QueryRequest(scene_id=scene_id, texts=[text]), metadata=(("authorization", f"Bearer {key}"),)
+        )
         answer = next(iter(replies)).answer
     return {
         "text": answer.text,

@@ -23,7 +23,8 @@ class FigureRows:
         """How many operations are in each state; all states are there."""
         query = select(operations.c.state, func.count()).group_by(operations.c.state)
         with transaction(self._reading) as connection:
-            return {**dict.fromkeys(_STATES, 0), **{state: count for state, count in connection.execute(query)}}
+            counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
+        return {**dict.fromkeys(_STATES, 0), **counts}
 
     def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
         """(id, time of the last change, stages) of the operations that ended after `moment`."""
