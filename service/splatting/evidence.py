@@ -1,0 +1,88 @@
+"""The training-free way to labels: one look per view at which label every Gaussian is seen through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from service.common.camera import PosedCamera
+from service.common.errors import InvalidInputError
+from service.scene.evidence import UNIT, evidence_of, merged, no_evidence
+from service.scene.types import Evidence, Gaussians
+from service.splatting.raster import Backend, Splats, label_sums
+from service.splatting.views import TrainingView
+
+
+def view_evidence(
+    gaussians: Gaussians,
+    posed: PosedCamera,
+    labels: NDArray[np.integer],
+    classes: int,
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    backend: Backend = "cpu",
+) -> Evidence:
+    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
+
+    The same input gives the same integers on one kind of processor, so what was added with `merged` can be taken away
+    with `without`.
+
+    Args:
+        gaussians: G of them.
+        posed: the view.
+        labels: int [H, W], 0..classes − 1.
+        classes: N + 1.
+        valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
+        backend: which rasterizer.
+
+    Raises:
+        InvalidInputError: a map of another size than the camera's, or with a label that is not below `classes`.
+    """
+    if valid is not None and valid.shape != labels.shape:
+        raise InvalidInputError(f"valid pixels {valid.shape} for labels {labels.shape}", field="valid")
+    image = labels.astype(np.int32)
+    if valid is not None:
+        image[~valid] = -1
+    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
+    sums = label_sums(_activated(gaussians), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend)
+    rows = np.repeat(np.arange(len(gaussians)), np.diff(sums.starts.cpu().numpy()))
+    counts = np.rint(sums.sums.cpu().numpy() * UNIT).astype(np.int64)
+    return evidence_of(rows, sums.labels.cpu().numpy(), counts, len(gaussians))
+
+
+def views_evidence(
+    gaussians: Gaussians, views: Sequence[TrainingView], classes: int, *, backend: Backend = "cpu"
+) -> Evidence:
+    """The evidence of all views that have a label map, at their training size.
+
+    Args:
+        gaussians: G of them.
+        views: training views; what is held out must not be among them.
+        classes: N + 1.
+        backend: which rasterizer.
+    """
+    parts = [no_evidence(len(gaussians))]
+    for view in views:
+        frame = view.frames[-1]
+        if frame.labels is not None:
+            world_from_camera = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
+            posed = PosedCamera(frame.camera, world_from_camera, view.name)
+            valid = None if frame.valid is None else frame.valid.numpy()
+            parts.append(view_evidence(gaussians, posed, frame.labels.numpy(), classes, valid=valid, backend=backend))
+    return merged(parts)
+
+
+def _activated(gaussians: Gaussians) -> Splats:
+    def tensor(array: NDArray[np.float32]) -> torch.Tensor:
+        return torch.tensor(np.asarray(array), dtype=torch.float32)
+
+    return Splats(
+        tensor(gaussians.means),
+        tensor(gaussians.quats),
+        tensor(gaussians.log_scales).exp_(),
+        tensor(gaussians.logit_opacities).sigmoid_(),
+        torch.zeros(len(gaussians), 0),
+    )

@@ -1,0 +1,213 @@
+"""One field of labels and one way to draw it, whether a scene keeps its labels in codes or in evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.common.camera import PosedCamera
+from service.common.dictionary import dictionary_of
+from service.query import QuerySettings, SceneIndex, blending
+from service.query.fields import label_field
+from service.scene import Evidence, Scene, SemanticHead
+from service.scene.evidence import UNIT, evidence_of, no_evidence
+
+MakeScene = Callable[..., Scene]
+
+
+def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
+    return replace(scene, evidence=evidence, label_mode="evidence")
+
+
+def sure(labels: np.ndarray, count: int) -> Evidence:
+    """Every Gaussian seen through a thousand pixels of its label."""
+    return evidence_of(np.arange(count), labels, np.full(count, 1000 * UNIT), count)
+
+
+def as_evidence(scene: Scene) -> Scene:
+    """The scene with its codes' labels written down as evidence."""
+    classes = label_field(scene).classes
+    return with_evidence(scene, sure(classes, len(classes)))
+
+
+@pytest.fixture
+def ask(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Callable[[Scene], SceneIndex]:
+    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+
+
+def test_codes_and_the_same_labels_as_evidence_answer_alike(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    scene = make_scene(per_label=3)
+    codes, evidence = ask(scene), ask(as_evidence(scene))
+    np.testing.assert_array_equal(codes.gaussian_classes, evidence.gaussian_classes)
+    np.testing.assert_array_equal(codes.label_map(front), evidence.label_map(front))
+    for label in ("mug", "spoon", "bed"):
+        (a,), (b,) = codes.ask([label]), evidence.ask([label])
+        np.testing.assert_array_equal(codes.mask3d(a), evidence.mask3d(b))
+        seen, other = codes.mask2d(a, front), evidence.mask2d(b, front)
+        np.testing.assert_array_equal(seen.mask, other.mask)
+        np.testing.assert_array_equal(seen.rgb, other.rgb)
+
+
+def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> None:
+    scene = make_scene()
+    found = label_field(scene)
+    logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
+    expected = np.exp(logits.max(1)) / np.exp(logits).sum(1)
+    np.testing.assert_allclose(found.confidence, expected, rtol=1e-5)
+    assert found.classes.dtype == np.int32 and found.confidence.dtype == np.float32
+
+
+def test_evidence_that_nobody_asks_changes_nothing(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    scene = make_scene()
+    silent = replace(scene, evidence=sure(np.full(4, 3), 4))
+    np.testing.assert_array_equal(ask(scene).label_map(front), ask(silent).label_map(front))
+    np.testing.assert_array_equal(label_field(scene).classes, label_field(silent).classes)
+
+
+def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    """Codes on a line have the second label between the first and the third; probabilities have none between."""
+    line = np.array([[-1.0, 0], [0, 0], [1, 0]], np.float32)
+    head = SemanticHead(np.array([[0, 0], [-8, 0], [0, 0], [8, 0]], np.float32), np.array([-50, 0, 4, 0], np.float32))
+    scene = make_scene()
+    rows = np.repeat([1, 3], 40)
+    rng = np.random.default_rng(0)
+    means = np.column_stack([rng.uniform(-1, 1, (80, 2)), rng.uniform(-0.5, 0.5, 80)]).astype(np.float32)
+    gaussians = replace(
+        scene.gaussians,
+        means=means,
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (80, 1)),
+        log_scales=np.full((80, 3), np.log(0.25), np.float32),
+        logit_opacities=np.zeros(80, np.float32),
+        sh=np.zeros((80, 1, 3), np.float32),
+        codes=line[rows - 1],
+    )
+    codes = replace(scene, gaussians=gaussians, head=head)
+    np.testing.assert_array_equal(label_field(codes).classes, rows)
+    assert 2 in ask(codes).label_map(front)
+    shown = np.unique(ask(with_evidence(codes, sure(rows, 80))).label_map(front))
+    assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
+
+
+def test_what_no_view_has_seen_has_no_label_and_no_say(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    never = with_evidence(make_scene(), no_evidence(4))
+    found = label_field(never)
+    assert not found.classes.any() and not found.confidence.any()
+    index = ask(never)
+    assert not index.label_map(front).any()
+    seen = index.mask2d(index.ask(["mug"])[0], front)
+    assert not seen.mask.any() and not seen.relevancy.any() and seen.rgb.any()
+
+
+def test_every_pixel_undetected_is_a_scene_of_nothing(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    index = ask(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
+    assert not index.gaussian_classes.any() and not index.label_map(front).any()
+    (answer,) = index.ask(["mug"])
+    assert answer.verdict == "exact" and answer.matches[0].gaussian_count == 0
+    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
+
+
+def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera) -> None:
+    for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
+        index = ask(scene)
+        (answer,) = index.ask(["mug"])
+        assert answer.matches == () and answer.verdict == "absent"
+        assert not index.gaussian_classes.any() and not index.label_map(front).any()
+        assert not index.mask2d(answer, front).mask.any() and not label_field(scene).confidence.any()
+
+
+def test_one_label(make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera) -> None:
+    scene = make_scene(labels=("mug",))
+    for index in (ask(scene), ask(as_evidence(scene))):
+        assert index.gaussian_classes.tolist() == [0, 1]
+        assert set(np.unique(index.label_map(front)).tolist()) == {0, 1}
+
+
+@pytest.mark.parametrize("evidence", [False, True])
+def test_ten_thousand_labels(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera, evidence: bool
+) -> None:
+    few = make_scene()
+    names = [f"thing {number}x" for number in range(10_000)]
+    weight = np.zeros((10_001, 4), np.float32)
+    weight[[0, 1, 5000, 10_000]] = few.head.weight
+    bias = np.full(10_001, -50, np.float32)
+    bias[[0, 1, 5000, 10_000]] = 0
+    scene = replace(
+        few,
+        dictionary=dictionary_of(names),
+        label_embeddings=np.zeros((10_000, 16), np.float32),
+        head=SemanticHead(weight, bias),
+    )
+    index = ask(as_evidence(scene) if evidence else scene)
+    assert index.gaussian_classes.tolist() == [0, 1, 5000, 10_000]
+    assert set(np.unique(index.label_map(front)).tolist()) == {0, 1, 5000, 10_000}
+    (answer,) = index.ask(["thing 9999x"])
+    assert answer.relevant_ids == (10_000,) and index.mask2d(answer, front).mask.any()
+
+
+def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = [f"thing {number}x" for number in range(12)]
+    scene = make_scene(labels=labels, per_label=4)
+    rng = np.random.default_rng(3)
+    rows, names = np.nonzero(rng.random((52, 13)) < 0.5)
+    counts = rng.integers(1, 5 * UNIT, len(rows))
+    counts[rng.random(len(rows)) < 0.3] = UNIT  # some ties
+    scene = with_evidence(scene, evidence_of(rows, names, counts, 52))
+    at_once = ask(scene)
+    expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["thing 3x"])[0], front)
+    monkeypatch.setattr(blending, "_CHANNELS", 5)
+    in_pieces = ask(scene)
+    np.testing.assert_array_equal(expected[0], in_pieces.label_map(front))
+    seen = in_pieces.mask2d(in_pieces.ask(["thing 3x"])[0], front)
+    np.testing.assert_array_equal(expected[1].mask, seen.mask)
+    np.testing.assert_allclose(expected[1].relevancy, seen.relevancy, atol=1e-6)
+
+
+def test_relevancy_of_evidence_is_the_expected_relevancy(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    index = ask(as_evidence(make_scene()))
+    (answer,) = index.ask(["mug"])
+    by_id = {match.label_id: match.relevancy for match in answer.matches}
+    seen = index.mask2d(answer, front)
+    label_map = index.label_map(front)
+    for label_id, relevancy in by_id.items():
+        inside = seen.relevancy[label_map == label_id]
+        assert inside.max() == pytest.approx(relevancy, rel=0.05)
+
+
+def test_names_in_other_scripts_and_emoji_are_labels_like_any_other(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    names = ("茶壶", "чашка", "🧸", "قلم")
+    index = ask(as_evidence(make_scene(labels=names)))
+    for label_id, name in enumerate(names, start=1):
+        (answer,) = index.ask([name])
+        assert answer.verdict == "exact" and answer.relevant_ids == (label_id,)
+        assert index.mask3d(answer).tolist() == [label_id == row for row in range(5)]
+
+
+def test_near_duplicates_are_labels_of_their_own_and_duplicates_are_one(
+    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
+) -> None:
+    assert len(dictionary_of(["Mug", "mug", "mugs", "MUG "])) == 1
+    index = ask(as_evidence(make_scene(labels=("mug", "mug cup", "the mug rack"))))
+    for label_id, name in enumerate(("mug", "mug cup", "the mug rack"), start=1):
+        (answer,) = index.ask([name])
+        assert answer.matches[0].label_id == label_id and answer.verdict == "exact"
