@@ -197,16 +197,7 @@ def version_out(version: types.SceneVersion) -> pb.SceneVersion:
         pb.SceneVersion,
         version,
         created_at=timestamp_of(version.created_at),
-        edits=[
-            pb.Edit(
-                action=pb.EditAction.Value(f"EDIT_ACTION_{edit.action.upper()}"),
-                label=edit.label,
-                object_id=edit.object_id,
-                colour=edit.colour and pb.Colour(**dict(zip("rgb", edit.colour, strict=True))),
-                transform=edit.transform and _pose(edit.transform),
-            )
-            for edit in version.edits
-        ],
+        edits=map(_edit_out, version.edits),
     )
 
 
@@ -278,6 +269,19 @@ def _edit_in(edit: pb.Edit, field: str) -> types.Edit:
         (edit.colour.r, edit.colour.g, edit.colour.b) if edit.HasField("colour") else None,
         pose,
     )
+
+
+def _edit_out(edit: types.Edit) -> pb.Edit:
+    message = pb.Edit(action=pb.EditAction.Value(f"EDIT_ACTION_{edit.action.upper()}"))
+    if edit.label is not None:
+        message.label = edit.label
+    if edit.object_id is not None:
+        message.object_id = edit.object_id
+    if edit.colour is not None:
+        message.colour.CopyFrom(pb.Colour(**dict(zip("rgb", edit.colour, strict=True))))
+    if edit.transform is not None:
+        message.transform.CopyFrom(_pose(edit.transform))
+    return message
 
 
 def _pose(pose: types.Pose) -> pb.Pose:

@@ -93,8 +93,8 @@ def version_out(version: types.SceneVersion) -> models.SceneVersion:
                 action=edit.action,
                 label=edit.label,
                 object_id=edit.object_id,
-                colour=edit.colour and models.Colour(**dict(zip("rgb", edit.colour, strict=True))),
-                transform=edit.transform and _pose(edit.transform),
+                colour=None if edit.colour is None else models.Colour(**dict(zip("rgb", edit.colour, strict=True))),
+                transform=None if edit.transform is None else _pose(edit.transform),
             )
             for edit in version.edits
         ],
@@ -151,16 +151,14 @@ def _mask_out(mask: types.ViewMask) -> models.ViewMask:
 
 
 def _edit_in(edit: models.Edit, field: str) -> types.Edit:
-    pose = edit.transform
+    colour, pose = edit.colour, edit.transform
+    turned = pose and unit_quaternion(_xyzw(pose.orientation), field=f"{field}.transform.orientation")
     return types.Edit(
         edit.action,
         edit.label,
         edit.object_id,
-        edit.colour and (edit.colour.r, edit.colour.g, edit.colour.b),
-        pose
-        and types.Pose(
-            _xyz(pose.position), unit_quaternion(_xyzw(pose.orientation), field=f"{field}.transform.orientation")
-        ),
+        None if colour is None else (colour.r, colour.g, colour.b),
+        types.Pose(_xyz(pose.position), turned) if pose and turned else None,
     )
 
 

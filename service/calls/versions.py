@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -17,7 +16,7 @@ from service.calls.scenes import OpenScenes
 from service.calls.types import Edit, Pose, SceneVersion
 from service.calls.validate import check_request_id
 from service.common.cancellation import check_cancelled
-from service.common.errors import ConflictError, InvalidInputError, LimitExceededError
+from service.common.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 from service.common.poses import rotation_of
 from service.query import SceneIndex
 from service.scene import Scene, write_ply, write_scene
@@ -27,7 +26,6 @@ from service.store.blobs import remove
 from service.store.versions import NewVersion, VersionRecord
 
 _TRIES = 5
-_NEEDS = {"recolour": "colour", "remove": "", "move": "transform", "duplicate": "transform"}
 
 
 class Versions:
@@ -99,10 +97,13 @@ class Versions:
         from service.query.edits import Edit as SceneEdit
         from service.query.edits import apply_edit
 
-        for edit in edits:
-            scene = apply_edit(
-                index, SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, _matrix(edit.transform))
-            )
+        for number, edit in enumerate(edits):
+            wanted = SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, _matrix(edit.transform))
+            try:
+                scene = apply_edit(index, wanted)
+            except (InvalidInputError, NotFoundError) as error:
+                error.field = f"edits[{number}].{error.field}"
+                raise
             index = self._scenes.index_of(scene)
             check_cancelled()
         classes = np.bincount(index.gaussian_classes, minlength=len(index.scene.dictionary) + 1)
@@ -131,8 +132,6 @@ class Versions:
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
             )
-        for number, edit in enumerate(edits):
-            _check_edit(edit, f"edits[{number}]")
 
     def _check_room(self, scene_id: str) -> None:
         limit = self._settings.calls.max_versions
@@ -143,25 +142,6 @@ class Versions:
                 limit=f"{limit} versions (FASTSPLAT_CALLS__MAX_VERSIONS)",
                 hint="Post the scene again, or raise the limit.",
             )
-
-
-def _check_edit(edit: Edit, field: str) -> None:
-    if edit.action not in _NEEDS:
-        raise InvalidInputError(f"no action {edit.action!r}", field=f"{field}.action", hint=f"Use {', '.join(_NEEDS)}.")
-    if (edit.label is None) == (edit.object_id is None):
-        raise InvalidInputError(
-            "an edit needs exactly one of label and object_id", field=f"{field}.label", hint="Name what to edit."
-        )
-    for name in ("colour", "transform"):
-        given, needed = getattr(edit, name) is not None, _NEEDS[edit.action] == name
-        if needed and not given:
-            raise InvalidInputError(f'"{edit.action}" needs a {name}', field=f"{field}.{name}")
-        if given and not needed:
-            raise InvalidInputError(f'"{edit.action}" takes no {name}', field=f"{field}.{name}", hint="Leave it out.")
-    if edit.colour is not None and not all(0 <= value <= 1 for value in edit.colour):
-        raise InvalidInputError(f"a colour of {edit.colour}", field=f"{field}.colour", hint="RGB from 0 to 1.")
-    if edit.transform is not None and not all(map(math.isfinite, edit.transform.position)):
-        raise InvalidInputError("a position that is not finite", field=f"{field}.transform.position")
 
 
 def _matrix(pose: Pose | None) -> Any:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import random
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,160 +12,130 @@ from PIL import Image
 from api.grpc.translate import camera_out
 from api.rest.translate import camera_out as rest_camera_out
 from fastsplat.v1 import fastsplat_pb2 as pb
-from fastsplat_client.messages import joined
+from service.calls.masks import decode_mask3d
 from service.calls.service import SceneService
 from service.calls.types import QueryAnswer, QueryRequest
-from service.common.camera import PosedCamera
+from service.common.camera import Camera, PosedCamera
+from service.common.errors import FastSplatError
+from tests.api.clients import assert_same, client_of, outcome, over_grpc
 from tests.api.made_scene import KINDRED, LABELS, STRANGERS, turned
 from tests.api.served import Faces
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 _WORDS = (*LABELS, *(word for words in KINDRED.values() for word in words), *STRANGERS)
 _AWAY = PosedCamera(turned(0).camera, np.diag([-1.0, 1.0, -1.0, 1.0]))
+_HUGE = PosedCamera(Camera(5_000, 10, 45.0, 45.0, 24.0, 5.0), np.eye(4))
 
 
 def _questions(scene_id: str, count: int) -> list[QueryRequest]:
-    """Texts, outputs, free poses (one looks away from everything) and views, drawn by a fixed seed."""
+    """Drawn by a fixed seed: texts, scenes, outputs, poses (one looks away from everything), views, encodings,
+    prompts, versions, and in one of four something that must be refused."""
     rng = random.Random(11)
-    cameras = [*(turned(angle) for angle in (-0.5, -0.2, 0.1, 0.4)), _AWAY]
     requests = []
-    for number in range(count):
-        drawn = frozenset(rng.sample(["mask2d", "mask3d"], rng.randrange(3)) if number % 8 == 0 else [])
-        texts = tuple(rng.choices(_WORDS, k=rng.choice([1, 1, 1, 2, 3])))
-        texts = tuple(rng.choice([text, text.upper(), f" {text} ", f"{text}s"]) for text in texts)
-        posed = "mask2d" in drawn
-        requests.append(
-            QueryRequest(
-                scene_id,
-                tuple(text if text.strip().casefold() in _WORDS else text.strip() for text in texts),
-                cameras=tuple(rng.sample(cameras, rng.randrange(2))) if posed else (),
-                views=tuple(rng.sample(_VIEWS, 1)) if posed else (),
-                outputs=drawn,
-            )
-        )
+    for _ in range(count):
+        outputs = rng.sample(["mask2d", "mask3d", "objects"], rng.choice([0, 0, 1, 2, 3]))
+        texts = tuple(_spelt(rng, rng.choice(_WORDS)) for _ in range(rng.choice([1, 1, 2, 3])))
+        request: dict[str, object] = {"scene_id": scene_id, "texts": texts, "outputs": frozenset(outputs)}
+        if "mask2d" in outputs:
+            cameras = [_AWAY, *(turned(angle) for angle in (-0.5, -0.2, 0.1, 0.4))]
+            request |= {"cameras": tuple(rng.sample(cameras, rng.randrange(2)))}
+            request |= {"views": tuple(rng.sample(_VIEWS, 1)), "mask2d_encoding": rng.choice(["rle", "png"])}
+        elif rng.random() < 0.1:
+            request |= {"scene_id": ""}
+        if "mask3d" in outputs:
+            request |= {"mask3d_encoding": rng.choice(["bits", "runs", "indices"])}
+            if len(texts) == 1 and rng.random() < 0.3:
+                request |= {"mask3d_encoding": "ply"}
+        for name, choices in _CHOICES.items():
+            if rng.random() < 0.15:
+                request |= {name: rng.choice(choices)}
+        if rng.random() < 0.25:
+            request |= rng.choice(_BAD)
+        requests.append(QueryRequest(**request))  # type: ignore[arg-type]
     return requests
 
 
-def _plain(answers: tuple[QueryAnswer, ...]) -> list[dict[str, Any]]:
-    return [
-        {
-            "scene_id": result.scene_id,
-            "text": result.answer.text,
-            "verdict": result.answer.verdict,
-            "explanation": result.answer.explanation,
-            "matches": [match._asdict() for match in result.answer.matches],
-            "masks": [(m.view, m.camera_index, m.rle.height, m.rle.width, m.rle.counts, m.area) for m in result.masks],
-            "mask3d": result.mask3d,
-        }
-        for result in answers
-    ]
+_CHOICES: dict[str, list[object]] = {
+    "negatives": [("object",), ("stuff", "texture")],
+    "templates": [("{}",), ("a photo of a {}",)],
+    "coverage": [0.5, 0.99],
+    "max_matches": [1, 2, -1],
+}
+_BAD: list[dict[str, object]] = [
+    {"texts": ()},
+    {"texts": ("mug", " ")},
+    {"texts": ("x" * 1_001,)},
+    {"texts": ("mug",) * 65},
+    {"scene_id": "none"},
+    {"scene_id": "ü\0"},
+    {"version": "none"},
+    {"scene_id": "", "version": "1"},
+    {"scene_id": "", "views": ("front.png",), "outputs": frozenset({"mask2d"})},
+    {"outputs": frozenset({"mask2d"}), "cameras": (), "views": ()},
+    {"outputs": frozenset({"mask2d"}), "views": ("none.png",)},
+    {"outputs": frozenset({"mask2d"}), "cameras": (_HUGE,)},
+    {"outputs": frozenset({"mask2d"}), "cameras": (turned(0.0),) * 65},
+    {"coverage": 1.5},
+    {"coverage": -0.1},
+    {"templates": ("no slot",)},
+    {"negatives": (" ",)},
+    {"texts": ("mug", "ball"), "outputs": frozenset({"mask3d"}), "mask3d_encoding": "ply"},
+]
 
 
-def _over_rest(faces: Faces, query: QueryRequest) -> list[dict[str, Any]]:
-    if query.outputs:
-        body = {
-            "texts": query.texts,
-            "cameras": [rest_camera_out(camera).model_dump() for camera in query.cameras],
-            "views": query.views,
-            "outputs": sorted(query.outputs),
-        }
-        response = faces.rest.post(f"/v1/scenes/{query.scene_id}:query", json=body)
-    else:
-        response = faces.rest.get("/query", params={"text": list(query.texts), "scene": query.scene_id})
-    assert response.status_code == 200, response.text
-    answers = response.json()["answers"]
-    for answer in answers:
-        answer["masks"] = [
-            (m["view"], m["camera_index"], *m["segmentation"]["size"], m["segmentation"]["counts"], m["area"])
-            for m in answer["masks"]
-        ]
-        assert (answer["mask3d"] is not None) == ("mask3d" in query.outputs)
-        answer["mask3d"] = base64.b64decode(answer["mask3d"] or "")
-    return answers
-
-
-def _over_grpc(faces: Faces, query: QueryRequest) -> list[dict[str, Any]]:
-    outputs = {"mask2d": pb.OUTPUT_MASK2D, "mask3d": pb.OUTPUT_MASK3D}
-    request = pb.QueryRequest(
-        scene_id=query.scene_id,
-        texts=query.texts,
-        cameras=[camera_out(camera) for camera in query.cameras],
-        views=query.views,
-        outputs=[outputs[name] for name in query.outputs],
-    )
-    fields = (
-        "label_id",
-        "label",
-        "relevancy",
-        "similarity",
-        "nearest_negative",
-        "gaussian_count",
-        "relevant",
-        "probability",
-    )
-    return [
-        {
-            "scene_id": whole.answer.scene_id,
-            "text": whole.answer.text,
-            "verdict": pb.Verdict.Name(whole.answer.verdict).removeprefix("VERDICT_").lower(),
-            "explanation": whole.answer.explanation,
-            "matches": [
-                {
-                    name: getattr(match, name) if name != "probability" or match.HasField(name) else None
-                    for name in fields
-                }
-                for match in whole.answer.matches
-            ],
-            "masks": [
-                (m.view, m.camera_index, m.segmentation.height, m.segmentation.width, m.segmentation.counts, m.area)
-                for m in whole.masks
-            ],
-            "mask3d": whole.mask3d,
-        }
-        for whole in joined(faces.rpc.Query(request))
-    ]
-
-
-def _assert_same(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> None:
-    assert len(one) == len(other)
-    for left, right in zip(one, other, strict=True):
-        for scores in (left["matches"], right["matches"]):
-            assert scores
-        for mine, theirs in zip(left["matches"], right["matches"], strict=True):
-            for name in ("relevancy", "similarity"):
-                assert mine.pop(name) == pytest.approx(theirs.pop(name), abs=1e-6)
-        assert left == right
+def _spelt(rng: random.Random, word: str) -> str:
+    return rng.choice([word, word.upper(), f" {word} ", f"{word}s", f"where is the {word}?"])
 
 
 def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     faces: Faces, service: SceneService, scene_id: str
 ) -> None:
-    verdicts: set[str] = set()
-    masked = covered = 0
-    for query in _questions(scene_id, 200):
-        truth = service.query(query)
-        verdicts |= {result.answer.verdict for result in truth}
-        masked += sum(len(result.masks) for result in truth)
-        covered += sum(mask.area > 0 for result in truth for mask in result.masks)
-        _assert_same(_over_rest(faces, query), _plain(truth))
-        _assert_same(_over_grpc(faces, query), _plain(truth))
-    assert verdicts == {"exact", "related", "absent"}  # the questions are varied
-    assert masked > covered > 5
+    answered: list[QueryAnswer] = []
+    refused: set[str] = set()
+    with client_of(faces) as client:
+        for request in _questions(scene_id, 200):
+            truth = outcome(lambda: service.query(request))  # noqa: B023
+            if request.scene_id or "mask2d" not in request.outputs:  # GET /query knows no cameras
+                assert_same(outcome(lambda: client.ask(request)), truth)  # noqa: B023
+            assert_same(outcome(lambda: over_grpc(faces, request)), truth)  # noqa: B023
+            if isinstance(truth[0], QueryAnswer):
+                answered += truth
+            else:
+                assert issubclass(truth[0], FastSplatError) and truth[2]["field"]
+                refused.add(truth[2]["field"])
+    # The questions are varied.
+    assert {result.answer.verdict for result in answered} == {"exact", "related", "absent"}
+    masks = [mask for result in answered for mask in result.masks]
+    assert len(masks) > sum(mask.area > 0 for mask in masks) > 5
+    assert {bool(mask.png) for mask in masks} == {True, False}
+    assert sum(len(result.objects) for result in answered) > 5
+    assert len(answered) > 150 and len(refused) >= 8
 
 
-def test_no_scene_means_all_ready_scenes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.query(QueryRequest("", ("mug", "moon")))
-    assert {result.scene_id for result in truth} >= {scene_id}
-    everywhere = QueryRequest("", ("mug", "moon"))
-    _assert_same(_over_rest(faces, everywhere), _plain(truth))
-    _assert_same(_over_grpc(faces, everywhere), _plain(truth))
+def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneService, scene_id: str) -> None:
+    with client_of(faces) as client:
+        expected = client.mask3d(scene_id, "mug")
+        assert expected[:60].all() and not expected[60:].any()  # the mug's rows come first
+        for encoding in ("bits", "runs", "indices"):
+            (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding=encoding)
+            assert (decode_mask3d(answer.mask3d, encoding, answer.gaussians) == expected).all()
+            params = {"text": "mug", "encoding": encoding}
+            assert faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params).content == answer.mask3d
+        (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding="ply")
+        assert answer.mask3d == service.mask_ply(scene_id, "mug")
+        (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
+        (png,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"], mask2d_encoding="png")
+        for one, other in zip(rle.masks, png.masks, strict=True):
+            assert (one.array() == other.array()).all() and one.area == one.array().sum() == other.area
 
 
 def test_a_pose_that_sees_nothing_gets_an_empty_mask(faces: Faces, scene_id: str) -> None:
     query = QueryRequest(scene_id, ("mug",), cameras=(_AWAY,), outputs=frozenset({"mask2d"}))
-    for answers in (_over_rest(faces, query), _over_grpc(faces, query)):
-        ((view, index, height, width, _, area),) = answers[0]["masks"]
-        assert (view, index, height, width, area) == ("", 0, 36, 48, 0)
+    with client_of(faces) as client:
+        for answers in (client.ask(query), over_grpc(faces, query)):
+            (mask,) = answers[0].masks
+            assert (mask.view, mask.camera_index, mask.area) == ("", 0, 0)
+            assert mask.array().shape == (36, 48) and not mask.array().any()
 
 
 @pytest.mark.parametrize("kind", ["rgb", "overlay", "relevancy", "mask"])

@@ -1,0 +1,61 @@
+"""The same question by both protocols, with the answers as the service's own types."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import grpc
+import pytest
+
+from fastsplat_client import Client, Retry
+from fastsplat_client.messages import answers_of, query_message
+from fastsplat_client.stream import error_from
+from service.calls.types import QueryAnswer, QueryRequest
+from service.common.errors import FastSplatError
+from tests.api.served import Faces
+
+
+def client_of(faces: Faces, **options: Any) -> Client:
+    """The typed client of a running server; it does not repeat what the test should see fail."""
+    return Client(
+        str(faces.rest.base_url),
+        grpc_target=f"127.0.0.1:{faces.ports.grpc}",
+        **{"retry": Retry(tries=1), **options},
+    )
+
+
+def over_grpc(faces: Faces, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    """A Query by its RPC.
+
+    Raises:
+        FastSplatError: what the server raised.
+    """
+    try:
+        return tuple(answers_of(faces.rpc.Query(query_message(request))))
+    except grpc.RpcError as error:
+        raise error_from(error) from error
+
+
+def outcome(call: Any) -> Any:
+    """What a call returns, or the error's words."""
+    try:
+        return call()
+    except FastSplatError as error:
+        return type(error), error.message, error.details()
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Equal in everything, numbers to 1e-6; masks and texts to the byte."""
+    if isinstance(one, float) or isinstance(other, float):
+        assert one == pytest.approx(other, abs=1e-6)
+    elif dataclasses.is_dataclass(one) and not isinstance(one, type):
+        assert type(one) is type(other)
+        for field in dataclasses.fields(one):
+            assert_same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, tuple):
+        assert isinstance(other, tuple) and len(one) == len(other), (one, other)
+        for mine, theirs in zip(one, other, strict=True):
+            assert_same(mine, theirs)
+    else:
+        assert one == other
