@@ -32,7 +32,7 @@ app.command()(evaluate)
 def serve(
     no_auth: Annotated[
         bool,
-        typer.Option("--no-auth", help="Ask nobody for a key. Only for a server on loopback (FASTSPLAT_AUTH=off)."),
+        typer.Option("--no-auth", help="Ask nobody for a key; on loopback alone (as FASTSPLAT_AUTH=off)."),
     ] = False,
 ) -> None:
     """Run the API and one worker on this machine until SIGTERM or SIGINT."""

@@ -27,11 +27,42 @@ function worded(problem) {
   return [problem.detail, problem.limit && `(limit: ${problem.limit})`, problem.hint].filter(Boolean).join(" ");
 }
 
+/** The access key, kept for as long as the tab lives. */
+const key = { get: () => sessionStorage.getItem("key") ?? "", set: (value) => sessionStorage.setItem("key", value) };
+
+/** fetch with the key; without a valid one, the page asks for it. */
+async function knock(path, options = {}) {
+  const response = await fetch(path, { ...options, headers: key.get() ? { Authorization: `Bearer ${key.get()}` } : {} });
+  byId("login").hidden = response.status !== 401;
+  return response;
+}
+
 async function call(path, options) {
-  const response = await fetch(path, options);
+  const response = await knock(path, options);
   const body = response.status === 204 ? null : await response.json();
   if (!response.ok) throw new Error(worded(body));
   return body;
+}
+
+/** The address of a file that needs the key: an <img> or a link of its own could not send it. */
+async function fetched(path) {
+  const response = await knock(path);
+  if (!response.ok) throw new Error(worded(await response.json()));
+  return URL.createObjectURL(await response.blob());
+}
+
+/** A link that downloads with the key. */
+function download(label, path, name) {
+  const link = element("a", label, { href: "#" });
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    attempt(async () => {
+      const address = await fetched(path);
+      element("a", "", { href: address, download: name }).click();
+      setTimeout(() => URL.revokeObjectURL(address), 60_000);
+    });
+  });
+  return link;
 }
 
 /** Run an action of the user; what goes wrong is shown. */
@@ -127,6 +158,7 @@ function upload(form) {
       request.status === 202 ? resolve(request.response) : reject(new Error(worded(request.response ?? {}))),
     );
     request.open("POST", "/v1/scenes");
+    if (key.get()) request.setRequestHeader("Authorization", `Bearer ${key.get()}`);
     request.send(body);
   });
 }
@@ -150,13 +182,16 @@ async function ask(form) {
     ...Object.entries(PICTURES).map(([kind, caption]) => {
       const source = `/v1/scenes/${scene}/${kind}.png?${new URLSearchParams({ text, view })}`;
       const figure = element("figure");
-      figure.append(element("img", "", { src: source, alt: `${caption}: ${text}` }), element("figcaption", caption));
+      const picture = element("img", "", { alt: `${caption}: ${text}` });
+      picture.addEventListener("load", () => URL.revokeObjectURL(picture.src));
+      attempt(async () => (picture.src = await fetched(source)));
+      figure.append(picture, element("figcaption", caption));
       return figure;
     }),
   );
   byId("downloads").replaceChildren(
-    element("a", "the answer as PLY", { href: `/v1/scenes/${scene}/mask.ply?${new URLSearchParams({ text })}` }),
-    element("a", "the scene as PLY", { href: `/v1/scenes/${scene}/scene.ply` }),
+    download("the answer as PLY", `/v1/scenes/${scene}/mask.ply?${new URLSearchParams({ text })}`, "mask.ply"),
+    download("the scene as PLY", `/v1/scenes/${scene}/scene.ply`, "scene.ply"),
   );
 }
 
@@ -166,6 +201,13 @@ function matchRow(match) {
   row.append(element("td", match.label), ...figures.map((figure) => element("td", figure, { class: "number" })));
   return row;
 }
+
+byId("login").addEventListener("submit", (event) => {
+  event.preventDefault();
+  key.set(event.target.key.value.trim());
+  event.target.reset();
+  attempt(listScenes);
+});
 
 byId("upload").addEventListener("submit", (event) => {
   event.preventDefault();

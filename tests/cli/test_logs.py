@@ -32,6 +32,13 @@ def test_a_trace_is_kept():
     assert "ValueError: no" in json.loads(JsonLines("api").format(record))["trace"]
 
 
+def test_access_keys_are_not_told():
+    key = "fsk_0123456789ab_" + "aB-_" * 10 + "xyz"
+    parsed = line("opened by %s", key, header=f"Bearer {key}", deep={"a": [key]})
+    assert parsed["message"] == "opened by fsk_0123456789ab_***"
+    assert "aB-_" not in json.dumps(parsed)
+
+
 def test_passwords_in_urls_are_not_told():
     parsed = line("cannot reach postgresql+psycopg://user:secret@host:5432/db")
     assert parsed["message"] == "cannot reach postgresql+psycopg://user:***@host:5432/db"
