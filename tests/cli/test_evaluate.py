@@ -1,0 +1,76 @@
+"""The command as an operator types it: a whole run on a tiny data set, and its refusals before anything is trained."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from cli.main import app
+from service.common.errors import FastSplatError, InvalidInputError, NotFoundError
+from service.settings import load_settings
+from tests.evaluation import made_data
+from tests.evaluation.test_scene_report import KEYS
+
+
+@pytest.fixture
+def run(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.setenv("FASTSPLAT_TRAINING__ITERATIONS", "40")
+    load_settings.cache_clear()
+
+    def call(*words: object) -> Result:
+        return CliRunner().invoke(app, ["evaluate", *map(str, words)])
+
+    yield call
+    load_settings.cache_clear()
+
+
+def _raised(result: Result) -> FastSplatError:
+    assert isinstance(result.exception, FastSplatError), result.output
+    return result.exception
+
+
+def test_a_run_trains_scores_draws_and_its_scene_can_be_scored_again(run, tmp_path: Path) -> None:
+    folder = made_data.nerfstudio(tmp_path / "made", 6, (1, 4))
+    json_file, pictures, keep = tmp_path / "out/figures.json", tmp_path / "sheets", tmp_path / "scene"
+    result = run(
+        folder, "--preset", "draft", "--time-budget", 60, "--max-gaussians", 500,
+        "--json", json_file, "--pictures", pictures, "--keep", keep,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    written = json.loads(json_file.read_text())
+    assert set(KEYS) <= set(written)
+    assert set(written["seconds"]) == {"capture", "perception", "training", "export", "scoring"}
+    assert written["peak_mb"] > 50 and 0 < written["gaussians"] <= 500 and written["bytes"] > 0
+    assert written["settings"]["max_gaussians"] == 500 and written["settings"]["held_out_every"] == 0
+    assert written["dataset"]["train_views"] == 4 and len(written["views"]) == 2
+    assert 0 <= written["miou"] <= 1 and written["psnr"] > 5
+    assert sorted(path.name for path in pictures.iterdir()) == ["images_001.jpg", "images_004.jpg"]
+    assert "miou" in result.output and "red mug" in result.output
+    again = run(folder, "--scene", keep, "--json", tmp_path / "again.json")
+    assert again.exit_code == 0, again.output
+    second = json.loads((tmp_path / "again.json").read_text())
+    assert second["peak_mb"] is None and "trained" in second["reasons"]["peak_mb"]
+    for key in ("miou", "miou_per_class", "ghost_rate", "psnr", "depth_error", "absent_auroc", "intervals", "bytes"):
+        assert second[key] == written[key]
+
+
+def test_masks_without_labels_for_training_are_asked_for(run, tmp_path: Path) -> None:
+    folder = made_data.three_d_ovs(tmp_path / "bed", 5, ["01"])
+    error = _raised(run(folder))
+    assert isinstance(error, InvalidInputError) and "--labels detected" in error.hint
+
+
+def test_what_cannot_be_written_or_found_is_said_before_training(run, tmp_path: Path) -> None:
+    folder = made_data.nerfstudio(tmp_path / "made")
+    (tmp_path / "file").write_text("")
+    assert "folder" in _raised(run(folder, "--json", tmp_path)).message
+    assert "no folder" in _raised(run(folder, "--pictures", tmp_path / "file")).message
+    assert "exists" in _raised(run(folder, "--keep", tmp_path)).message
+    assert isinstance(_raised(run(folder, "--scene", "nothing")), NotFoundError)
+    assert isinstance(_raised(run(tmp_path / "nowhere")), NotFoundError)
+    assert run(folder, "--preset", "luxury").exit_code == 2
