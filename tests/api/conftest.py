@@ -20,7 +20,7 @@ MAX_UPLOAD_BYTES = 3_000_000
 
 @pytest.fixture(scope="session")
 def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    """Free ports, small limits, a words table for an encoder, the reference rasterizer."""
+    """Free ports, small limits, a words table for an encoder."""
     folder: Path = tmp_path_factory.mktemp("api")
     write_words(folder / "models")
     return Settings(
@@ -32,7 +32,7 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         auth="off",
         perception=PerceptionSettings(text_encoder=ENCODER),
         capture=CaptureSettings(max_upload_bytes=MAX_UPLOAD_BYTES),
-        query=QuerySettings(backend="reference", threshold=0.5, exact_threshold=0.95),
+        query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),
     )
 
 
