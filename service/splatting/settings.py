@@ -54,7 +54,7 @@ class TrainingSettings(BaseModel):
         max_sh_degree: spherical harmonics of the colour, 0..3.
         sh_from: share of the run at which degrees 1, 2 and 3 come in.
         held_out_every: one view in so many is kept from training to measure quality; 0 keeps none. With fewer than 4
-            views none is kept: the scene needs them all.
+            views none is kept: the scene needs them all. A capture that sets views apart for testing keeps those.
         ssim_weight: λ of (1 − λ) L1 + λ (1 − SSIM).
         semantic_weight: factor of the weighted cross-entropy; a larger one costs colour.
         semantic_every: the cross-entropy enters every so many-th step.
@@ -67,6 +67,8 @@ class TrainingSettings(BaseModel):
         densify_events: relocations in a whole run.
         dead_opacity: a Gaussian below this is moved to where it is needed.
         cull_opacity: a Gaussian below this is not stored.
+        surplus_loss_db: what the finished scene may lose on its held-out views by leaving out harmonics and Gaussians
+            that hardly matter, dB; 0 keeps everything, and so does a run without held-out views.
         opacity_decay: weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die.
         scale_decay: weight of the mean scale, in shares of the scene's extent, in the loss.
         evaluations: how often in a run the held-out views are measured for the progress report.
@@ -98,6 +100,7 @@ class TrainingSettings(BaseModel):
     densify_events: int = Field(100, ge=0)
     dead_opacity: float = Field(0.005, ge=0, lt=1)
     cull_opacity: float = Field(0.005, ge=0, lt=1)
+    surplus_loss_db: float = Field(0.0, ge=0)
     opacity_decay: float = Field(0.02, ge=0)
     scale_decay: float = Field(0.01, ge=0)
     evaluations: int = Field(10, ge=0)

@@ -18,6 +18,7 @@ from service.capture.types import Capture
 from service.common.errors import InvalidInputError
 from service.common.progress import Progress, ProgressEvent
 from service.perception.types import Labelling
+from service.scene.types import Gaussians
 from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from service.splatting.densify import planned_count
 from service.splatting.initial import scene_extent, start_gaussians, start_points
@@ -36,11 +37,13 @@ from service.splatting.semantics import (
 )
 from service.splatting.settings import TrainingSettings
 from service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
+from service.splatting.thrift import seen_weight, without_surplus
 from service.splatting.types import TrainedSplats, TrainingDivergedError
-from service.splatting.views import Frame, TrainingView, load_views, split_views
+from service.splatting.views import Frame, TrainingView, capture_split, load_views
 
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
+_JUDGES = 8
 
 
 def train(
@@ -108,7 +111,7 @@ class _Run:
     ) -> None:
         self.settings, self.progress, self.checkpoint_dir = settings, progress, checkpoint_dir
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
-        kept, held_out = split_views(len(capture.views), settings.held_out_every)
+        kept, held_out = capture_split(capture, settings.held_out_every)
         self.views = load_views(capture, labelling, kept, settings.max_side, image_scales(settings))
         self.held_out = load_views(capture, labelling, held_out, settings.max_side, (1.0,))
         self.labels = len(labelling.dictionary) if labelling.label_maps else 0
@@ -151,20 +154,23 @@ class _Run:
 
     def finish(self) -> TrainedSplats:
         self._optimise()
-        gaussians, head = final_scene(self.state, self.settings.cull_opacity)
+        trained, head = final_scene(self.state, self.settings.cull_opacity)
+        gaussians = self._without_surplus(trained)
         quality = {
             "iterations": float(self.state.iteration),
             "gaussians": float(len(gaussians)),
             "train_seconds": self.elapsed,
             "held_out": float(len(self.held_out)),
             "random_points": float(self.random_points),
+            "surplus_gaussians": float(len(trained) - len(gaussians)),
+            "sh_degree": float(gaussians.sh_degree),
         }
         if self.losses:
             quality["loss"] = sum(self.losses) / len(self.losses)
         if self.labels:
             quality["ghost_share"] = ghosts_of(gaussians, head)
         if self.held_out:
-            measured = self._measure(color_parameters(gaussians))
+            measured = self._measure(color_parameters(gaussians), self.held_out)
             quality |= {"psnr": measured.psnr, "ssim": measured.ssim}
         self._report(1.0)
         return TrainedSplats(gaussians, head, quality, tuple(view.name for view in self.held_out))
@@ -183,7 +189,7 @@ class _Run:
             if event_due(before, share, self.settings.densify_events):
                 self._densify(share)
             if self.held_out and event_due(before, share, self.settings.evaluations):
-                self.latest = self._measure(self.state.parameters).psnr
+                self.latest = self._measure(self.state.parameters, self.held_out).psnr
                 release_free_memory()
                 last_report = -math.inf
             if now - last_report >= _REPORT_EVERY_S:
@@ -280,15 +286,26 @@ class _Run:
         relocate_and_grow(self.state, need, target, settings.dead_opacity, generator)
         release_free_memory()
 
+    def _without_surplus(self, gaussians: Gaussians) -> Gaussians:
+        """See `TrainingSettings.surplus_loss_db`; a few of the held-out views judge."""
+        allowed = self.settings.surplus_loss_db
+        if not allowed or not self.held_out:
+            return gaussians
+        judges = self.held_out[:: math.ceil(len(self.held_out) / _JUDGES)]
+        weight = seen_weight(gaussians, self.views, self.settings.backend)
+        left = without_surplus(
+            gaussians, weight, lambda some: self._measure(color_parameters(some), judges).psnr, allowed
+        )
+        return left.gaussians
+
     @torch.no_grad()
-    def _measure(self, parameters: Mapping[str, Tensor]) -> _Measured:
+    def _measure(self, parameters: Mapping[str, Tensor], views: tuple[TrainingView, ...]) -> _Measured:
+        degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
         results = []
-        for view in self.held_out:
+        for view in views:
             frame = view.frames[-1]
-            image, _ = self._render(
-                parameters, opacities, scales, view, frame, self.settings.max_sh_degree, False, None
-            )
+            image, _ = self._render(parameters, opacities, scales, view, frame, degree, False, None)
             target = frame.target()
             results.append((psnr(image, target, frame.valid), ssim(image, target, frame.valid)))
         return _Measured(*(float(np.mean(values)) for values in zip(*results, strict=True)))

@@ -24,8 +24,9 @@ class TrainedSplats:
         gaussians: in Morton order of their means; the order is final.
         head: the affine map W that was trained with the codes.
         quality: psnr, ssim (means over held-out views, absent when none was held out), held_out (count), loss (mean
-            of the last 50 steps), iterations, gaussians, train_seconds, ghost_share, random_points (Gaussians that
-            started at random places because the capture has too few points).
+            of the last 50 steps), iterations, gaussians, surplus_gaussians (left out because they hardly matter),
+            sh_degree, train_seconds, ghost_share, random_points (Gaussians that started at random places because the
+            capture has too few points).
         held_out: names of the views that never entered a loss.
     """
 

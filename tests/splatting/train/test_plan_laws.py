@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from service.common.errors import InvalidInputError
@@ -35,6 +35,7 @@ wishes = st.builds(
 )
 
 
+@settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds, st.floats(0, 20))
 @example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, 1.0, 0.0)
 def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(wanted, scene, budget, speed, tail) -> None:
@@ -44,6 +45,7 @@ def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(wanted, scen
     assert found.seconds <= budget * 1.0001 or found.settings.time_budget_s == pytest.approx(0.1 * budget)
 
 
+@settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds)
 def test_a_plan_never_asks_for_more_than_was_wanted_and_names_every_loss(wanted, scene, budget, speed) -> None:
     found = plan(wanted, scene, budget, speed=speed)
@@ -63,6 +65,7 @@ def test_a_plan_never_asks_for_more_than_was_wanted_and_names_every_loss(wanted,
     TrainingSettings.model_validate(chosen.model_dump())
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.floats(5, 500), st.floats(1.0, 8.0), st.floats(0.2, 4))
 def test_more_time_and_a_faster_machine_never_give_up_more(budget, more, speed) -> None:
     wanted = TrainingSettings()
@@ -92,6 +95,7 @@ def test_one_gaussian_and_one_view_can_be_planned() -> None:
     assert found.settings.max_gaussians == 1 and found.seconds <= 10.001
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), st.floats(0, 10))
 def test_perception_keeps_to_its_share_of_the_budget_or_to_four_views(wanted, views, budget, overhead, view) -> None:
     chosen, given_up = plan_views(wanted, views, budget, overhead_s=overhead, view_s=view)
@@ -109,6 +113,7 @@ def test_impossible_budgets_are_refused_by_name(budget: float) -> None:
         plan(TrainingSettings(), TABLE, 10.0, speed=budget)
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.integers(1, 10**7), st.integers(1, 10**7), st.integers(0, 16))
 def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, channels: int) -> None:
     cost = step_seconds(pixels, gaussians, channels)
