@@ -19,6 +19,7 @@ F64 = NDArray[np.float64]
 _MIN_OPACITY = 0.05
 _MIN_SHARE = 0.05
 _WIDEST = 4.0
+_LEAST = 1e-6
 _MAX_OBJECTS_A_LABEL = 1_000
 
 
@@ -70,6 +71,8 @@ def find_objects(scene: Scene, field: LabelField) -> tuple[SceneObject, ...]:
     sizes = _sigmoid(gaussians.logit_opacities) * field.confidence
     solid = (gaussians.logit_opacities >= np.log(_MIN_OPACITY / (1 - _MIN_OPACITY))) & (field.classes > 0)
     rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
+    if not len(rows):
+        return ()
     up = vertical_axis(scene.cameras)
     grouped = rows[field.classes[rows].argsort(kind="stable")]
     labels, starts = np.unique(field.classes[grouped], return_index=True)
@@ -80,7 +83,7 @@ def find_objects(scene: Scene, field: LabelField) -> tuple[SceneObject, ...]:
         parts += [(label_id, number, chosen) for number, chosen in enumerate(found, start=1)]
     views = best_views(scene, [part for _, _, part in parts], areas)
     return tuple(
-        _described(scene, field, areas * field.confidence, up, *part, seen)
+        _described(scene, field, areas * np.maximum(field.confidence, _LEAST), up, *part, seen)
         for part, seen in zip(parts, views, strict=True)
     )
 

@@ -1,0 +1,201 @@
+"""Laws of edits: what they touch, what they leave, and how it looks afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.common.errors import FastSplatError, InvalidInputError, NotFoundError
+from service.query import QuerySettings, SceneIndex
+from service.query.edits import Edit, apply_edit
+from service.query.fields import label_field
+from service.query.objects import masses
+from service.scene import Gaussians, Scene
+from service.scene.evidence import evidence_from_dense
+from tests.query.things import Thing, look, orbit, rigid, scene_of
+
+MUG = Thing("mug", (0.1, 0.1, 0.04))
+BOOK = Thing("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
+FIELDS = tuple(Gaussians.__dataclass_fields__)
+FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+Open = Callable[[Scene], SceneIndex]
+
+
+@pytest.fixture
+def opened(drawn_encoder: Callable[..., Any]) -> Open:
+    settings = QuerySettings(templates=("{}",), backend="cpu")
+    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A mug and a book, codes and evidence; degree 2."""
+    made = scene_of([MUG, BOOK], orbit(), degree=2)
+    sums = np.zeros((len(made.gaussians), 3))
+    sums[: MUG.count, 1] = 5.0
+    sums[MUG.count :, 2] = 3.0
+    sums[7:30, 2] = 50.0  # the evidence differs from the codes here
+    return replace(made, evidence=evidence_from_dense(sums))
+
+
+def rows_of(scene: Scene, rows: np.ndarray) -> Gaussians:
+    return Gaussians(**{name: getattr(scene.gaussians, name)[rows] for name in FIELDS})
+
+
+def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
+    for name in FIELDS:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=atol, err_msg=name)
+
+
+@pytest.mark.parametrize("mode", ["codes", "evidence"])
+def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any) -> None:
+    index = opened(replace(scene, label_mode=mode))
+    kept = np.flatnonzero(index.gaussian_classes != 1)
+    after = apply_edit(index, Edit("remove", label="Mugs"))
+    assert_same(after.gaussians, rows_of(scene, kept))
+    np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[kept])
+    np.testing.assert_array_equal(label_field(after).confidence, index.label_field.confidence[kept])
+    without = replace(scene, gaussians=rows_of(scene, kept), evidence=None)
+    np.testing.assert_array_equal(opened(after).render(FRONT), opened(without).render(FRONT))
+    assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
+
+
+def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
+    aside = np.eye(4)
+    aside[0, 3] = 0.2
+    two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=aside)))
+    first, second = (thing for thing in two.objects if thing.label == "mug")
+    (left,) = (
+        thing for thing in opened(apply_edit(two, Edit("remove", object_id=first.id))).objects if thing.label == "mug"
+    )
+    np.testing.assert_allclose(left.centroid, second.centroid, atol=1e-6)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_moving_there_and_back_is_nothing(opened: Open, degree: int) -> None:
+    scene = scene_of([MUG, BOOK], orbit(), degree=degree)
+    pose = rigid(degree)
+    there = apply_edit(opened(scene), Edit("move", label="mug", transform=pose))
+    back = apply_edit(opened(there), Edit("move", label="mug", transform=np.linalg.inv(pose)))
+    sign = np.sign((back.gaussians.quats * scene.gaussians.quats).sum(axis=1, keepdims=True))  # q and −q turn alike
+    assert_same(replace(back.gaussians, quats=back.gaussians.quats * sign), scene.gaussians, atol=1e-5)
+    rows = np.arange(MUG.count, MUG.count + BOOK.count)
+    assert_same(rows_of(there, rows), rows_of(scene, rows))
+    assert np.abs(there.gaussians.means[: MUG.count] - scene.gaussians.means[: MUG.count]).max() > 0.1
+    np.testing.assert_array_equal(opened(there).gaussian_classes, opened(scene).gaussian_classes)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: int) -> None:
+    scene = scene_of([MUG], degree=degree)
+    pose = rigid(10 + degree)
+    moved = apply_edit(opened(scene), Edit("move", label="mug", transform=pose))
+    turned = replace(FRONT, world_from_camera=pose @ FRONT.world_from_camera)
+    before = opened(scene).render(FRONT).astype(int)
+    after = opened(moved).render(turned).astype(int)
+    assert before.std() > 10
+    assert np.abs(after - before).max() <= 2 and (after != before).mean() < 0.02
+    if degree:  # colours that stay behind would be seen
+        stiff = replace(moved, gaussians=replace(moved.gaussians, sh=scene.gaussians.sh))
+        assert np.abs(opened(stiff).render(turned).astype(int) - before).max() > 20
+
+
+def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
+    index = opened(replace(scene, label_mode="evidence"))
+    rows, count = np.flatnonzero(index.gaussian_classes == 1), len(scene.gaussians)
+    pose = rigid(5)
+    after = apply_edit(index, Edit("duplicate", label="mug", transform=pose))
+    assert len(after.gaussians) == count + len(rows) == len(after.evidence or ())
+    assert_same(rows_of(after, np.arange(count)), scene.gaussians)
+    moved = apply_edit(index, Edit("move", label="mug", transform=pose))
+    assert_same(rows_of(after, np.arange(count, len(after.gaussians))), rows_of(moved, rows))
+    np.testing.assert_array_equal(
+        opened(after).gaussian_classes, np.append(index.gaussian_classes, index.gaussian_classes[rows])
+    )
+
+
+@pytest.mark.parametrize("colour", [(0.9, 0.2, 0.1), (0.0, 0.5, 1.0), (1.0, 1.0, 1.0), (0.2, 0.2, 0.2)])
+def test_recolouring_sets_the_mean_and_keeps_the_shading(
+    opened: Open, scene: Scene, colour: tuple[float, float, float]
+) -> None:
+    index = opened(scene)
+    rows = np.flatnonzero(index.gaussian_classes == 1)
+    after = apply_edit(index, Edit("recolour", label="mug", colour=colour))
+    part, old = rows_of(after, rows), rows_of(scene, rows)
+    weights = masses(part.log_scales, part.logit_opacities)
+    base = 0.5 + 0.28209479177387814 * part.sh[:, 0].astype(float)
+    np.testing.assert_allclose(np.average(base, axis=0, weights=weights), colour, atol=1e-5)
+    shade, before = base @ LUMINANCE, old.sh[:, 0].astype(float) @ LUMINANCE
+    assert np.corrcoef(shade, before)[0, 1] > 0.9999
+    assert_same(replace(part, sh=old.sh), old)
+    rest = np.setdiff1d(np.arange(len(scene.gaussians)), rows)
+    assert_same(rows_of(after, rest), rows_of(scene, rest))
+    again = apply_edit(opened(after), Edit("recolour", label="mug", colour=colour))
+    np.testing.assert_allclose(again.gaussians.sh, after.gaussians.sh, atol=1e-4)
+
+
+def test_recolouring_black_does_not_blow_up(opened: Open) -> None:
+    scene = scene_of([MUG], degree=1)
+    sh = scene.gaussians.sh.copy()
+    sh[:, 0] = -0.5 / 0.28209479177387814
+    black = replace(scene, gaussians=replace(scene.gaussians, sh=sh))
+    red = apply_edit(opened(black), Edit("recolour", label="mug", colour=(1.0, 0.0, 0.0)))
+    assert np.isfinite(red.gaussians.sh).all() and np.abs(red.gaussians.sh).max() < 10 * np.abs(sh).max()
+
+
+def test_an_edit_leaves_the_index_as_it_was(opened: Open, scene: Scene) -> None:
+    index = opened(scene)
+    before = {name: getattr(scene.gaussians, name).copy() for name in FIELDS}
+    for edit in (
+        Edit("remove", label="mug"),
+        Edit("recolour", label="mug", colour=(1, 0, 0)),
+        Edit("move", label="mug", transform=rigid(0)),
+        Edit("duplicate", label="mug", transform=rigid(0)),
+    ):
+        apply_edit(index, edit)
+        assert_same(index.scene.gaussians, Gaussians(**before))
+
+
+def test_what_has_no_gaussians_can_be_edited(opened: Open, scene: Scene) -> None:
+    index = opened(apply_edit(opened(scene), Edit("remove", label="mug")))
+    for edit in (
+        Edit("remove", label="mug"),
+        Edit("recolour", label="mug", colour=(1, 0, 0)),
+        Edit("move", label="mug", transform=rigid(0)),
+        Edit("duplicate", label="mug", transform=rigid(0)),
+    ):
+        assert_same(apply_edit(index, edit).gaussians, index.scene.gaussians)
+
+
+SCALED, MIRRORED, NAN = np.diag([2.0, 2, 2, 1]), np.diag([-1.0, 1, 1, 1]), np.full((4, 4), np.nan)
+
+
+@pytest.mark.parametrize(
+    ("edit", "error", "field"),
+    [
+        (Edit("remove", label="submarine"), NotFoundError, "label"),
+        (Edit("remove", object_id="9-9"), NotFoundError, "object_id"),
+        (Edit("remove"), InvalidInputError, "label"),
+        (Edit("remove", label="mug", object_id="1-1"), InvalidInputError, "label"),
+        (Edit("paint", label="mug"), InvalidInputError, "action"),  # type: ignore[arg-type]
+        (Edit("recolour", label="mug"), InvalidInputError, "colour"),
+        (Edit("recolour", label="mug", colour=(2, 0, 0)), InvalidInputError, "colour"),
+        (Edit("recolour", label="mug", colour=(np.nan, 0, 0)), InvalidInputError, "colour"),
+        (Edit("remove", label="mug", colour=(1, 0, 0)), InvalidInputError, "colour"),
+        (Edit("move", label="mug"), InvalidInputError, "transform"),
+        (Edit("recolour", label="mug", colour=(1, 0, 0), transform=np.eye(4)), InvalidInputError, "transform"),
+        (Edit("move", label="mug", transform=SCALED), InvalidInputError, "transform"),
+        (Edit("move", label="mug", transform=MIRRORED), InvalidInputError, "transform"),
+        (Edit("duplicate", label="mug", transform=NAN), InvalidInputError, "transform"),
+        (Edit("move", label="mug", transform=np.eye(3)), InvalidInputError, "transform"),
+    ],
+)
+def test_what_cannot_be_done(opened: Open, scene: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
+    with pytest.raises(error) as caught:
+        apply_edit(opened(scene), edit)
+    assert caught.value.field == field

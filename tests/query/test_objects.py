@@ -1,0 +1,196 @@
+"""Laws of objects: counts, boxes that move along, ids that stay, views that see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from service.common.errors import InvalidInputError
+from service.query import QuerySettings, SceneIndex
+from service.query.boxes import oriented_box, vertical_axis
+from service.query.edits import Edit, apply_edit
+from service.query.objects import SceneObject
+from service.scene import Scene, read_scene, write_scene
+from tests.query.things import Thing, look, orbit, rigid, scene_of, with_cameras_moved
+
+MUG = Thing("mug", (0.2, 0.1, 0.04), yaw=0.5)
+BOOK = Thing("book", (-0.2, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=500)
+TABLE = Thing("table", (0.0, 0.0, -0.02), (1.2, 0.8, 0.02), count=2000)
+Open = Callable[[Scene], SceneIndex]
+
+
+@pytest.fixture
+def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
+    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+
+
+def named(index: SceneIndex, label: str) -> list[SceneObject]:
+    return [thing for thing in index.objects if thing.label == label]
+
+
+def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
+    index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
+    assert [thing.label for thing in index.objects] == ["mug", "book", "table"]
+    for thing, truth in zip(index.objects, (MUG, BOOK, TABLE), strict=True):
+        assert thing.metres and thing.gaussian_count == len(thing.rows) == truth.count
+        assert 0.99 < thing.confidence <= 1
+        np.testing.assert_allclose(thing.centroid, truth.centre, atol=0.1 * max(truth.size))
+        np.testing.assert_allclose(thing.box_center, truth.centre, atol=0.05 * max(truth.size))
+        np.testing.assert_allclose(thing.box_size, truth.size, rtol=0.1, atol=1e-3)
+        axes = Rotation.from_quat(thing.box_orientation).as_matrix()
+        np.testing.assert_allclose(axes[:, 2], [0, 0, 1], atol=1e-6)
+        assert abs(axes[:, 0] @ [np.cos(truth.yaw), np.sin(truth.yaw), 0]) > 0.99
+
+
+def test_two_mugs_are_two_objects(opened: Open) -> None:
+    index = opened(scene_of([MUG, TABLE], orbit()))
+    aside = np.eye(4)
+    aside[:3, 3] = (0.16, 0, 0)
+    twice = opened(apply_edit(index, Edit("duplicate", label="mug", transform=aside)))
+    first, second = named(twice, "mug")
+    np.testing.assert_allclose(np.abs(second.centroid - first.centroid), (0.16, 0, 0), atol=1e-6)
+    np.testing.assert_allclose(first.box_size, second.box_size, rtol=1e-4)
+    (answer,) = twice.ask(["where are the mugs?"])
+    assert [thing.id for thing in twice.objects_of(answer)] == [first.id, second.id]
+    assert len(set(first.rows) & set(second.rows)) == 0
+
+
+def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
+    stray = Thing("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
+    index = opened(scene_of([MUG, stray, BOOK, TABLE]))
+    for answer in index.ask(["mug", "book", "submarine"]):
+        mask = index.mask3d(answer)
+        rows = [row for thing in index.objects_of(answer) for row in thing.rows.tolist()]
+        assert mask[rows].all() and len(rows) == len(set(rows))
+        assert len(rows) == mask.sum() - (2 if answer.text == "mug" else 0)
+
+
+def test_a_speck_is_no_object_and_a_large_rest_is(opened: Open) -> None:
+    for count, objects in ((14, 1), (16, 2)):
+        far = Thing("mug", (1.0, 0, 0), (0.02, 0.02, 0.02), count=count)
+        assert len(named(opened(scene_of([MUG, far])), "mug")) == objects
+
+
+def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
+    scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), Thing("mug", (0, 0.1, 0.04), (1e-3,) * 3, count=1)])
+    gaussians = scene.gaussians
+    log_scales = gaussians.log_scales.copy()
+    log_scales[-1] = np.log(0.5)
+    assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).objects) == 2
+
+
+def test_what_is_almost_transparent_or_not_finite_belongs_to_nothing(opened: Open) -> None:
+    scene = scene_of([MUG])
+    logit_opacities = scene.gaussians.logit_opacities.copy()
+    logit_opacities[:10] = -5.0
+    means = scene.gaussians.means.copy()
+    means[20] = np.nan
+    gaussians = replace(scene.gaussians, logit_opacities=logit_opacities, means=means)
+    (mug,) = opened(replace(scene, gaussians=gaussians)).objects
+    assert mug.gaussian_count == MUG.count - 11 and not {*range(10), 20} & set(mug.rows.tolist())
+
+
+def test_nothing_has_no_objects(opened: Open) -> None:
+    scene = scene_of([MUG])
+    unlabelled = replace(scene.gaussians, codes=np.zeros_like(scene.gaussians.codes))
+    none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
+    for gaussians in (unlabelled, replace(scene.gaussians, **none)):
+        index = opened(replace(scene, gaussians=gaussians))
+        assert index.objects == () and index.objects_of(index.ask(["mug"])[0]) == ()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_gaussians_still_have_a_box(opened: Open, count: int) -> None:
+    (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).objects
+    assert mug.gaussian_count == count and np.isfinite([*mug.box_center, *mug.box_size, *mug.box_orientation]).all()
+    assert np.linalg.norm(mug.box_orientation) == pytest.approx(1)
+
+
+def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> None:
+    scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
+    write_scene(scene, tmp_path / "scene")
+    before, after = opened(scene).objects, opened(read_scene(tmp_path / "scene")).objects
+    assert [thing.id for thing in before] == [thing.id for thing in after] == ["1-1", "1-2", "2-1", "3-1"]
+    for a, b in zip(before, after, strict=True):
+        np.testing.assert_array_equal(a.rows, b.rows)
+        np.testing.assert_array_equal(a.box_size, b.box_size)
+        assert a.best_views == b.best_views
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
+    pose = rigid(seed)
+    scene = scene_of([MUG, BOOK, TABLE], orbit())
+    moved = scene
+    for label in ("mug", "book", "table"):
+        moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose))
+    moved = with_cameras_moved(moved, pose)
+    for a, b in zip(opened(scene).objects, opened(moved).objects, strict=True):
+        assert a.id == b.id and a.best_views == b.best_views
+        np.testing.assert_array_equal(a.rows, b.rows)
+        np.testing.assert_allclose(pose[:3, :3] @ a.centroid + pose[:3, 3], b.centroid, atol=1e-5)
+        np.testing.assert_allclose(pose[:3, :3] @ a.box_center + pose[:3, 3], b.box_center, atol=1e-4)
+        np.testing.assert_allclose(a.box_size, b.box_size, atol=2e-4)
+        turned = pose[:3, :3] @ Rotation.from_quat(a.box_orientation).as_matrix()
+        cosines = np.abs(np.diag(turned.T @ Rotation.from_quat(b.box_orientation).as_matrix()))
+        np.testing.assert_allclose(cosines, 1, atol=1e-3)  # a box is itself when an axis points the other way
+
+
+def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
+    flat = Thing("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
+    pose = rigid(7)
+    (a,) = opened(scene_of([flat])).objects
+    (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose))).objects
+    np.testing.assert_allclose(a.box_size, flat.size, rtol=0.1, atol=2e-3)
+    np.testing.assert_allclose(a.box_size, b.box_size, atol=2e-4)
+
+
+def test_the_vertical_is_told_by_level_cameras() -> None:
+    np.testing.assert_allclose(vertical_axis(orbit()), [0, 0, 1], atol=1e-9)
+    pose = rigid(3)
+    turned = [replace(camera, world_from_camera=pose @ camera.world_from_camera) for camera in orbit()]
+    np.testing.assert_allclose(vertical_axis(turned), pose[:3, 2], atol=1e-9)
+    assert vertical_axis(orbit(2)) is None
+    assert vertical_axis([look((x, -1, 0), (x, 0, 0), "") for x in (0, 1, 2, 3)]) is None  # side by side: any tilt fits
+
+
+def test_a_few_strays_do_not_stretch_a_box() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (1000, 3)) * (0.5, 0.3, 0.2)
+    points[:10] += rng.normal(0, 20, (10, 3))
+    box = oriented_box(points, np.ones(1000), np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(box.size, (1.0, 0.6, 0.4), rtol=0.1)
+
+
+def test_best_views_look_at_the_thing_and_nothing_stands_between(opened: Open) -> None:
+    wall = Thing("wall", (0, 0.4, 0.1), (1.0, 0.02, 0.6), count=9000)
+    mug = Thing("mug", (0, 0, 0.05))
+    cameras = [
+        look((0, 1.0, 0.1), (0, 0, 0.1), "hidden.jpg"),
+        look((0, -3.0, 0.1), (0, 0, 0.1), "far.jpg"),
+        look((0, -1.0, 0.1), (0, 0, 0.1), "near.jpg"),
+        look((0, -1.0, 0.1), (0, -2, 0.1), "away.jpg"),
+        look((1.0, -0.2, 0.1), (0, 0, 0.1), ""),
+    ]
+    index = opened(scene_of([mug, wall], cameras))
+    assert named(index, "mug")[0].best_views == ("near.jpg", "far.jpg")
+    many = opened(scene_of([mug], orbit(100)))
+    assert len(many.objects[0].best_views) == 5
+    assert opened(scene_of([mug])).objects[0].best_views == ()
+
+
+def test_an_answer_of_another_scene_has_no_objects_here(opened: Open) -> None:
+    (foreign,) = opened(scene_of([replace(MUG, label=f"l{i}x", count=3) for i in range(5)])).ask(["l4x"])
+    with pytest.raises(InvalidInputError):
+        opened(scene_of([MUG])).objects_of(foreign)
+
+
+def test_objects_need_no_renderer(opened: Open) -> None:
+    index = opened(scene_of([MUG, TABLE], orbit()))
+    assert index.objects and index._renderer is None

@@ -1,0 +1,104 @@
+"""Scenes of boxes whose places and sizes are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from service.common.camera import Camera, PosedCamera
+from service.common.dictionary import dictionary_of
+from service.scene import Gaussians, Scene, SemanticHead
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A cuboid's surface: edge lengths `size`, turned by `yaw` radians about z."""
+
+    label: str
+    centre: tuple[float, float, float]
+    size: tuple[float, float, float] = (0.1, 0.06, 0.08)
+    yaw: float = 0.0
+    count: int = 300
+
+
+def scene_of(things: Sequence[Thing], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
+    """Gaussians on the surfaces, as wide as they are apart, codes one-hot; metres."""
+    labels = list(dict.fromkeys(thing.label for thing in things))
+    rng = np.random.default_rng(0)
+    means = np.concatenate([_surface(thing, rng) for thing in things])
+    ids = np.concatenate([np.full(thing.count, labels.index(thing.label) + 1) for thing in things])
+    area = np.concatenate([np.full(thing.count, _area(thing) / thing.count) for thing in things])
+    count, classes = len(means), len(labels) + 1
+    one_hot = np.eye(classes, dtype=np.float32)
+    sh = rng.normal(0, 0.15, (count, (degree + 1) ** 2, 3))
+    sh[:, 0] += 0.5
+    return Scene(
+        gaussians=Gaussians(
+            means=means.astype(np.float32),
+            quats=rng.standard_normal((count, 4)).astype(np.float32),
+            log_scales=(np.log(np.sqrt(area))[:, None] + rng.normal(0, 0.2, (count, 3))).astype(np.float32),
+            logit_opacities=np.full(count, 3.0, dtype=np.float32),
+            sh=sh.astype(np.float32),
+            codes=one_hot[ids],
+        ),
+        head=SemanticHead(8.0 * one_hot, np.zeros(classes, dtype=np.float32)),
+        dictionary=dictionary_of(labels),
+        label_embeddings=np.zeros((len(labels), 16), dtype=np.float32),
+        text_encoder=("another", "1" * 64),
+        cameras=tuple(cameras),
+        scale="METRIC",
+    )
+
+
+def look(eye: Sequence[float], target: Sequence[float], name: str) -> PosedCamera:
+    """A level camera (z is up) of 96×72 pixels."""
+    forward = np.subtract(target, eye)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = eye
+    return PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), pose, name)
+
+
+def orbit(count: int = 8, radius: float = 1.0, height: float = 0.5) -> list[PosedCamera]:
+    """Level cameras around the origin."""
+    angles = np.arange(count) * 2 * np.pi / count
+    return [look((radius * np.cos(a), radius * np.sin(a), height), (0, 0, 0), f"{i}.jpg") for i, a in enumerate(angles)]
+
+
+def rigid(seed: int) -> np.ndarray:
+    """Any rotation, and a translation of a few units."""
+    rng = np.random.default_rng(seed)
+    q, r = np.linalg.qr(rng.standard_normal((3, 3)))
+    q *= np.sign(np.diag(r))
+    pose = np.eye(4)
+    pose[:3, :3] = q * np.linalg.det(q)
+    pose[:3, 3] = rng.normal(0, 2, 3)
+    return pose
+
+
+def with_cameras_moved(scene: Scene, pose: np.ndarray) -> Scene:
+    """The same scene with its cameras moved by `pose`."""
+    return replace(
+        scene, cameras=tuple(replace(c, world_from_camera=pose @ c.world_from_camera) for c in scene.cameras)
+    )
+
+
+def _surface(thing: Thing, rng: np.random.Generator) -> np.ndarray:
+    size = np.array(thing.size)
+    faces = np.repeat([size[1] * size[2], size[0] * size[2], size[0] * size[1]], 2)
+    face = rng.choice(6, thing.count, p=faces / faces.sum())
+    points = rng.uniform(-0.5, 0.5, (thing.count, 3))
+    points[np.arange(thing.count), face // 2] = face % 2 - 0.5
+    points *= size
+    c, s = np.cos(thing.yaw), np.sin(thing.yaw)
+    return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + thing.centre
+
+
+def _area(thing: Thing) -> float:
+    x, y, z = thing.size
+    return 2 * (x * y + y * z + z * x)
