@@ -38,7 +38,7 @@ _WRITE = Rule("write")
 _WATCH = Rule("read", standing=True)
 _UPLOAD = Rule("write", standing=True)
 
-UNMATCHED = _READ
+UNMATCHED = Rule("read", standing=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""
 
 _RULES: Mapping[str, Rule] = {
@@ -70,16 +70,7 @@ _RULES: Mapping[str, Rule] = {
     "POST /v1/scenes/{scene_id}:edit": _WRITE,
     "POST /v1/scenes/{scene_id}:undo": _WRITE,
     "GET /v1/operations": _READ,
-    "GET /v1/scenes/{scene_id}/{kind}.npy": _READ,
-    "GET /v1/scenes/{scene_id}/labels": _READ,
-    "GET /v1/scenes/{scene_id}/objects": _READ,
-    "GET /v1/scenes/{scene_id}/cameras": _READ,
-    "GET /v1/scenes/{scene_id}/versions": _READ,
-    "POST /v1/scenes/{scene_id}:edit": _WRITE,
-    "POST /v1/scenes/{scene_id}:undo": _WRITE,
-    "GET /v1/operations": _READ,
     "GET /v1/operations/{operation_id}": _READ,
-    "GET /v1/operations/{operation_id}/events": _WATCH,
     "GET /v1/operations/{operation_id}/events": _WATCH,
     "GET /v1/operations/{operation_id}:wait": _WATCH,
     "POST /v1/operations/{operation_id}:cancel": _WRITE,
@@ -97,23 +88,14 @@ _RULES: Mapping[str, Rule] = {
     "/fastsplat.v1.SceneService/EditScene": _WRITE,
     "/fastsplat.v1.SceneService/UndoEdit": _WRITE,
     "/fastsplat.v1.SceneService/ListOperations": _READ,
-    "/fastsplat.v1.SceneService/ListLabels": _READ,
-    "/fastsplat.v1.SceneService/ListObjects": _READ,
-    "/fastsplat.v1.SceneService/ListVersions": _READ,
-    "/fastsplat.v1.SceneService/EditScene": _WRITE,
-    "/fastsplat.v1.SceneService/UndoEdit": _WRITE,
     "/fastsplat.v1.SceneService/GetOperation": _READ,
-    "/fastsplat.v1.SceneService/ListOperations": _READ,
     "/fastsplat.v1.SceneService/WaitOperation": _WATCH,
     "/fastsplat.v1.SceneService/CancelOperation": _WRITE,
-    "/fastsplat.v1.SceneService/WaitOperation": _WATCH,
     "/fastsplat.v1.SceneService/WatchOperation": _WATCH,
     "/fastsplat.v1.SceneService/Query": _READ,
     "/fastsplat.v1.SceneService/StreamQuery": _WATCH,
     "/fastsplat.v1.SceneService/DownloadCameras": _READ,
-    "/fastsplat.v1.SceneService/StreamQuery": _WATCH,
     "/fastsplat.v1.SceneService/RenderView": _READ,
-    "/fastsplat.v1.SceneService/DownloadCameras": _READ,
     "/fastsplat.v1.SceneService/DownloadScenePly": _WATCH,
     "/fastsplat.v1.SceneService/DownloadMaskPly": _READ,
 }

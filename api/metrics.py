@@ -32,25 +32,31 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        here = {"registry": self.registry}
+        here = self.registry
         self._waited = Histogram(
             "fastsplat_queue_seconds",
             "From a call's arrival at a pool to its thread",
             ["route"],
             buckets=_SECONDS,
-            **here,
+            registry=here,
         )
-        self._computed = Histogram("fastsplat_compute_seconds", "On the thread", ["route"], buckets=_SECONDS, **here)
+        self._computed = Histogram(
+            "fastsplat_compute_seconds", "On the thread", ["route"], buckets=_SECONDS, registry=here
+        )
         self._answered = Histogram(
-            "fastsplat_request_seconds", "From head to last byte", ["route"], buckets=_SECONDS, **here
+            "fastsplat_request_seconds", "From head to last byte", ["route"], buckets=_SECONDS, registry=here
         )
-        self._outcomes = Counter("fastsplat_requests", "Answers by status", ["route", "status"], **here)
-        self._in_flight = Gauge("fastsplat_in_flight", "Requests under way", ["route"], **here)
-        self._waiting = Gauge("fastsplat_queued_calls", "Calls that wait for a thread", **here)
-        self._computing = Gauge("fastsplat_running_calls", "Calls on a thread", **here)
-        self._refused = Counter("fastsplat_rejected", "Refused before any work", ["reason"], **here)
+        self._outcomes = Counter("fastsplat_requests", "Answers by status", ["route", "status"], registry=here)
+        self._in_flight = Gauge("fastsplat_in_flight", "Requests under way", ["route"], registry=here)
+        self._waiting = Gauge("fastsplat_queued_calls", "Calls that wait for a thread", registry=here)
+        self._computing = Gauge("fastsplat_running_calls", "Calls on a thread", registry=here)
+        self._refused = Counter("fastsplat_rejected", "Refused before any work", ["reason"], registry=here)
         self._stages = Histogram(
-            "fastsplat_job_stage_seconds", "Stages of the jobs that ended", ["stage"], buckets=_STAGE_SECONDS, **here
+            "fastsplat_job_stage_seconds",
+            "Stages of the jobs that ended",
+            ["stage"],
+            buckets=_STAGE_SECONDS,
+            registry=here,
         )
 
     @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import grpc
 from grpc import aio
@@ -14,11 +14,13 @@ from api.doors import Doors
 from api.grpc.guard import Context, guarded
 from service.common.errors import FastSplatError
 
+Handler: TypeAlias = grpc.RpcMethodHandler[Any, Any]
+
 _UNKNOWN = "unknown"
 _CODES = {code.value[0]: code.name for code in grpc.StatusCode}
 
 
-class AccessInterceptor(aio.ServerInterceptor):  # type: ignore[misc]  # untyped base
+class AccessInterceptor(aio.ServerInterceptor):
     """Asks the doorkeeper and the limiter, then runs the handler."""
 
     def __init__(self, doors: Doors) -> None:
@@ -26,9 +28,9 @@ class AccessInterceptor(aio.ServerInterceptor):  # type: ignore[misc]  # untyped
 
     async def intercept_service(
         self,
-        continuation: Callable[[grpc.HandlerCallDetails], Awaitable[grpc.RpcMethodHandler | None]],
+        continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Handler | None]],
         handler_call_details: grpc.HandlerCallDetails,
-    ) -> grpc.RpcMethodHandler | None:
+    ) -> Handler | None:
         """Hand out the handler, wrapped; or one that refuses."""
         method = str(handler_call_details.method)
         rule = rule_of(method)
@@ -46,9 +48,7 @@ class AccessInterceptor(aio.ServerInterceptor):  # type: ignore[misc]  # untyped
         return _wrapped(handler, method if decided(method) else _UNKNOWN, principal, rule, self._doors)
 
 
-def _wrapped(
-    handler: grpc.RpcMethodHandler, route: str, principal: Principal, rule: Rule, doors: Doors
-) -> grpc.RpcMethodHandler:
+def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, doors: Doors) -> Handler:
     inner = _behaviour(handler)
 
     @asynccontextmanager
@@ -82,7 +82,7 @@ def _status(context: Context) -> str:
     return _CODES.get(code, "OK") if isinstance(code, int) else getattr(code, "name", "OK")
 
 
-def _refusing(handler: grpc.RpcMethodHandler | None, method: str, error: FastSplatError) -> grpc.RpcMethodHandler:
+def _refusing(handler: Handler | None, method: str, error: FastSplatError) -> Handler:
     async def one(request: Any, context: Context) -> Any:
         async with guarded(context, method):
             raise error
@@ -97,16 +97,17 @@ def _refusing(handler: grpc.RpcMethodHandler | None, method: str, error: FastSpl
     return _like(handler, many if handler.response_streaming else one)
 
 
-def _behaviour(handler: grpc.RpcMethodHandler) -> Callable[[Any, Context], Any]:
+def _behaviour(handler: Handler) -> Callable[[Any, Context], Any]:
+    found: Any
     if handler.request_streaming:
         found = handler.stream_stream if handler.response_streaming else handler.stream_unary
     else:
         found = handler.unary_stream if handler.response_streaming else handler.unary_unary
-    assert found is not None
-    return found
+    behaviour: Callable[[Any, Context], Any] = found
+    return behaviour
 
 
-def _like(handler: grpc.RpcMethodHandler, behaviour: Callable[[Any, Context], Any]) -> grpc.RpcMethodHandler:
+def _like(handler: Handler, behaviour: Callable[[Any, Context], Any]) -> Handler:
     """`behaviour` in the place of the handler's own."""
     make = {
         (False, False): grpc.unary_unary_rpc_method_handler,

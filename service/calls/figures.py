@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from service.store.figures import FigureRows
 
@@ -38,5 +39,5 @@ class Figures:
             self._seen = {name: at for name, at in self._seen.items() if at > now - 2 * _OVERLAP_S}
             return stages
 
-    def _ended(self) -> Sequence[tuple[str, float, Sequence[Mapping[str, object]]]]:
+    def _ended(self) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
         return self._rows.ended_since(self._mark - _OVERLAP_S)
