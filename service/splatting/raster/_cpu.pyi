@@ -1,9 +1,12 @@
+from collections.abc import Callable
 from typing import Any
 
 MAX_GROUP: int
 
 class TooManyPairs(RuntimeError): ...  # noqa: N818
 class Cancelled(RuntimeError): ...  # noqa: N818
+
+def watch(raises: Callable[[], None]) -> None: ...
 
 class Frame:
     culled_non_finite: int

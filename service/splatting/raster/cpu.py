@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from service.common.camera import Camera
+from service.common.cancellation import check_cancelled
 from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from service.splatting.raster import classify
 from service.splatting.raster.reference import pair_bound_error
@@ -24,6 +25,8 @@ except ImportError as error:  # pragma: no cover - only in a checkout that was n
     raise ModelUnavailableError(
         "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
     ) from error
+
+_cpu.watch(check_cancelled)
 
 kernels = _cpu
 """The compiled module, for the losses and the optimiser as well."""

@@ -38,7 +38,19 @@ struct Cancelled : std::runtime_error {
   Cancelled() : runtime_error("cancelled") {}
 };
 
-// The calling thread looks for Ctrl-C about twenty times a second.
+// What `watch` was given. Never freed: threads may look at it while the interpreter ends.
+PyObject* watcher = nullptr;
+
+// Whether to go on; if not, Python's error indicator may say why. The calling thread holds the GIL.
+bool wanted() {
+  if (PyErr_CheckSignals() != 0) return false;
+  if (!watcher) return true;
+  PyObject* const result = PyObject_CallNoArgs(watcher);
+  Py_XDECREF(result);
+  return result != nullptr;
+}
+
+// The calling thread looks for Ctrl-C, and asks the watcher, about twenty times a second.
 std::function<bool()> signals() {
   auto next = std::chrono::steady_clock::now() + std::chrono::milliseconds(50);
   return [next]() mutable {
@@ -46,7 +58,7 @@ std::function<bool()> signals() {
     if (now < next) return true;
     next = now + std::chrono::milliseconds(50);
     nb::gil_scoped_acquire hold;
-    return PyErr_CheckSignals() == 0;
+    return wanted();
   };
 }
 
@@ -54,7 +66,7 @@ void check(Status status) {
   if (status == Status::too_many_pairs) throw TooManyPairs();
   if (status == Status::cancelled) {
     nb::gil_scoped_acquire hold;
-    if (PyErr_Occurred()) throw nb::python_error();  // Ctrl-C, or what another signal handler raised
+    if (PyErr_Occurred()) throw nb::python_error();  // Ctrl-C, or what a signal handler or the watcher raised
     throw Cancelled();
   }
 }
@@ -224,6 +236,7 @@ NB_MODULE(_cpu, m) {
   nb::set_leak_warnings(false);
   nb::exception<TooManyPairs>(m, "TooManyPairs");
   nb::exception<Cancelled>(m, "Cancelled");
+  m.def("watch", [](nb::object raises) { watcher = raises.release().ptr(); });
   nb::class_<Held>(m, "Frame")
       .def_prop_ro("culled_non_finite", [](const Held& h) { return h.frame.bad; })
       .def_prop_ro("visible", [](const Held& h) { return h.frame.visible; })
