@@ -14,7 +14,7 @@ from api.doors import Doors
 from api.grpc.guard import Context, guarded
 from service.common.errors import FastSplatError
 
-Handler: TypeAlias = grpc.RpcMethodHandler[Any, Any]
+Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 
 _UNKNOWN = "unknown"
 _CODES = {code.value[0]: code.name for code in grpc.StatusCode}
