@@ -88,7 +88,7 @@ def _measured(row: Row, threads: int) -> dict[str, Any] | None:
 
 def _write(out: Path, rows: list[dict[str, Any]], threads: int) -> None:
     document = {
-        "machine": _machine(threads),
+        "machine": machine(threads),
         "date": time.strftime("%F"),
         "command": "python -m benchmarks.trade",
         "note": "wall_s and cpu_s are the training's (perception has its own); other programs shared the machine, so "
@@ -101,7 +101,8 @@ def _write(out: Path, rows: list[dict[str, Any]], threads: int) -> None:
     part.replace(out)
 
 
-def _machine(threads: int) -> str:
+def machine(threads: int) -> str:
+    """What figures were measured on."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return (

@@ -18,6 +18,7 @@ from service.splatting.densify import planned_count
 from service.splatting.schedule import image_level, image_scales
 from service.splatting.semantics import code_size
 from service.splatting.settings import TrainingSettings
+from service.splatting.thrift import JUDGES, MEASURES
 from service.splatting.views import split_views
 
 _SHARES = 40  # points at which the cost of a step is taken along a run
@@ -185,7 +186,12 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     measured = 0.4 * step_seconds(round(width * height), settings.max_gaussians, 0)
-    return 0.1 + 5e-6 * settings.max_gaussians + held_out * measured
+    thrift = 0.0
+    if settings.surplus_loss_db and held_out:
+        small = round(width * height * image_scales(settings)[0] ** 2)
+        weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
+        thrift = weighed + MEASURES * min(held_out, JUDGES) * measured
+    return 0.1 + 5e-6 * settings.max_gaussians + held_out * measured + thrift
 
 
 def _on_rung(settings: TrainingSettings, scene: SceneSize, rung: int) -> TrainingSettings:

@@ -13,7 +13,12 @@ from service.scene.types import Gaussians
 from service.splatting.raster import Backend, Splats, blend_sums
 from service.splatting.views import TrainingView
 
+JUDGES = 8
+"""Held-out views that judge, at most."""
+
 _HALVINGS = 6
+MEASURES = _HALVINGS + 4
+"""How often they are drawn, about."""
 
 Quality = Callable[[Gaussians], float]
 """PSNR of a scene on held-out views, dB."""
