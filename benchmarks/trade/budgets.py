@@ -1,0 +1,104 @@
+"""Whether jobs end in the time they were given: `python -m benchmarks.trade.budgets [--seconds 30 60 120]`.
+
+Whole jobs through a worker process, as a user would post them: the table-top benchmark with its label maps, and the
+demo's sample with its poses but without label maps, so that a detector runs. What counts is what the budget covers:
+perception, training and export, by the stages' own clocks. Writes benchmarks/results/trade_budgets.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.trade.__main__ import machine
+from service.calls import open_service
+from service.calls.types import SceneOptions
+from service.settings import Settings
+
+_ROOT = Path(__file__).parents[2]
+_OUT = _ROOT / "benchmarks" / "results" / "trade_budgets.json"
+_STAGES = ("perception", "training", "export")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, nargs="*", default=[30.0, 60.0, 120.0])
+    parser.add_argument("--data", nargs="*", default=["tabletop", "sample"])
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Settings(data_dir=Path(folder) / "data")
+        for data in options.data:
+            for seconds in options.seconds:
+                rows.append({"data": data, "budget_s": seconds, **_job(_upload(data), seconds, settings)})
+                print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
+    document = {"machine": machine(2), "date": time.strftime("%F"), "command": "python -m benchmarks.trade.budgets"}
+    _OUT.write_text(json.dumps({**document, "rows": rows}, indent=1, ensure_ascii=False) + "\n")
+
+
+def _upload(data: str) -> dict[str, bytes]:
+    root = Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop" if data == "tabletop" else _ROOT / "demo" / "sample"
+    document = json.loads((root / "transforms.json").read_text())
+    document.pop("split", None)
+    files: dict[str, bytes] = {}
+    for frame in document["frames"]:
+        frame.pop("depth_path", None)
+        if data == "sample":
+            frame.pop("mask_path")
+        for name in (frame["file_path"], frame.get("mask_path")):
+            if name:
+                files[name] = (root / name).read_bytes()
+    if data == "sample":
+        document.pop("labels")
+    else:
+        document["ply_file_path"] = "points3d.ply"
+        files["points3d.ply"] = (root / "points3d.ply").read_bytes()
+    return {"transforms.json": json.dumps(document).encode(), **files}
+
+
+def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[str, Any]:
+    program = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
+    worker = subprocess.Popen(
+        [sys.executable, "-c", program],
+        env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},
+        cwd=_ROOT,
+        start_new_session=True,
+    )
+    try:
+        with open_service(settings) as service:
+            with service.new_upload() as upload:
+                for name, content in files.items():
+                    upload.write(name, [content])
+                operation = upload.commit("", "", SceneOptions(time_budget_s=seconds))
+            load = os.getloadavg()[0]
+            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+                time.sleep(0.3)
+            if now.state != "SUCCEEDED":
+                raise SystemExit(f"the job {now.state}: {now.error}")
+            quality = service.get_scene(operation.scene_id).quality
+    finally:
+        worker.terminate()
+        worker.wait(timeout=60)
+    stages = {stage: round(quality["stage_seconds"][stage], 2) for stage in _STAGES}
+    actual = sum(stages.values())
+    figures = {name: round(quality[name], 3) for name in ("psnr", "iterations", "gaussians") if name in quality}
+    return {
+        "actual_s": round(actual, 2),
+        "error": round(actual / seconds - 1, 4),
+        "stages": stages,
+        **figures,
+        "load": round(load, 1),
+        "given_up": quality["given_up"],
+    }
+
+
+if __name__ == "__main__":
+    main()
