@@ -26,7 +26,8 @@ def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[T
     count = copies.clamp(1, MAX_COPIES)
     opacity = opacities.double().clamp(1e-8, 1 - 1e-8)
     part = 1 - (1 - opacity) ** (1 / count)
-    total = (_COEFFICIENTS[count - 1] * part[:, None] ** torch.arange(1, MAX_COPIES + 1)).sum(dim=1)
+    powers = part[:, None] ** torch.arange(1, MAX_COPIES + 1, device=part.device)
+    total = (_COEFFICIENTS.to(part.device)[count - 1] * powers).sum(dim=1)
     return part.to(opacities.dtype), (scales.double() * (opacity / total)[:, None]).to(scales.dtype)
 
 

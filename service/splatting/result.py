@@ -19,7 +19,7 @@ def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, Sema
     Raises:
         TrainingDivergedError: a parameter is not finite.
     """
-    arrays = {name: value.detach().numpy() for name, value in state.parameters.items()}
+    arrays = {name: value.detach().cpu().numpy() for name, value in state.parameters.items()}
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise TrainingDivergedError(f"after iteration {state.iteration} {name} is not finite")

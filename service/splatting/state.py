@@ -10,6 +10,7 @@ from torch import Tensor
 
 from service.splatting.densify import split_in_place
 from service.splatting.optim import adam_update
+from service.splatting.raster import Backend
 
 GAUSSIAN_PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh_dc", "sh_rest", "codes")
 """Row g of each belongs to Gaussian g; "weight" and "bias" of the semantic head are the only others."""
@@ -37,38 +38,40 @@ class SplatState:
         return len(self.parameters["means"])
 
     def tensors(self) -> dict[str, Tensor]:
-        """Everything but the iteration, under flat names."""
+        """Everything but the iteration, on the CPU under flat names."""
         groups = {"parameter": self.parameters, "first": self.first, "second": self.second}
-        return {f"{group}.{name}": t.detach() for group, values in groups.items() for name, t in values.items()}
+        return {f"{group}.{name}": t.detach().cpu() for group, values in groups.items() for name, t in values.items()}
 
 
-def new_state(parameters: Mapping[str, Tensor]) -> SplatState:
-    """A run before its first step."""
+def new_state(parameters: Mapping[str, Tensor], device: torch.device | None = None) -> SplatState:
+    """A run before its first step, on `device` (default: where the parameters are)."""
     # Cloned, because the start values may be the caller's own arrays.
-    leaves = {name: value.detach().float().clone().requires_grad_() for name, value in parameters.items()}
+    leaves = {name: v.detach().to(device, torch.float32, copy=True).requires_grad_() for name, v in parameters.items()}
     return SplatState(
         leaves,
-        {name: torch.zeros_like(value) for name, value in parameters.items()},
-        {name: torch.zeros_like(value) for name, value in parameters.items()},
+        {name: torch.zeros_like(value, requires_grad=False) for name, value in leaves.items()},
+        {name: torch.zeros_like(value, requires_grad=False) for name, value in leaves.items()},
     )
 
 
-def restored_state(tensors: Mapping[str, Tensor], iteration: int) -> SplatState:
+def restored_state(tensors: Mapping[str, Tensor], iteration: int, device: torch.device | None = None) -> SplatState:
     """The inverse of `SplatState.tensors`."""
     groups: dict[str, dict[str, Tensor]] = {"parameter": {}, "first": {}, "second": {}}
     for key, value in tensors.items():
         group, name = key.split(".", 1)
+        value = value.to(device)
         groups[group][name] = value.requires_grad_() if group == "parameter" else value
     return SplatState(groups["parameter"], groups["first"], groups["second"], iteration)
 
 
-def adam_step(state: SplatState, rates: Mapping[str, float]) -> None:
+def adam_step(state: SplatState, rates: Mapping[str, float], backend: Backend = "cpu") -> None:
     """One step of Adam on every parameter that has a gradient; clears the gradients."""
     state.iteration += 1
     for name, value in state.parameters.items():
         if value.grad is None or value.numel() == 0:
             continue
-        adam_update(value, value.grad, state.first[name], state.second[name], rate=rates[name], step=state.iteration)
+        moments = state.first[name], state.second[name]
+        adam_update(value, value.grad, *moments, rate=rates[name], step=state.iteration, backend=backend)
         value.grad = None
 
 
@@ -79,7 +82,8 @@ def relocate_and_grow(
     """Moves dead Gaussians to where they are needed and adds new ones until there are `target`.
 
     Sources are drawn from the living with probability ∝ `need` [G]; each is split into itself and its copies so that
-    the picture stays the same. Their moments restart from zero.
+    the picture stays the same. Their moments restart from zero. `generator` is the CPU's, so that a seed means the same
+    draws on every device.
 
     Returns:
         How many Gaussians were placed.
@@ -92,7 +96,7 @@ def relocate_and_grow(
     placed = len(dead) + added
     if placed == 0 or not float(need.sum()) > 0:
         return 0
-    sources = torch.multinomial(need, placed, replacement=True, generator=generator)
+    sources = torch.multinomial(need.cpu(), placed, replacement=True, generator=generator).to(need.device)
     copies = torch.bincount(sources, minlength=state.count) + 1
     parts = torch.unique(sources)
     opacity, scale = split_in_place(opacities[parts], torch.exp(parameters["log_scales"][parts]), copies[parts])
@@ -117,7 +121,7 @@ def relocate_and_grow(
 def _scattered(state: SplatState, sources: Tensor, generator: torch.Generator) -> Tensor:
     """Centres for copies of `sources`, drawn from the sources' own Gaussians: two at one place would never part."""
     scales = torch.exp(state.parameters["log_scales"][sources])
-    offset = torch.randn(len(sources), 3, generator=generator) * scales
+    offset = torch.randn(len(sources), 3, generator=generator).to(scales.device) * scales
     return state.parameters["means"][sources] + rotate(state.parameters["quats"][sources], offset)
 
 

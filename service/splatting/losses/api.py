@@ -1,4 +1,7 @@
-"""The public losses: check once, then compute. float32 on the CPU goes to the fused kernels, anything else to torch."""
+"""The public losses: check once, then compute. float32 on the CPU goes to the fused kernels, anything else to torch.
+
+Of what torch computes, the semantic loss in float32 (a GPU's) never builds the H×W×N logits either.
+"""
 
 from __future__ import annotations
 
@@ -100,14 +103,25 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
         return _fused_semantic(codes_image, weight, bias, labels, class_weights)
     if labels.numel() and (int(labels.max()) >= classes or int(labels.min()) < 0):
         raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
-    return reference.semantic_loss(codes_image, weight, bias, labels, class_weights)
+    if not _single(codes_image, weight, bias, class_weights):
+        return reference.semantic_loss(codes_image, weight, bias, labels, class_weights)
+    from service.splatting.losses import chunked
+
+    loss: Tensor = chunked.SemanticLoss.apply(  # type: ignore[no-untyped-call]
+        codes_image.flatten(0, 1), weight, bias, labels.reshape(-1), class_weights
+    )
+    return loss
 
 
 _MAX_CODE = 64
 
 
+def _single(*tensors: Tensor) -> bool:
+    return all(tensor.dtype == torch.float32 for tensor in tensors)
+
+
 def _fused(*tensors: Tensor) -> bool:
-    return all(tensor.dtype == torch.float32 and tensor.device.type == "cpu" for tensor in tensors)
+    return _single(*tensors) and all(tensor.device.type == "cpu" for tensor in tensors)
 
 
 def _fused_semantic(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:

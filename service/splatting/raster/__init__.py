@@ -1,6 +1,7 @@
 """Project, composite, differentiate, label: one interface, three backends."""
 
-from service.splatting.raster.api import blend_sums, rasterize, sh_to_rgb
+from service.splatting.raster.api import blend_sums, rasterize, rasterize_batch, sh_to_rgb
+from service.splatting.raster.checks import device_of
 from service.splatting.raster.labels import label_map, label_sums
 from service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
@@ -12,8 +13,10 @@ __all__ = [
     "Rendering",
     "Splats",
     "blend_sums",
+    "device_of",
     "label_map",
     "label_sums",
     "rasterize",
+    "rasterize_batch",
     "sh_to_rgb",
 ]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from service.common.camera import Camera
 from service.common.errors import InvalidInputError
-from service.splatting.raster.types import RasterSettings, Splats
+from service.splatting.raster.types import Backend, RasterSettings, Splats
 
 _MAX_SIDE = 16384
 
@@ -25,6 +25,20 @@ def backend_module(backend: str) -> Any:
     if backend not in ("reference", "cpu", "cuda"):
         raise InvalidInputError(f"no rasterizer backend {backend!r}", field="backend", hint="reference, cpu or cuda")
     return importlib.import_module(f"service.splatting.raster.{backend}")
+
+
+def device_of(backend: Backend) -> torch.device:
+    """Where a backend's tensors must be.
+
+    Raises:
+        InvalidInputError: no such backend.
+        ModelUnavailableError: `cuda` without a GPU or gsplat, `cpu` without the compiled extension.
+    """
+    module = backend_module(backend)
+    if backend != "cuda":
+        return torch.device("cpu")
+    module.gsplat_module()
+    return torch.device(module.DEVICE)
 
 
 def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:

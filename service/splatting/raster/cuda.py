@@ -8,6 +8,7 @@ does not report a median depth; that image is NaN here. `viewmat` is differentia
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -16,9 +17,10 @@ from torch import Tensor
 from service.common.camera import Camera
 from service.common.errors import InvalidInputError, ModelUnavailableError
 from service.splatting.raster import classify
-from service.splatting.raster.reference import pair_bound_error
+from service.splatting.raster.reference import finite_rows, pair_bound_error
 from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
+DEVICE = "cuda"
 _ALPHA_MIN = 1.0 / 255.0
 _TRANSMITTANCE_MIN = 1e-4
 
@@ -27,15 +29,37 @@ def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`; the tensors must be on one CUDA device."""
-    kernels = _gsplat(splats, settings)
-    parts, rows, broken = _usable(splats)
-    count, channels = splats.means.shape[0], splats.features.shape[1]
-    back = torch.zeros(channels, device=splats.means.device) if background is None else background.float()
+    return rasterize_batch([splats], viewmat[None], [camera], background, settings)[0]
+
+
+def rasterize_batch(
+    views: Sequence[Splats],
+    viewmats: Tensor,
+    cameras: Sequence[Camera],
+    background: Tensor | None,
+    settings: RasterSettings,
+) -> tuple[Rendering, ...]:
+    """See `service.splatting.raster.rasterize_batch`; `views` differ in their features at most."""
+    kernels = gsplat_module()
+    for splats in views:
+        _check(splats, settings)
+    usable = [_usable(splats) for splats in views]
+    same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
+    if len(views) > 1 and not (same_size and all(torch.equal(rows, usable[0][0]) for rows, _ in usable)):
+        return tuple(
+            rasterize_batch([splats], viewmat[None], [camera], background, settings)[0]
+            for splats, viewmat, camera in zip(views, viewmats.unbind(), cameras, strict=True)
+        )
+    device, (rows, _), camera, first = views[0].means.device, usable[0], cameras[0], views[0]
+    count, channels = first.features.shape
+    if not len(rows):
+        return tuple(_empty(splats, camera, background, found[1]) for splats, found in zip(views, usable, strict=True))
+    own = any(splats.features is not first.features for splats in views)
     pictures, alphas, meta = kernels.rasterization(
-        *parts[:4],
-        parts[4],
-        viewmat.to(splats.means.device, torch.float32)[None],
-        _intrinsics(camera, splats.means.device)[None],
+        *(part[rows].float() for part in (first.means, first.quats, first.scales, first.opacities)),
+        torch.stack([splats.features[rows].float() for splats in views]) if own else first.features[rows].float(),
+        viewmats.to(device, torch.float32),
+        torch.stack([_intrinsics(camera, device) for camera in cameras]),
         camera.width,
         camera.height,
         near_plane=settings.near,
@@ -45,28 +69,35 @@ def rasterize(
         render_mode="RGB+D",
         rasterize_mode="classic",
     )
-    if int(meta["flatten_ids"].numel()) > settings.max_pairs:
+    if int(meta["flatten_ids"].numel()) > settings.max_pairs * len(views):
         raise pair_bound_error(settings.max_pairs)
-    alpha = alphas[0, ..., 0]
-    radii = torch.zeros(count, dtype=torch.int32, device=splats.means.device)
-    found = meta["radii"][0].detach()
-    radii[rows] = (found.amax(dim=-1) if found.ndim == 2 else found).to(torch.int32)
-    return Rendering(
-        image=pictures[0, ..., :channels] + (1.0 - alpha)[..., None] * back,
-        alpha=alpha,
-        depth=pictures[0, ..., channels],
-        median_depth=torch.full_like(alpha.detach(), float("nan")),
-        radii=radii,
-        culled_non_finite=broken,
+    found = meta["radii"].detach()
+    found = (found.amax(dim=-1) if found.ndim == 3 else found).to(torch.int32)
+    radii = torch.zeros(len(views), count, dtype=torch.int32, device=device)
+    radii[:, rows] = found
+    alpha = alphas[..., 0]
+    image = pictures[..., :channels]
+    if background is not None:
+        image = image + (1.0 - alpha)[..., None] * background.float()
+    return tuple(
+        Rendering(
+            image=image[index],
+            alpha=alpha[index],
+            depth=pictures[index, ..., channels],
+            median_depth=torch.full_like(alpha[index].detach(), float("nan")),
+            radii=radii[index],
+            culled_non_finite=usable[index][1],
+        )
+        for index in range(len(views))
     )
 
 
 def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
     """See `service.splatting.raster.blend_sums`: the gradient of Σ image·value with respect to the features."""
     features = torch.zeros(len(splats.means), values.shape[2], device=splats.means.device, requires_grad=True)
-    plain = Splats(
-        splats.means.detach(), splats.quats.detach(), splats.scales.detach(), splats.opacities.detach(), features
-    )
+    # A row that is not finite must not be drawn, though the features that say so are not.
+    means = torch.where(finite_rows(splats)[:, None], splats.means.detach(), float("nan"))
+    plain = Splats(means, splats.quats.detach(), splats.scales.detach(), splats.opacities.detach(), features)
     with torch.enable_grad():
         image = rasterize(plain, viewmat.detach(), camera, None, settings).image
         (sums,) = torch.autograd.grad((image * values).sum(), features)
@@ -95,7 +126,12 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
     )
 
 
-def _gsplat(splats: Splats, settings: RasterSettings) -> Any:
+def gsplat_module() -> Any:
+    """gsplat.
+
+    Raises:
+        ModelUnavailableError: no GPU, or gsplat is not installed.
+    """
     if not torch.cuda.is_available():
         raise ModelUnavailableError(
             "backend 'cuda' needs an NVIDIA GPU, and torch sees none", field="backend", hint="Use backend='cpu'."
@@ -106,7 +142,11 @@ def _gsplat(splats: Splats, settings: RasterSettings) -> Any:
         raise ModelUnavailableError(
             "backend 'cuda' needs gsplat", field="backend", hint="Install it: pip install 'fastsplat[cuda]'."
         ) from error
-    if not splats.means.is_cuda:
+    return gsplat
+
+
+def _check(splats: Splats, settings: RasterSettings) -> None:
+    if splats.means.device.type != DEVICE:
         raise InvalidInputError("backend 'cuda' got tensors that are not on a GPU", field="backend")
     if abs(settings.alpha_min - _ALPHA_MIN) > 1e-9 or settings.transmittance_min != _TRANSMITTANCE_MIN:
         raise InvalidInputError(
@@ -114,14 +154,30 @@ def _gsplat(splats: Splats, settings: RasterSettings) -> Any:
             field="settings",
             limit="alpha_min 1/255 and transmittance_min 1e-4 (backend cuda)",
         )
-    return gsplat
 
 
-def _usable(splats: Splats) -> tuple[list[Tensor], Tensor, int]:
-    parts = [splats.means, splats.quats, splats.scales, splats.opacities, splats.features]
-    good = torch.stack([torch.isfinite(part.detach()).reshape(len(part), -1).all(dim=1) for part in parts]).all(dim=0)
+def _usable(splats: Splats) -> tuple[Tensor, int]:
+    """Rows that gsplat may see, and how many of the others are not finite."""
+    good = finite_rows(splats)
     rows = torch.nonzero(good & (splats.quats.detach().abs().amax(dim=1) > 0))[:, 0]
-    return [part[rows].float() for part in parts], rows, int((~good).sum())
+    return rows, int((~good).sum())
+
+
+def _empty(splats: Splats, camera: Camera, background: Tensor | None, broken: int) -> Rendering:
+    """A view of nothing: gsplat's kernels do not start for 0 Gaussians."""
+    count, channels = splats.features.shape
+    # Sums over no rows, so that gradients are zeros and not missing.
+    none = splats.means[:0].sum() + splats.features[:0].sum()
+    zero = none.float().expand(camera.height, camera.width)
+    image = zero[..., None].expand(-1, -1, channels)
+    return Rendering(
+        image=image if background is None else image + background.float(),
+        alpha=zero,
+        depth=zero,
+        median_depth=torch.zeros_like(zero.detach()),
+        radii=torch.zeros(count, dtype=torch.int32, device=zero.device),
+        culled_non_finite=broken,
+    )
 
 
 def _intrinsics(camera: Camera, device: torch.device) -> Tensor:

@@ -38,7 +38,7 @@ def rasterize(
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`. Computes in float64 whatever comes in; differentiates `viewmat` too."""
     dtype = splats.means.dtype
-    finite = _finite_rows(splats)
+    finite = finite_rows(splats)
     projected, radii = _project(splats, viewmat, camera, settings, finite)
     channels = splats.features.shape[1]
     back = torch.zeros(channels, dtype=torch.float64) if background is None else background.double()
@@ -65,7 +65,7 @@ def rasterize(
 def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
     """See `service.splatting.raster.blend_sums`."""
     with torch.no_grad():
-        projected, _ = _project(splats, viewmat, camera, settings, _finite_rows(splats))
+        projected, _ = _project(splats, viewmat, camera, settings, finite_rows(splats))
         flat = values.reshape(-1, values.shape[-1]).double()
         sums = torch.zeros(len(projected.ids), values.shape[-1], dtype=torch.float64)
         start = 0
@@ -106,7 +106,8 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
     )
 
 
-def _finite_rows(splats: Splats) -> Tensor:
+def finite_rows(splats: Splats) -> Tensor:
+    """bool [G]: no input of the row is NaN or infinite."""
     parts = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.features)
     return torch.stack([torch.isfinite(part.detach()).all(dim=1) for part in parts]).all(dim=0)
 

@@ -7,13 +7,16 @@ import torch
 
 from service.common.errors import InvalidInputError
 from service.splatting.optim import adam_update
+from service.splatting.raster import Backend
 from service.splatting.raster.cpu import instruction_sets
 
 
-@pytest.mark.parametrize("isa", instruction_sets())
+@pytest.mark.parametrize("isa", [*instruction_sets(), "torch"])
 @pytest.mark.parametrize("shape", [(1,), (37, 3), (20_001, 4)])
 def test_many_steps_follow_torch(isa: str, shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", isa)
+    backend: Backend = "reference" if isa == "torch" else "cpu"
+    if backend == "cpu":
+        monkeypatch.setenv("FASTSPLAT_RASTER_ISA", isa)
     g = torch.Generator().manual_seed(0)
     value = torch.randn(*shape, generator=g)
     theirs = value.double().clone().requires_grad_()
@@ -21,7 +24,7 @@ def test_many_steps_follow_torch(isa: str, shape: tuple[int, ...], monkeypatch: 
     first, second = torch.zeros(shape), torch.zeros(shape)
     for step in range(1, 8):
         grad = torch.randn(*shape, generator=g) * 10.0 ** (step - 4)
-        adam_update(value, grad, first, second, rate=1e-2, step=step)
+        adam_update(value, grad, first, second, rate=1e-2, step=step, backend=backend)
         theirs.grad = grad.double()
         torchs.step()
     assert float((value - theirs.detach()).abs().max()) < 2e-6

@@ -7,13 +7,24 @@ import torch
 from torch import Tensor
 
 from service.common.errors import InvalidInputError
-from service.splatting.losses import ImageTarget, image_loss, reference, semantic_loss
+from service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
 from service.splatting.raster.cpu import instruction_sets
 
 
 @pytest.fixture(params=instruction_sets())
 def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
+    return str(request.param)
+
+
+@pytest.fixture(params=(*instruction_sets(), "chunked"))
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Every implementation of the semantic loss in float32; `chunked` is what a GPU runs."""
+    if request.param == "chunked":
+        monkeypatch.setattr(api, "_fused", lambda *_: False)
+        monkeypatch.setattr(chunked, "_LOGITS", 50_000)
+    else:
+        monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
     return str(request.param)
 
 
@@ -76,7 +87,7 @@ def semantic_case(classes: int, size: int, height: int = 23, width: int = 31) ->
 
 
 @pytest.mark.parametrize(("classes", "size"), [(1, 3), (2, 1), (5, 3), (21, 8), (18, 5), (300, 6), (10_000, 3)])
-def test_semantic_loss_and_gradients(isa: str, classes: int, size: int) -> None:
+def test_semantic_loss_and_gradients(way: str, classes: int, size: int) -> None:
     case = semantic_case(classes, size)
     ours = [part.clone().requires_grad_() for part in case[:3]]
     loss = semantic_loss(*ours, *case[3:])
@@ -102,7 +113,7 @@ def test_codes_are_read_in_place_from_an_image_of_more_channels(isa: str) -> Non
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_every_pixel_ignored_is_zero_not_nan(isa: str, dtype: torch.dtype) -> None:
+def test_every_pixel_ignored_is_zero_not_nan(way: str, dtype: torch.dtype) -> None:
     codes, weight, bias, labels, _ = (
         part.to(dtype) if part.is_floating_point() else part for part in semantic_case(5, 3)
     )
@@ -113,7 +124,7 @@ def test_every_pixel_ignored_is_zero_not_nan(isa: str, dtype: torch.dtype) -> No
 
 
 @pytest.mark.parametrize("size", [1e20, 1e38, 3e38])
-def test_huge_logits_stay_finite(isa: str, size: float) -> None:
+def test_huge_logits_stay_finite(way: str, size: float) -> None:
     codes, weight, bias, labels, weights = semantic_case(5, 3)
     inputs = [part.clone().requires_grad_() for part in (codes, weight, bias + torch.tensor([size, -size, 0, size, 0]))]
     loss = semantic_loss(*inputs, labels, weights)

@@ -22,7 +22,12 @@ from service.splatting.raster import (
 from service.splatting.raster.cpu import instruction_sets
 from service.splatting.raster.types import Backend
 
-BACKENDS = pytest.mark.parametrize("backend", ["reference", "cpu"])
+
+@pytest.fixture(params=["reference", "cpu", "cuda"])
+def backend(request: pytest.FixtureRequest) -> Backend:
+    if request.param == "cuda":
+        request.getfixturevalue("gsplat_on_cpu")
+    return request.param  # type: ignore[no-any-return]
 
 
 @pytest.fixture(params=instruction_sets())
@@ -85,7 +90,6 @@ def test_a_label_map_is_the_argmax_of_the_composited_codes(isa: str, size: int, 
     assert float(ours.relevancy.min()) >= 0.0 and float(ours.relevancy.max()) <= 1.0 + 1e-5
 
 
-@BACKENDS
 def test_pixels_below_the_alpha_bound_are_undetected_and_all_others_are_not(isa: str, backend: Backend) -> None:
     view = crowded(2, channels=3)
     bias = torch.tensor([-1e6, 0.0])
@@ -94,7 +98,6 @@ def test_pixels_below_the_alpha_bound_are_undetected_and_all_others_are_not(isa:
     assert 0 < int(found.classes.sum()) < found.classes.numel()
 
 
-@BACKENDS
 def test_ties_go_to_the_lower_id(isa: str, backend: Backend) -> None:
     view = crowded(3, channels=2)
     weight = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
@@ -127,7 +130,6 @@ def test_ten_thousand_classes(isa: str) -> None:
     assert float((ours.relevancy - truth.relevancy).abs().max()) < 1e-3
 
 
-@BACKENDS
 def test_logits_near_the_largest_float_stay_finite(isa: str, backend: Backend) -> None:
     view = crowded(6, channels=2)
     weight = torch.tensor([[1e38, -1e38], [-1e38, 1e38], [0.0, 0.0]])
@@ -136,7 +138,6 @@ def test_logits_near_the_largest_float_stay_finite(isa: str, backend: Backend) -
     assert set(found.classes.unique().tolist()) <= {0, 1, 2}
 
 
-@BACKENDS
 def test_non_finite_gaussians_leave_no_trace_in_labels(isa: str, backend: Backend) -> None:
     view = crowded(7, channels=4)
     weight, bias = head(6, 4)
@@ -154,7 +155,6 @@ def test_non_finite_gaussians_leave_no_trace_in_labels(isa: str, backend: Backen
     assert torch.equal(sums[keep], summed(without, labels, 6, backend).dense(6))
 
 
-@BACKENDS
 def test_no_gaussians_make_an_empty_map(isa: str, backend: Backend) -> None:
     view = crowded(8, count=0, channels=3)
     weight, bias = head(4, 3)
@@ -213,7 +213,6 @@ def test_label_sums_are_blend_sums_of_one_hot_labels(isa: str, classes: int, sid
     assert relative(same.dense(classes), truth) < 1e-6
 
 
-@BACKENDS
 def test_all_labels_together_are_the_alpha_and_ignored_pixels_are_missing(isa: str, backend: Backend) -> None:
     view = crowded(11)
     labels = patches(view, 7)
@@ -244,7 +243,6 @@ def test_thousands_of_labels_take_no_more_memory_than_there_are_entries(isa: str
     assert relative(totals, weights) < 1e-5
 
 
-@BACKENDS
 def test_labels_that_do_not_fit_are_refused(backend: Backend) -> None:
     view = crowded(0)
     for labels in (torch.full((29, 37), 4), torch.zeros(29, 37), torch.zeros(37, 29, dtype=torch.int64)):
