@@ -169,3 +169,5 @@ def _check_background(splats: Splats, background: Tensor | None) -> None:
         raise InvalidInputError(
             f"a background of shape {tuple(background.shape)} for {channels} channels", field="background"
         )
+    if background is not None and not bool(torch.isfinite(background.detach()).all()):
+        raise InvalidInputError("the background holds NaN or Inf", field="background")

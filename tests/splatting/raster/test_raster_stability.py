@@ -12,11 +12,19 @@ from torch import Tensor
 from service.common.camera import Camera
 from service.common.errors import InvalidInputError, ResourceError
 from service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
+from service.splatting.raster.cpu import instruction_sets
 from service.splatting.raster.types import Backend
 
-BACKENDS: tuple[Backend, ...] = ("reference", "cpu")
-backends = pytest.mark.parametrize("backend", BACKENDS)
 INF, NAN = float("inf"), float("nan")
+
+
+@pytest.fixture(params=["reference", *instruction_sets()])
+def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Backend:
+    """`reference`, or `cpu` with each instruction set of this machine."""
+    if request.param == "reference":
+        return "reference"
+    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
+    return "cpu"
 
 
 def lone(**changes: object) -> View:
@@ -51,7 +59,6 @@ def assert_all(image: Tensor, value: float) -> None:
     assert float((image - value).abs().max()) < 2e-3
 
 
-@backends
 @pytest.mark.parametrize("scale", [0.0, 1e-38, 1e-20, 1e6, 1e15, 3e38])
 def test_any_finite_scale_is_rendered_finitely(backend: Backend, scale: float) -> None:
     view = lone(scales=[[scale] * 3])
@@ -63,7 +70,6 @@ def test_any_finite_scale_is_rendered_finitely(backend: Backend, scale: float) -
         assert_all(render(view, backend).alpha, 0.8)
 
 
-@backends
 def test_needles_keep_their_direction(backend: Backend) -> None:
     g = torch.Generator().manual_seed(0)
     view = lone(scales=[[1e4, 1e-4, 1e-4]], quats=torch.randn(1, 4, generator=g).tolist())
@@ -83,7 +89,6 @@ def test_needle_gradients(angle: float) -> None:
         assert relative(gradients[name], wanted[name]) < 1e-4, name
 
 
-@backends
 @pytest.mark.parametrize("length", [1e-36, 1e-30, 1e-20, 1e20, 1e38])
 def test_quaternions_of_any_length_mean_the_same(backend: Backend, length: float) -> None:
     base = torch.tensor([[0.9, 0.1, -0.3, 0.2]])
@@ -94,13 +99,11 @@ def test_quaternions_of_any_length_mean_the_same(backend: Backend, length: float
     assert_sane(view.with_splats(quats=base * length), backend)
 
 
-@backends
 def test_a_zero_quaternion_is_culled_but_not_called_broken(backend: Backend) -> None:
     rendering = render(lone(quats=[[0.0] * 4]), backend)
     assert float(rendering.alpha.max()) == 0.0 and int(rendering.radii[0]) == 0 and rendering.culled_non_finite == 0
 
 
-@backends
 @pytest.mark.parametrize(
     ("z", "seen"),
     [(0.0, False), (-1.0, False), (0.01 - 1e-6, False), (0.01 + 1e-6, True), (1e9, True), (2e10, False)],
@@ -113,7 +116,6 @@ def test_near_far_and_behind(backend: Backend, z: float, seen: bool) -> None:
     assert_sane(view, backend)
 
 
-@backends
 @pytest.mark.parametrize("x", [0.5, 1e3, 1e9, 1e38])
 def test_far_off_axis_at_the_near_plane(backend: Backend, x: float) -> None:
     view = lone(means=[[x, -x, 0.0101]], scales=[[0.01] * 3])
@@ -121,14 +123,12 @@ def test_far_off_axis_at_the_near_plane(backend: Backend, x: float) -> None:
     assert float(render(view, backend).alpha.max()) == 0.0
 
 
-@backends
 def test_camera_inside_a_gaussian(backend: Backend) -> None:
     view = lone(means=[[0.0, 0.0, 0.05]], scales=[[3.0, 3.0, 3.0]])
     assert_sane(view, backend)
     assert float(render(view, backend).alpha.min()) > 0.7
 
 
-@backends
 @pytest.mark.parametrize(
     ("opacity", "seen"), [(0.0, False), (1 / 255 - 1e-6, False), (1 / 255 + 1e-6, True), (1.0, True)]
 )
@@ -141,7 +141,18 @@ def test_opacity_at_its_limits(backend: Backend, opacity: float, seen: bool) -> 
     assert_sane(view, backend)
 
 
-@backends
+@pytest.mark.parametrize("steps", [-2, -1, 0, 1, 2])
+def test_opacity_a_bit_beside_the_cut_off_is_drawn_faintly_or_not_at_all(backend: Backend, steps: int) -> None:
+    opacity = torch.tensor(1.0 / 255.0)
+    for _ in range(abs(steps)):
+        opacity = torch.nextafter(opacity, torch.tensor(INF if steps > 0 else 0.0))
+    view = lone(opacities=[float(opacity)], means=[[0.0625, 0.0625, 2.0]])
+    gradients = assert_sane(view, backend)
+    alpha = render(view, backend).alpha
+    assert float(alpha.max()) < 1.01 / 255 and int((alpha > 0).sum()) <= 1
+    assert float(gradients["opacities"].abs().max()) < 10.0
+
+
 @pytest.mark.parametrize("logit", [-INF, -20.0, 20.0, INF])
 def test_saturated_logits(backend: Backend, logit: float) -> None:
     view = lone(opacities=torch.sigmoid(torch.tensor([logit])).tolist(), means=[[0.0625, 0.0625, 2.0]])
@@ -149,7 +160,6 @@ def test_saturated_logits(backend: Backend, logit: float) -> None:
     assert float(render(view, backend).alpha.max()) == pytest.approx(0.99 if logit > 0 else 0.0, abs=0.02)
 
 
-@backends
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_broken_row_is_culled_counted_and_never_spread(backend: Backend, name: str, bad: float) -> None:
@@ -168,7 +178,6 @@ def test_a_broken_row_is_culled_counted_and_never_spread(backend: Backend, name:
         assert torch.equal(gradients[part][kept], wanted[part]), part
 
 
-@backends
 def test_nothing_to_draw(backend: Backend) -> None:
     view = crowded(0)
     empty = view.with_splats(**{name: getattr(view.splats, name)[:0] for name in NAMES})
@@ -182,7 +191,6 @@ def test_nothing_to_draw(backend: Backend) -> None:
     assert blend_sums(empty.splats, view.viewmat, view.camera, torch.ones(29, 37, 2), backend=backend).shape == (0, 2)
 
 
-@backends
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 40), (16, 16), (17, 15), (33, 1)])
 def test_sizes_off_the_tile_grid(backend: Backend, width: int, height: int) -> None:
     view = crowded(6, width=width, height=height)
@@ -194,7 +202,6 @@ def test_sizes_off_the_tile_grid(backend: Backend, width: int, height: int) -> N
         assert relative(gradient, wanted[name]) < 1e-4, name
 
 
-@backends
 def test_equal_depths_are_drawn_in_order_of_rows(backend: Backend) -> None:
     view = lone(
         means=[[0.0, 0.0, 2.0]] * 3, quats=[[1.0, 0, 0, 0]] * 3, scales=[[9.0] * 3] * 3, opacities=[0.5] * 3,
@@ -204,7 +211,6 @@ def test_equal_depths_are_drawn_in_order_of_rows(backend: Backend) -> None:
     assert image[8, 8].tolist() == pytest.approx([0.5, 0.25, 0.125], abs=1e-3)
 
 
-@backends
 def test_saturated_pixels_stop_and_hidden_rows_get_no_gradient(backend: Backend) -> None:
     count = 40
     means = [[0.0, 0.0, 1.0 + 0.1 * i] for i in range(count)]
@@ -219,7 +225,6 @@ def test_saturated_pixels_stop_and_hidden_rows_get_no_gradient(backend: Backend)
     assert float(gradients["features"][5:].abs().max()) == 0.0
 
 
-@backends
 def test_median_depth_is_where_half_is_passed(backend: Backend) -> None:
     view = lone(
         means=[[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, 4.0]], quats=[[1.0, 0, 0, 0]] * 3,
@@ -230,20 +235,33 @@ def test_median_depth_is_where_half_is_passed(backend: Backend) -> None:
     assert float(render(faint, backend).median_depth.max()) == 0.0
 
 
-@backends
 def test_denormal_inputs(backend: Backend) -> None:
     tiny = 1e-42
     assert_sane(lone(means=[[tiny, -tiny, 2.0]], scales=[[tiny, tiny, 0.1]], features=[[tiny, 0.0, -tiny]]), backend)
+    view = lone(quats=[[tiny, 0.0, 0.0, 0.0]], opacities=[tiny])
+    assert_sane(view, backend)
+    assert float(render(view, backend).alpha.max()) == 0.0
+    turned = lone(quats=[[1e-39, 0.0, 0.0, 1e-39]], scales=[[0.6, 0.1, 0.2]])
+    wanted = lone(quats=[[1.0, 0.0, 0.0, 1.0]], scales=[[0.6, 0.1, 0.2]])
+    assert relative(render(turned, backend).alpha, render(wanted, backend).alpha) < 1e-4
 
 
-@backends
 def test_half_precision_storage_at_its_limits(backend: Backend) -> None:
     view = lone(scales=[[6e-8, 65504.0, 1.0]], features=[[65504.0, -65504.0, 6e-8]], means=[[0.0, 0.0, 65504.0]])
     stored = view.with_splats(**{name: getattr(view.splats, name).half().float() for name in NAMES})
     assert_sane(stored, backend)
+    small = lone(
+        quats=[[6e-8, 0.0, 0.0, 6e-8]], opacities=[0.9995], scales=[[6e-8, 6e-5, 0.3]], means=[[0.0, 0.0, 0.5]]
+    )
+    stored = small.with_splats(**{name: getattr(small.splats, name).half() for name in NAMES})
+    for name in NAMES:
+        assert bool(torch.isfinite(getattr(stored.splats, name)).all())
+    rendering = render(stored, backend, torch.float16)
+    truth = render(stored, "reference", torch.float64)
+    assert rendering.alpha.dtype == torch.float16 and relative(rendering.alpha, truth.alpha) < 1e-3
+    assert float(truth.alpha.max()) > 0.4
 
 
-@backends
 def test_the_pair_bound_is_named(backend: Backend) -> None:
     view = crowded(0)
     with pytest.raises(ResourceError) as caught:
@@ -251,7 +269,6 @@ def test_the_pair_bound_is_named(backend: Backend) -> None:
     assert caught.value.field == "max_pairs" and "max_pairs" in caught.value.limit
 
 
-@backends
 def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend: Backend) -> None:
     view = lone()
     count = 400
@@ -264,7 +281,6 @@ def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend:
         rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_pairs=100_000), backend=backend)
 
 
-@backends
 def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
     view = crowded(0)
     with pytest.raises(InvalidInputError):
@@ -273,6 +289,9 @@ def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
         rasterize(view.splats, view.viewmat * NAN, view.camera, backend=backend)
     with pytest.raises(InvalidInputError):
         rasterize(view.splats, view.viewmat, view.camera, background=torch.zeros(2), backend=backend)
+    for bad in (NAN, INF):
+        with pytest.raises(InvalidInputError):
+            rasterize(view.splats, view.viewmat, view.camera, background=torch.full((6,), bad), backend=backend)
     with pytest.raises(InvalidInputError):
         rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(alpha_min=0.0), backend=backend)
     with pytest.raises(InvalidInputError):
