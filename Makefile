@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-training bench-trade sample docker-check clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-trade sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -41,6 +41,10 @@ protos: setup  ## regenerate the wire contract's Python
 
 bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/results/raster.json
 	$(BIN)/python -m benchmarks.raster
+
+bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-only training, frames a second
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev,cuda]'
+	$(BIN)/python -m benchmarks.raster.gpu
 
 bench-training: setup  ## PSNR against training seconds on the table-top benchmark
 	$(BIN)/python -m benchmarks.training

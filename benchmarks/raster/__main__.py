@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.raster.measure import Row, raster_row, step_row
+from benchmarks.raster.measure import Row, label_row, raster_row, step_row
 from benchmarks.raster.scenes import garden
 from service.splatting.raster.cpu import instruction_sets
 
@@ -49,12 +49,14 @@ def main() -> None:
     threads, rounds = arguments.threads, arguments.rounds
     print(_line({name: name for name in _COLUMNS}))
     small, large = garden(20_000, 320, 240, 6), garden(100_000, 640, 480, 6)
-    plain = garden(100_000, 640, 480, 3)
+    plain, coded, long = (garden(100_000, 640, 480, channels) for channels in (3, 8, 13))
     for isa in instruction_sets():
         add(raster_row, small, isa, threads, rounds=rounds)
         add(raster_row, large, isa, threads, rounds=rounds)
         add(step_row, small, isa, threads, rounds=rounds)
         add(raster_row, plain, isa, threads, backward=False, rounds=rounds)
+        add(label_row, coded, isa, threads, rounds=rounds)
+        add(label_row, long, isa, threads, rounds=rounds)
     best = instruction_sets()[0]
     add(raster_row, small, best, 1, rounds=rounds)
     add(raster_row, large, best, 1, rounds=rounds)
@@ -78,8 +80,8 @@ def main() -> None:
     arguments.out.write_text(json.dumps(report, indent=1) + "\n")
 
 
-_COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms floor_ratio".split()
-_COLUMNS.append("other_cpu")
+_COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms label_map_ms".split()
+_COLUMNS += ["floor_ratio", "other_cpu"]
 
 
 _QUIET = 0.05  # of the CPUs: so little use by other programs leaves the figures alone
@@ -108,7 +110,7 @@ def _busy_seconds() -> float:
 
 
 def _line(row: dict[str, object]) -> str:
-    return " ".join(f"{row.get(name, '')!s:>11}" for name in _COLUMNS)
+    return " ".join(f"{row.get(name, '')!s:>12}" for name in _COLUMNS)
 
 
 def _machine() -> str:

@@ -15,7 +15,7 @@ from torch import Tensor
 from benchmarks.raster.scenes import Scene
 from service.splatting.losses import ImageTarget, image_loss, semantic_loss
 from service.splatting.optim import adam_update
-from service.splatting.raster import RasterSettings, Splats, cpu, rasterize, sh_to_rgb
+from service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
 
 # Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
 # channel.
@@ -39,6 +39,7 @@ class Row:
     step_ms: float | None
     floor_ratio: float | None
     stages_ms: dict[str, float] = field(default_factory=dict)
+    label_map_ms: float | None = None
 
 
 @contextmanager
@@ -102,7 +103,7 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
 
 def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int = 15) -> Row:
     """One whole training step: activations, harmonics, rasterizer, both losses, backward, Adam on every parameter."""
-    step = _step(scene, labels)
+    step = training_step(scene, labels)
     with running_with(isa, threads):
         for _ in range(3):
             step()
@@ -123,13 +124,44 @@ def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int
     )
 
 
+def label_row(scene: Scene, isa: str, threads: int, classes: int = 18, rounds: int = 15) -> Row:
+    """A label map of the scene, its features being codes; without gradients, from tensors to classes."""
+    g = torch.Generator().manual_seed(2)
+    camera, channels = scene.camera, scene.splats.features.shape[1]
+    weight, bias = torch.randn(classes, channels, generator=g), torch.randn(classes, generator=g)
+
+    def draw() -> None:
+        label_map(scene.splats, scene.viewmat, camera, weight, bias, alpha_min=0.5)
+
+    with running_with(isa, threads):
+        for _ in range(3):
+            draw()
+        times = [_timed(draw) for _ in range(rounds)]
+    return Row(
+        "cpu",
+        isa,
+        threads,
+        len(scene.splats.means),
+        camera.width,
+        camera.height,
+        channels,
+        None,
+        None,
+        None,
+        None,
+        label_map_ms=round(statistics.median(times), 3),
+    )
+
+
 def _timed(action: Callable[[], None]) -> float:
     start = time.perf_counter()
     action()
     return (time.perf_counter() - start) * 1e3
 
 
-def _step(scene: Scene, labels: int) -> Callable[[], None]:
+def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callable[[], None]:
+    """One whole training step of a joint run, on the device of the scene's tensors."""
+    device = scene.viewmat.device
     g = torch.Generator().manual_seed(1)
     splats, camera = scene.splats, scene.camera
     count, code = len(splats.means), splats.features.shape[1] - 3
@@ -143,20 +175,21 @@ def _step(scene: Scene, labels: int) -> Callable[[], None]:
         "weight": torch.randn(labels + 1, code, generator=g),
         "bias": torch.zeros(labels + 1),
     }
+    parameters = {name: value.to(device) for name, value in parameters.items()}
     first = {name: torch.zeros_like(value) for name, value in parameters.items()}
     second = {name: torch.zeros_like(value) for name, value in parameters.items()}
-    target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g))
-    truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32)
-    class_weights = torch.ones(labels + 1)
+    target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g).to(device))
+    truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32).to(device)
+    class_weights = torch.ones(labels + 1, device=device)
     position = -scene.viewmat[:3, :3].T @ scene.viewmat[:3, 3]
     done = [0]
 
     def step() -> None:
         p: dict[str, Tensor] = {name: value.detach().requires_grad_() for name, value in parameters.items()}
-        colours = sh_to_rgb(p["means"], p["sh"], position, 1)
+        colours = sh_to_rgb(p["means"], p["sh"], position.float(), 1, backend=backend)
         features = torch.cat((colours, p["codes"]), dim=1)
         drawn = Splats(p["means"], p["quats"], p["log_scales"].exp(), torch.sigmoid(p["logits"]), features)
-        rgb, codes = torch.split(rasterize(drawn, scene.viewmat, camera).image, [3, code], dim=2)
+        rgb, codes = torch.split(rasterize(drawn, scene.viewmat, camera, backend=backend).image, [3, code], dim=2)
         loss = image_loss(rgb, target, 0.2)
         loss = loss + semantic_loss(codes, p["weight"], p["bias"], truth, class_weights)
         loss.backward()
@@ -164,6 +197,6 @@ def _step(scene: Scene, labels: int) -> Callable[[], None]:
         for name, value in parameters.items():
             grad = p[name].grad
             assert grad is not None
-            adam_update(value, grad, first[name], second[name], rate=1e-7, step=done[0])
+            adam_update(value, grad, first[name], second[name], rate=1e-7, step=done[0], backend=backend)
 
     return step
