@@ -25,10 +25,11 @@ from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
 from service.common.progress import STAGES
 from service.settings import Settings
 from service.store import Store
-from service.store.engine import resolve_url
+from service.store.engine import IDLE_TRANSACTION_S, resolve_url
 from service.store.jobs import FencedError
 from workers.janitor import clean
 from workers.supervisor import DONE, StoppingError, Supervisor
+from workers.sweep import Pulse, sweep
 
 logger = logging.getLogger(__name__)
 
@@ -52,6 +53,10 @@ class Worker:
     executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
     stopping: threading.Event = field(default_factory=threading.Event)
     running: dict[str, Supervisor] = field(default_factory=dict)
+    pulse: Pulse = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.pulse = Pulse(self.store, self.executor_id, self.settings.jobs.stale_s)
 
 
 _worker: Worker | None = None
@@ -61,7 +66,7 @@ def start(worker: Worker) -> None:
     """Launch the engine in this process and begin to take jobs; returns at once."""
     global _worker
     _worker = worker
-    worker.store.jobs.beat(worker.executor_id, socket.gethostname(), os.getpid())
+    worker.pulse.beat()
     url = resolve_url(worker.settings.data_dir, worker.settings.database_url, sqlite_name="jobs.sqlite")
     if url.get_backend_name() == "sqlite" and url.database:
         with closing(sqlite3.connect(url.database, timeout=30)) as connection:
@@ -73,6 +78,7 @@ def start(worker: Worker) -> None:
         "executor_id": worker.executor_id,
         "log_level": "WARNING",
         "run_migrations": True,
+        "sys_db_idle_transaction_timeout_sec": IDLE_TRANSACTION_S,
     }
     DBOS(config=config)
     _share_log()
@@ -198,15 +204,11 @@ def _share_log() -> None:
 
 
 def _beat(worker: Worker) -> None:
-    worker.store.jobs.beat(worker.executor_id, socket.gethostname(), os.getpid())
+    worker.pulse.beat()
 
 
 def _sweep(worker: Worker) -> None:
-    for executor_id in worker.store.jobs.silent(worker.settings.jobs.stale_s):
-        if executor_id != worker.executor_id:
-            logger.warning("worker %s is silent; its jobs are queued again", executor_id)
-            DBOS._recover_pending_workflows([executor_id])
-            worker.store.jobs.bury(executor_id)
+    sweep(worker.store, worker.executor_id, worker.settings.jobs.stale_s, judge=worker.pulse.may_judge())
 
 
 def _clean(worker: Worker) -> None:

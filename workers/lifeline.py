@@ -5,11 +5,16 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import socket
+import time
+from pathlib import Path
 
 PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
 """Tells a child whose life it shares."""
 _PR_SET_PDEATHSIG = 1
 _MOST_DESCRIPTORS = 1024
+_START_TIME = 18  # field 22 of /proc/PID/stat, counted from the one after the state
+_CLOCK_SLACK_S = 2.0
 
 
 def die_with_parent(parent_pid: int, how: signal.Signals = signal.SIGKILL) -> None:
@@ -35,3 +40,25 @@ def guard_group() -> None:
             pass
     finally:
         os.killpg(0, signal.SIGKILL)
+
+
+def machine() -> str:
+    """Where process ids mean what they mean here: one boot of one machine, and one container of it."""
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    return f"{socket.gethostname()} {boot} {os.readlink('/proc/self/ns/pid')}"
+
+
+def process_state(pid: int, before: float) -> str:
+    """State letter of a process in this `machine`: "T" is stopped, as by SIGSTOP; "" if it is over.
+
+    Args:
+        pid: its id.
+        before: seconds since 1970; a process started later is another one that was given the same id.
+    """
+    try:
+        state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    except OSError:
+        return ""
+    seconds_after_boot = int(numbers[_START_TIME]) / os.sysconf("SC_CLK_TCK")
+    started_at = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + seconds_after_boot
+    return "" if state in "ZX" or started_at > before + _CLOCK_SLACK_S else state

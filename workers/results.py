@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from service.store.blobs import remove, sync_folder, sync_tree
 from workers.protocol import Job
 
 _TIMES = "stage.json"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def start_stage(job: Job, stage: str) -> Path:
@@ -68,15 +70,14 @@ def checkpoint_folder(job: Job) -> Path:
 
 def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
     """An `OperationError` as JSON; the whole trace goes to the log."""
-    traceback.print_exception(error)
+    with suppress(OSError):  # the log's own disk may be the full one
+        traceback.print_exception(error)
     if isinstance(error, MemoryError):
         error = ResourceError(
             "the trainer ran out of memory", field=stage, hint="Use fewer or smaller images, or a larger machine."
         )
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-        error = ResourceError(
-            "the disk is full", field="data_dir", hint="Free space in the server's data folder, then post again."
-        )
+    if isinstance(error, OSError) and error.errno in _FULL:
+        error = disk_full()
     if isinstance(error, FastSplatError):
         return error_to_json(error, stage)
     message = f"{type(error).__name__}: {error}"[:500]
@@ -84,6 +85,13 @@ def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
     return {
         "kind": Kind.INTERNAL.value, "reason": "INTERNAL", "message": message, "stage": stage, "details": details
     }  # fmt: skip
+
+
+def disk_full() -> ResourceError:
+    """What a job ends with when there is no room for what it writes."""
+    return ResourceError(
+        "the disk is full", field="data_dir", hint="Free space in the server's data folder, then post again."
+    )
 
 
 def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, Any]:

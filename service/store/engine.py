@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,14 @@ from service.store.errors import DatabaseError
 from service.store.migrations import migrate
 
 _BUSY_MS = 30_000
+
+IDLE_TRANSACTION_S = 30.0
+"""PostgreSQL ends a session that sits in an open transaction for so long: a frozen process lets go of its locks."""
+_POSTGRES: Mapping[str, Any] = {
+    # A server that vanished without a word is noticed within half a minute.
+    "connect_timeout": 10, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 4,
+    "tcp_user_timeout": 30_000,
+}  # fmt: skip
 
 
 def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
@@ -42,10 +51,13 @@ def open_engine(url: URL) -> Engine:
     the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`.
     """
     sqlite = url.get_backend_name() == "sqlite"
-    engine = create_engine(url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24)
+    arguments = {} if sqlite else dict(_POSTGRES)
+    engine = create_engine(url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24, connect_args=arguments)
     if sqlite:
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
+    else:
+        event.listen(engine, "connect", _tune_postgres)
     _open_tables(engine)
     return engine
 
@@ -54,6 +66,12 @@ def _tune_sqlite(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # we say BEGIN ourselves, below
     for pragma in (f"busy_timeout={_BUSY_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {pragma}")
+
+
+def _tune_postgres(connection: Any, record: Any) -> None:
+    with connection.cursor() as cursor:
+        cursor.execute(f"SET idle_in_transaction_session_timeout = {int(IDLE_TRANSACTION_S * 1000)}")
+    connection.commit()
 
 
 def _begin_sqlite(connection: Connection) -> None:
@@ -65,7 +83,8 @@ def _open_tables(engine: Engine, tries: int = 5) -> None:
     # A server that is just starting refuses a few times.
     for remaining in reversed(range(tries)):
         try:
-            return migrate(engine)
+            migrate(engine)
+            return
         except DBAPIError as error:
             if not remaining:
                 raise DatabaseError(f"the database does not answer ({type(error.orig).__name__})") from error

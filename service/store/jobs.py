@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Engine, delete, insert, select, update
 
-from service.store.records import OperationRecord, SceneSummary
+from service.store.records import OperationRecord, SceneSummary, WorkerRecord
 from service.store.rows import as_operation
 from service.store.schema import operations, scenes, workers
 
@@ -34,7 +34,7 @@ class JobRows:
         self._reading = engine.execution_options(read_only=True)
 
     def waiting(self) -> Sequence[tuple[str, int]]:
-        """(id, priority) of queued operations that no job engine knows of yet, in the order in which they should run."""
+        """(id, priority) of queued operations that no job engine knows of yet, in the order to run them."""
         query = select(operations.c.id, operations.c.priority).where(
             operations.c.state == "QUEUED", operations.c.enqueued.is_(False)
         )
@@ -149,11 +149,10 @@ class JobRows:
         with self._reading.connect() as connection:
             return connection.execute(query).first() is not None
 
-    def silent(self, stale_s: float) -> Sequence[str]:
-        """Executors whose last beat is older than `stale_s` seconds."""
-        query = select(workers.c.executor_id).where(workers.c.beat_at < time.time() - stale_s)
+    def workers(self) -> Sequence[WorkerRecord]:
+        """All workers that have not been buried."""
         with self._reading.connect() as connection:
-            return list(connection.scalars(query))
+            return [WorkerRecord(**row) for row in connection.execute(select(workers)).mappings()]
 
     def resign(self, executor_id: str) -> None:
         """Make an executor's silence official at once: its work may be taken over."""

@@ -1,8 +1,9 @@
 """Stages that take their orders from the job's labels, for tests of everything around them.
 
 "training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only, "capture:kill"
-and "capture:kill_once" kill the trainer, "perception:fail" raises a typed error, "export:defect" an untyped one, and
-"capture:child" leaves a grandchild process whose id it writes into the data folder.
+and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker, "perception:fail" raises a typed error,
+"export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB, and "capture:child"
+leaves a grandchild process whose id it writes into the data folder.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from workers.results import checkpoint_folder
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:
     with (job.settings.data_dir / "visits.txt").open("a") as visits:
-        visits.write(f"{stage} {job.attempt} {os.getpid()}\n")
+        visits.write(f"{stage} {job.operation_id} {job.attempt} {os.getpid()}\n")
     progress(ProgressEvent(stage, 0.25, "at work", {"attempt": float(job.attempt)}))
     for order in job.options.labels:
         where, what = order.split(":")
@@ -40,6 +41,12 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             time.sleep(float(value))
         elif name == "kill" or (name == "kill_once" and job.attempt == 1):
             os.kill(os.getpid(), signal.SIGKILL)
+        elif name == "kill_worker":
+            os.kill(os.getppid(), signal.SIGKILL)
+        elif name == "full":
+            Path("/dev/full").write_bytes(b"more than there is room for")
+        elif name == "write":
+            (job.folder / "large.bin").write_bytes(bytes(int(value) << 20))
         elif name == "fail":
             raise ReconstructionError("the images show two places", hint="Post them as two scenes.", field="images")
         elif name == "defect":

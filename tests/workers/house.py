@@ -1,0 +1,244 @@
+"""A data folder, a service over it, and real processes around it: workers with fake stages, and the API."""
+
+from __future__ import annotations
+
+import io
+import os
+import resource
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import numpy as np
+from PIL import Image
+
+from service.calls.service import SceneService, open_service
+from service.calls.types import Operation, SceneOptions
+from service.capture.settings import CaptureSettings
+from service.capture.types import AdmittedUpload
+from service.settings import JobSettings, Settings
+
+_HERE = Path(__file__).parent
+_PATIENCE_S = 120.0
+_WORKER = """
+import workers.sweep
+from cli.logs import log_to_stderr
+from service.settings import load_settings
+from workers.main import run
+if {elsewhere}:
+    workers.sweep.machine = lambda: "another machine"
+log_to_stderr("worker")
+run(load_settings(), "fake_stages:FAKES")
+"""
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A trainer entered a stage."""
+
+    stage: str
+    operation_id: str
+    attempt: int
+    pid: int
+
+
+class House:
+    """One data folder with a service and the processes that a test starts."""
+
+    def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
+        jobs = JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0)
+        self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
+        self.max_starts = jobs.max_starts
+        self.service: SceneService = open_service(self.settings, _admit)
+        self.http = f"http://127.0.0.1:{_free_port()}"
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def start_worker(self, *, elsewhere: bool = False, max_file: int = 0, code: str = "") -> subprocess.Popen[bytes]:
+        """A worker process of its own.
+
+        Args:
+            elsewhere: it takes itself to be on a machine that no other worker is on.
+            max_file: no file that it writes may grow beyond this many bytes.
+            code: Python to run in it first.
+        """
+        return self._start([sys.executable, "-c", code + _WORKER.format(elsewhere=elsewhere)], max_file)
+
+    def start_api(self) -> subprocess.Popen[bytes]:
+        """`fastsplat api`, once it answers at `http`."""
+        api = self._start([sys.executable, "-m", "cli.main", "api"])
+        self.wait_for(lambda: _answers(f"{self.http}/livez"))
+        return api
+
+    def environment(self) -> dict[str, str]:
+        """What a process of this house needs to know."""
+        jobs = self.settings.jobs
+        return {
+            **os.environ,
+            "FASTSPLAT_DATA_DIR": str(self.settings.data_dir),
+            "FASTSPLAT_DATABASE_URL": self.settings.database_url,
+            "FASTSPLAT_AUTH": "off",
+            "FASTSPLAT_HTTP_PORT": self.http.rsplit(":", 1)[1],
+            "FASTSPLAT_GRPC_PORT": "0",
+            "FASTSPLAT_METRICS_PORT": "0",
+            "FASTSPLAT_JOBS__MAX_STARTS": str(self.max_starts),
+            "FASTSPLAT_JOBS__POLL_S": str(jobs.poll_s),
+            "FASTSPLAT_JOBS__BEAT_S": str(jobs.beat_s),
+            "FASTSPLAT_JOBS__STALE_S": str(jobs.stale_s),
+            "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parent.parent)]),
+        }
+
+    def post(self, *orders: str, request_id: str = "", priority: int = 0) -> Operation:
+        """A job with orders for the fake stages."""
+        with self.service.new_upload() as upload:
+            upload.write("images/a.png", [b"picture"])
+            return upload.commit("a place", request_id, SceneOptions(labels=orders, priority=priority))
+
+    def post_over_http(self, *orders: str, request_id: str = "") -> str:
+        """The same through the API process; returns the operation's id once that has acknowledged it."""
+        reply = httpx.post(
+            f"{self.http}/v1/scenes",
+            data={"labels": list(orders), "request_id": request_id},
+            files=[("images", (f"{number}.png", picture)) for number, picture in enumerate(_PICTURES)],
+            timeout=_PATIENCE_S,
+        )
+        reply.raise_for_status()
+        return str(reply.json()["id"])
+
+    def state(self, operation: Operation) -> str:
+        """Where the job stands."""
+        return self.service.get_operation(operation.id).state
+
+    def wait_over(self, operation: Operation) -> Operation:
+        """The operation once it has ended."""
+        self.wait_for(lambda: self.state(operation) not in ("QUEUED", "RUNNING"))
+        return self.service.get_operation(operation.id)
+
+    def visits(self, stage: str, operation: Operation | None = None) -> list[Visit]:
+        """Who entered a stage, in this order, for one job or for all."""
+        path = self.settings.data_dir / "visits.txt"
+        lines = [line.split() for line in path.read_text().splitlines()] if path.exists() else []
+        visits = [Visit(line[0], line[1], int(line[2]), int(line[3])) for line in lines]
+        wanted = {operation.id} if operation else {visit.operation_id for visit in visits}
+        return [visit for visit in visits if visit.stage == stage and visit.operation_id in wanted]
+
+    def wait_in(self, stage: str, operation: Operation, visit: int = 1) -> int:
+        """Process id of the trainer once it entered a stage of a job for the nth time."""
+        self.wait_for(lambda: len(self.visits(stage, operation)) >= visit)
+        return self.visits(stage, operation)[visit - 1].pid
+
+    def freeze(self, worker: subprocess.Popen[bytes]) -> None:
+        """Stop a worker between two transactions."""
+
+        def frozen() -> bool:
+            os.kill(worker.pid, signal.SIGSTOP)
+            if all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
+                return True
+            os.kill(worker.pid, signal.SIGCONT)
+            return False
+
+        self.wait_for(frozen)
+
+    def left_over(self, *of: Operation) -> list[str]:
+        """Everything on disk that belongs to jobs and uploads: of these, or of all."""
+        folders = [self.settings.data_dir / name for name in ("jobs", "uploads")]
+        names = sorted(path.name for folder in folders if folder.is_dir() for path in folder.iterdir())
+        records = [self.service._store.rows.operation(operation.id) for operation in of]
+        wanted = {name for record in records for name in (record.id, record.upload_id)}
+        return [name for name in names if not of or name in wanted]
+
+    @staticmethod
+    def wait_for(what: Callable[[], object], patience_s: float = _PATIENCE_S) -> None:
+        """Return once `what()` is true; fail the test if it never is."""
+        deadline = time.monotonic() + patience_s
+        while not what():
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.05)
+
+    @staticmethod
+    def is_alive(pid: int) -> bool:
+        """Whether a process runs (a zombie does not)."""
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in ("Z", "X")
+        except FileNotFoundError:
+            return False
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        for process in self._processes:
+            if process.poll() is None:
+                os.kill(process.pid, signal.SIGCONT)
+                process.kill()
+            process.wait()
+        self.service.close()
+
+    def start_command(self, command: list[str], **environment: str) -> subprocess.Popen[bytes]:
+        """Any command in this house."""
+        return self._start(command, environment=environment)
+
+    def _start(
+        self, command: list[str], max_file: int = 0, environment: dict[str, str] | None = None
+    ) -> subprocess.Popen[bytes]:
+        def limit() -> None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (max_file, max_file))
+
+        process = subprocess.Popen(
+            command,
+            env={**self.environment(), **(environment or {})},
+            start_new_session=True,
+            preexec_fn=limit if max_file else None,
+        )
+        self._processes.append(process)
+        return process
+
+
+def kill(*processes: subprocess.Popen[bytes]) -> None:
+    """kill -9, all at once."""
+    for process in processes:
+        process.kill()
+    for process in processes:
+        process.wait()
+
+
+def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
+    return AdmittedUpload(folder, "images", sum(1 for path in folder.rglob("*") if path.is_file()))
+
+
+def _answers(url: str) -> bool:
+    try:
+        return httpx.get(url, timeout=5).is_success
+    except httpx.TransportError:
+        return False
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _picture(seed: int) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "png")
+    return file.getvalue()
+
+
+_PICTURES = [_picture(seed) for seed in range(3)]
+
+
+def _writable(database: Path) -> bool:
+    with closing(sqlite3.connect(database, timeout=0.5, isolation_level=None)) as connection:
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError:
+            return False
+        connection.execute("ROLLBACK")
+        return True
