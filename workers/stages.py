@@ -19,7 +19,7 @@ from service.perception.text import open_text_encoder
 from service.perception.types import Labelling
 from service.query import embed_labels
 from service.query.fields import label_field
-from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
 from service.splatting.train import train
 from service.splatting.types import TrainedSplats
 from workers.budget import kept_plan, plan_perception, plan_training
@@ -68,6 +68,8 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
         training=kept_plan(job).settings.model_dump(mode="json"),
         quality=_quality(job, capture, trained),
         label_templates=templates,
+        evidence=trained.evidence,
+        label_mode=trained.label_mode,
     )
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_scene(scene, folder / "artefact")
@@ -82,6 +84,8 @@ STAGES_OF_THE_PRODUCT = Stages(_capture, _perception, _training, _export)
 def save_trained(trained: TrainedSplats, folder: Path) -> None:
     """Keep a training result for the export stage."""
     arrays = {**vars(trained.gaussians), "weight": trained.head.weight, "bias": trained.head.bias}
+    if trained.evidence is not None:
+        arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
     np.savez(folder / "arrays.npz", **arrays)
     report = {"quality": dict(trained.quality), "held_out": list(trained.held_out)}
     (folder / "report.json").write_text(json.dumps(report, default=float))
@@ -92,8 +96,10 @@ def load_trained(folder: Path) -> TrainedSplats:
     with np.load(folder / "arrays.npz", allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))
+    parts = {name.partition(".")[2]: arrays.pop(name) for name in list(arrays) if name.startswith("evidence.")}
+    evidence = Evidence(**parts) if parts else None
     report = json.loads((folder / "report.json").read_text())
-    return TrainedSplats(Gaussians(**arrays), head, report["quality"], tuple(report["held_out"]))
+    return TrainedSplats(Gaussians(**arrays), head, report["quality"], tuple(report["held_out"]), evidence)
 
 
 def _given_up(job: Job) -> tuple[str, ...]:

@@ -85,6 +85,8 @@ def train_on(dataset: Dataset, settings: Settings, labels: LabelSource, work: Pa
         training=training.model_dump(mode="json"),
         quality={**trained.quality, "held_out_views": [], "label_source": labels, "stage_seconds": dict(seconds)},
         label_templates=templates,
+        evidence=trained.evidence,
+        label_mode=trained.label_mode,
     )
     lap("export")
     return Trial(scene, seconds, peak_megabytes())

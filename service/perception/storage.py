@@ -37,6 +37,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
             {
                 "schema_version": 1,
                 "maps": len(labelling.label_maps),
+                "exact": labelling.exact,
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
             ensure_ascii=False,
@@ -71,6 +72,9 @@ def load_labelling(directory: Path) -> Labelling:
             for e in index["entries"]
         )
         maps: list[NDArray[np.uint16]] = []
+        exact = index.get("exact", False)
+        if not isinstance(exact, bool):
+            raise ValueError(f"exact is {exact!r}")
         for number in range(int(index["maps"])):
             label_map = cv2.imread(str(directory / f"{number:06d}.png"), cv2.IMREAD_UNCHANGED)
             if label_map is None or label_map.ndim != 2 or label_map.dtype != np.uint16:
@@ -80,4 +84,4 @@ def load_labelling(directory: Path) -> Labelling:
             maps.append(np.asarray(label_map, np.uint16))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(Dictionary(entries), tuple(maps))
+    return Labelling(Dictionary(entries), tuple(maps), exact)

@@ -21,11 +21,15 @@ class Labelling:
 
     Attributes:
         dictionary: all labels of all views, with pixel and view counts.
-        label_maps: one uint16 [H, W] per view of the capture, in its order, of its image size; 0 is undetected.
+        label_maps: one uint16 [H, W] per view of the capture, in its order, of its image size; 0 is undetected. A
+            map of zeros alone says nothing: nobody looked, or nothing was found.
+        exact: the maps came with the capture and are the truth: they agree with each other, and 0 in a map that names
+            anything is "none of these things" rather than "not found".
     """
 
     dictionary: Dictionary
     label_maps: tuple[NDArray[np.uint16], ...]
+    exact: bool = False
 
     def __post_init__(self) -> None:
         for label_map in self.label_maps:

@@ -95,7 +95,7 @@ def finished(
 
 
 def counted(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Labelling:
-    """A given dictionary, in its own order, with the counts of given maps.
+    """A given dictionary, in its own order, with the counts of given maps, which are taken to be exact.
 
     Raises:
         InvalidInputError: a map holds an id that the dictionary does not have.
@@ -112,7 +112,7 @@ def counted(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Label
         DictionaryEntry(entry.label, entry.aliases, int(counts[:, i].sum()), int((counts[:, i] > 0).sum()))
         for i, entry in enumerate(dictionary.entries, start=1)
     )
-    return Labelling(Dictionary(entries), tuple(maps))
+    return Labelling(Dictionary(entries), tuple(maps), exact=True)
 
 
 def _counts(maps: Sequence[NDArray[np.uint16]], labels: int) -> NDArray[np.int64]:

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from service.common.camera import PosedCamera
-from service.query.blending import label_blend
 from service.query.settings import QuerySettings
 from service.query.types import Mask2D
 from service.scene.types import F32, Scene
+from service.splatting.blending import label_blend
 from service.splatting.raster import LabelMap, Rendering, Splats, rasterize, sh_to_rgb
 
 

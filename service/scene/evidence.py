@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED
 from service.common.errors import InvalidInputError
 from service.scene.types import F32, Evidence
 
@@ -17,9 +16,6 @@ UNIT = 4096
 
 PRIOR_PIXELS = 1.0
 """α0: what is believed before any view was seen, spread evenly over all classes, in pixels of blend weight."""
-
-UNDETECTED_WEIGHT = 0.1
-"""What a pixel without a label says against one with a label, as in the training loss."""
 
 
 @dataclass(frozen=True)
@@ -114,23 +110,15 @@ def seen_pixels(evidence: Evidence) -> F32:
     return np.asarray(_row_sums(evidence.counts, evidence.starts) / UNIT, np.float32)
 
 
-def posterior(
-    evidence: Evidence,
-    classes: int,
-    *,
-    prior: float = PRIOR_PIXELS,
-    undetected_weight: float = UNDETECTED_WEIGHT,
-) -> Posterior:
+def posterior(evidence: Evidence, classes: int, *, prior: float = PRIOR_PIXELS) -> Posterior:
     """Dirichlet posterior of each Gaussian's class.
 
     Args:
         evidence: of G Gaussians.
         classes: C = N + 1.
         prior: α0 of all classes together, pixels; above 0.
-        undetected_weight: factor of the counts of class 0.
     """
-    factor = np.where(evidence.labels == UNDETECTED, undetected_weight, 1.0) / UNIT
-    pixels = evidence.counts * factor
+    pixels = evidence.counts / UNIT
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     total = _row_sums(pixels, evidence.starts) + prior
     probability = (pixels + prior / classes) / total[rows]

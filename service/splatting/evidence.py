@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from service.common.camera import PosedCamera
+from service.common.dictionary import UNDETECTED
 from service.common.errors import InvalidInputError
 from service.scene.evidence import UNIT, evidence_of, merged, no_evidence
 from service.scene.types import Evidence, Gaussians
@@ -23,6 +24,7 @@ def view_evidence(
     classes: int,
     *,
     valid: NDArray[np.bool_] | None = None,
+    undetected_weight: float = 1.0,
     backend: Backend = "cpu",
 ) -> Evidence:
     """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
@@ -36,6 +38,7 @@ def view_evidence(
         labels: int [H, W], 0..classes − 1.
         classes: N + 1.
         valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
+        undetected_weight: what a pixel of class 0 counts, in pixels.
         backend: which rasterizer.
 
     Raises:
@@ -49,12 +52,18 @@ def view_evidence(
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
     sums = label_sums(_activated(gaussians), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend)
     rows = np.repeat(np.arange(len(gaussians)), np.diff(sums.starts.cpu().numpy()))
-    counts = np.rint(sums.sums.cpu().numpy() * UNIT).astype(np.int64)
-    return evidence_of(rows, sums.labels.cpu().numpy(), counts, len(gaussians))
+    names = sums.labels.cpu().numpy()
+    pixels = sums.sums.cpu().numpy() * np.where(names == UNDETECTED, undetected_weight, 1.0)
+    return evidence_of(rows, names, np.rint(pixels * UNIT).astype(np.int64), len(gaussians))
 
 
 def views_evidence(
-    gaussians: Gaussians, views: Sequence[TrainingView], classes: int, *, backend: Backend = "cpu"
+    gaussians: Gaussians,
+    views: Sequence[TrainingView],
+    classes: int,
+    *,
+    undetected_weight: float = 1.0,
+    backend: Backend = "cpu",
 ) -> Evidence:
     """The evidence of all views that have a label map, at their training size.
 
@@ -62,6 +71,7 @@ def views_evidence(
         gaussians: G of them.
         views: training views; what is held out must not be among them.
         classes: N + 1.
+        undetected_weight: what a pixel of class 0 counts, in pixels.
         backend: which rasterizer.
     """
     parts = [no_evidence(len(gaussians))]
@@ -71,7 +81,17 @@ def views_evidence(
             world_from_camera = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
             posed = PosedCamera(frame.camera, world_from_camera, view.name)
             valid = None if frame.valid is None else frame.valid.numpy()
-            parts.append(view_evidence(gaussians, posed, frame.labels.numpy(), classes, valid=valid, backend=backend))
+            parts.append(
+                view_evidence(
+                    gaussians,
+                    posed,
+                    frame.labels.numpy(),
+                    classes,
+                    valid=valid,
+                    undetected_weight=undetected_weight,
+                    backend=backend,
+                )
+            )
     return merged(parts)
 
 

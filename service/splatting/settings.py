@@ -58,7 +58,10 @@ class TrainingSettings(BaseModel):
         ssim_weight: λ of (1 − λ) L1 + λ (1 − SSIM).
         semantic_weight: factor of the weighted cross-entropy; a larger one costs colour.
         semantic_every: the cross-entropy enters every so many-th step.
-        undetected_weight: class weight of undetected pixels in the cross-entropy, where a labelled one has 1.
+        label_mode: where the scene keeps its labels. codes: trained jointly with colour and geometry. evidence: colour
+            and geometry are trained alone, then comes one look at the label maps. auto: codes.
+        undetected_weight: what an undetected pixel weighs, in the cross-entropy and as evidence, where a labelled one
+            has 1. In label maps that came with the capture a pixel without a label is as sure as any and weighs 1.
         code_size: numbers a Gaussian carries for its meaning; "auto" takes it from the number of labels.
         background: what shines through the scene in training: black, or a random colour a step, which leaves no holes.
         densify_from: share of the run at which Gaussians start to be relocated and added.
@@ -91,6 +94,7 @@ class TrainingSettings(BaseModel):
     ssim_weight: float = Field(0.2, ge=0, le=1)
     semantic_weight: float = Field(0.03, ge=0)
     semantic_every: int = Field(1, ge=1)
+    label_mode: Literal["codes", "evidence", "auto"] = "auto"
     undetected_weight: float = Field(0.1, ge=0, le=1)
     code_size: Literal["auto"] | int = "auto"
     background: Literal["black", "random"] = "black"

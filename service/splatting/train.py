@@ -18,9 +18,10 @@ from service.capture.types import Capture
 from service.common.errors import InvalidInputError
 from service.common.progress import Progress, ProgressEvent
 from service.perception.types import Labelling
-from service.scene.types import Gaussians
+from service.scene.types import Gaussians, LabelMode
 from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from service.splatting.densify import planned_count
+from service.splatting.evidence import views_evidence
 from service.splatting.initial import scene_extent, start_gaussians, start_points
 from service.splatting.losses import image_loss, semantic_loss
 from service.splatting.memory import release_free_memory
@@ -37,13 +38,12 @@ from service.splatting.semantics import (
 )
 from service.splatting.settings import TrainingSettings
 from service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
-from service.splatting.thrift import seen_weight, without_surplus
+from service.splatting.thrift import JUDGES, seen_weight, without_surplus
 from service.splatting.types import TrainedSplats, TrainingDivergedError
-from service.splatting.views import Frame, TrainingView, capture_split, load_views
+from service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking
 
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
-_JUDGES = 8
 
 
 def train(
@@ -112,10 +112,12 @@ class _Run:
         self.settings, self.progress, self.checkpoint_dir = settings, progress, checkpoint_dir
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
         kept, held_out = capture_split(capture, settings.held_out_every)
-        self.views = load_views(capture, labelling, kept, settings.max_side, image_scales(settings))
+        self.views = speaking(load_views(capture, labelling, kept, settings.max_side, image_scales(settings)))
         self.held_out = load_views(capture, labelling, held_out, settings.max_side, (1.0,))
         self.labels = len(labelling.dictionary) if labelling.label_maps else 0
-        self.class_weights = class_weights(self.labels + 1, settings.undetected_weight)
+        self.label_mode: LabelMode = "evidence" if settings.label_mode == "evidence" else "codes"
+        self.undetected_weight = 1.0 if labelling.exact else settings.undetected_weight
+        self.class_weights = class_weights(self.labels + 1, self.undetected_weight)
         start = start_points(capture.points, capture.point_colors, self.views, settings.max_gaussians, settings.seed)
         self.random_points = start.random
         self.start_count = len(start.points)
@@ -132,7 +134,8 @@ class _Run:
             self.state = restored_state(found.tensors, found.iteration)
         else:
             gaussians = start_gaussians(start, self.extent)
-            class_codes = separated_codes(self.labels + 1, code_size(self.labels, settings.code_size), settings.seed)
+            size = code_size(self.labels, settings.code_size) if self.label_mode == "codes" else 0
+            class_codes = separated_codes(self.labels + 1, size, settings.seed)
             weight, bias = start_head(class_codes)
             rest = (settings.max_sh_degree + 1) ** 2 - 1
             self.state = new_state(
@@ -167,13 +170,24 @@ class _Run:
         }
         if self.losses:
             quality["loss"] = sum(self.losses) / len(self.losses)
-        if self.labels:
+        evidence = None
+        if self.label_mode == "evidence":
+            begun = time.monotonic()
+            evidence = views_evidence(
+                gaussians,
+                self.views,
+                self.labels + 1,
+                undetected_weight=self.undetected_weight,
+                backend=self.settings.backend,
+            )
+            quality["evidence_seconds"] = time.monotonic() - begun
+        elif self.labels:
             quality["ghost_share"] = ghosts_of(gaussians, head)
         if self.held_out:
             measured = self._measure(color_parameters(gaussians), self.held_out)
             quality |= {"psnr": measured.psnr, "ssim": measured.ssim}
         self._report(1.0)
-        return TrainedSplats(gaussians, head, quality, tuple(view.name for view in self.held_out))
+        return TrainedSplats(gaussians, head, quality, tuple(view.name for view in self.held_out), evidence)
 
     def _optimise(self) -> None:
         begun = last_report = last_checkpoint = time.monotonic()
@@ -206,7 +220,8 @@ class _Run:
         settings, iteration = self.settings, self.state.iteration
         view = self._view_of(iteration)
         frame = view.frames[image_level(share, settings)]
-        semantic = self.labels > 0 and frame.labels is not None and iteration % settings.semantic_every == 0
+        semantic = self.label_mode == "codes" and self.labels > 0 and frame.labels is not None
+        semantic = semantic and iteration % settings.semantic_every == 0
         parameters = self.state.parameters
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
         degree = sh_degree(share, settings)
@@ -291,7 +306,7 @@ class _Run:
         allowed = self.settings.surplus_loss_db
         if not allowed or not self.held_out:
             return gaussians
-        judges = self.held_out[:: math.ceil(len(self.held_out) / _JUDGES)]
+        judges = self.held_out[:: math.ceil(len(self.held_out) / JUDGES)]
         weight = seen_weight(gaussians, self.views, self.settings.backend)
         left = without_surplus(
             gaussians, weight, lambda some: self._measure(color_parameters(some), judges).psnr, allowed

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from service.common.errors import FastSplatError, Kind
-from service.scene.types import Gaussians, SemanticHead
+from service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
 
 
 class TrainingDivergedError(FastSplatError):
@@ -28,9 +28,16 @@ class TrainedSplats:
             sh_degree, train_seconds, ghost_share, random_points (Gaussians that started at random places because the
             capture has too few points).
         held_out: names of the views that never entered a loss.
+        evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
     """
 
     gaussians: Gaussians
     head: SemanticHead
     quality: Mapping[str, float]
     held_out: tuple[str, ...]
+    evidence: Evidence | None = None
+
+    @property
+    def label_mode(self) -> LabelMode:
+        """Which of codes and evidence answers."""
+        return "codes" if self.evidence is None else "evidence"

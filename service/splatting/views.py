@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -95,6 +95,16 @@ def load_views(
         InvalidInputError: an image or label map has another size than its camera.
     """
     return tuple(_load_view(capture.views[index], _label_map(labelling, index), max_side, scales) for index in indices)
+
+
+def speaking(views: tuple[TrainingView, ...]) -> tuple[TrainingView, ...]:
+    """The views, without the label maps that name nothing: nobody looked at those views, or found a thing in them."""
+    return tuple(
+        view
+        if view.frames[-1].labels is None or bool(view.frames[-1].labels.any())
+        else replace(view, frames=tuple(replace(frame, labels=None) for frame in view.frames))
+        for view in views
+    )
 
 
 def training_size(camera: Camera, max_side: int, scale: float = 1.0) -> Camera:

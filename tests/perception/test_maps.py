@@ -87,6 +87,7 @@ def test_given_dictionaries_keep_their_order_and_unused_names() -> None:
     assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [
         ("wall", 1, 1), ("cup", 0, 0), ("lamp", 2, 1),
     ]  # fmt: skip
+    assert labelling.exact
     with pytest.raises(InvalidInputError, match="id 9"):
         counted(dictionary_of(["wall"]), [np.array([[9]], np.uint16)])
 
@@ -115,17 +116,17 @@ def test_aliases_lead_to_the_entry() -> None:
     assert labelling.dictionary.id_of("Sofas") == labelling.dictionary.id_of("couch") == 1
 
 
-@given(maps=_maps, names=st.permutations(["Tasse", "ベッド", "doll"]))
+@given(maps=_maps, names=st.permutations(["Tasse", "ベッド", "doll"]), exact=st.booleans())
 def test_what_is_saved_is_loaded(
-    tmp_path_factory: pytest.TempPathFactory, maps: list[np.ndarray], names: list[str]
+    tmp_path_factory: pytest.TempPathFactory, maps: list[np.ndarray], names: list[str], exact: bool
 ) -> None:
     folder = tmp_path_factory.mktemp("labelling") / "labels"
     entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i) for i, name in enumerate(names))
-    labelling = Labelling(Dictionary(entries), tuple(maps))
+    labelling = Labelling(Dictionary(entries), tuple(maps), exact)
     save_labelling(Labelling(Dictionary(()), ()), folder)
     save_labelling(labelling, folder)  # replaces the first
     loaded = load_labelling(folder)
-    assert loaded.dictionary == labelling.dictionary
+    assert loaded.dictionary == labelling.dictionary and loaded.exact == exact
     assert len(loaded.label_maps) == len(maps)
     for before, after in zip(maps, loaded.label_maps, strict=True):
         np.testing.assert_array_equal(before, after)

@@ -11,10 +11,11 @@ import pytest
 
 from service.common.camera import PosedCamera
 from service.common.dictionary import dictionary_of
-from service.query import QuerySettings, SceneIndex, blending
+from service.query import QuerySettings, SceneIndex
 from service.query.fields import label_field
 from service.scene import Evidence, Scene, SemanticHead
 from service.scene.evidence import UNIT, evidence_of, no_evidence
+from service.splatting import blending
 
 MakeScene = Callable[..., Scene]
 

@@ -76,12 +76,11 @@ def test_rows_follow_their_gaussians(seed: int, rows: list[int]) -> None:
     np.testing.assert_array_equal(dense(chosen), dense(evidence)[rows])
 
 
-@given(seeds, st.floats(1e-3, 100), st.floats(0, 1))
-def test_the_posterior_is_the_mean_of_the_dirichlet_distribution(seed: int, prior: float, share: float) -> None:
+@given(seeds, st.floats(1e-3, 100))
+def test_the_posterior_is_the_mean_of_the_dirichlet_distribution(seed: int, prior: float) -> None:
     evidence = drawn(seed)
-    found = posterior(evidence, CLASSES, prior=prior, undetected_weight=share)
+    found = posterior(evidence, CLASSES, prior=prior)
     counts = dense(evidence) / UNIT
-    counts[:, 0] *= share
     expected = (counts + prior / CLASSES) / (counts.sum(1, keepdims=True) + prior)
     table = np.repeat(found.rest[:, None], CLASSES, axis=1)
     table[np.repeat(np.arange(G), np.diff(found.starts)), found.labels] = found.probability
@@ -109,11 +108,6 @@ def test_views_that_contradict_each_other_evenly_give_the_lower_label_and_half_t
     both = evidence_of(np.array([0, 0]), np.array([9, 4]), np.full(2, 1000 * UNIT), 1)
     found = posterior(both, 10)
     assert found.classes.tolist() == [4] and found.confidence[0] == pytest.approx(0.5, abs=1e-3)
-
-
-def test_undetected_pixels_weigh_little_but_they_do_weigh() -> None:
-    evidence = evidence_of(np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), np.array([5, 1, 50, 1]) * UNIT, 2)
-    assert posterior(evidence, 2, undetected_weight=0.1).classes.tolist() == [1, 0]
 
 
 def test_seen_pixels_are_the_blend_weight_of_all_classes() -> None:

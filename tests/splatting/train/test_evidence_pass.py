@@ -1,0 +1,142 @@
+"""The evidence pass: a sum over the training views alone, to which views are added and from which they are taken."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from service.capture.types import Capture
+from service.common.errors import InvalidInputError
+from service.common.progress import silent
+from service.perception.types import Labelling
+from service.scene import Evidence
+from service.scene.evidence import merged, posterior, seen_pixels, without
+from service.splatting.evidence import view_evidence, views_evidence
+from service.splatting.raster import Splats, blend_sums
+from service.splatting.settings import TrainingSettings
+from service.splatting.train import train
+from service.splatting.types import TrainedSplats
+from service.splatting.views import load_views, speaking, split_views
+
+CLASSES = 4
+World = tuple[Capture, Labelling]
+
+
+def same(a: Evidence, b: Evidence) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Evidence))
+
+
+@pytest.fixture(scope="module")
+def trained(world: World) -> TrainedSplats:
+    """A scene in evidence mode, a few hundred steps old."""
+    settings = TrainingSettings(
+        iterations=200, time_budget_s=None, max_gaussians=300, evaluations=0, label_mode="evidence"
+    )
+    return train(*world, settings, silent)
+
+
+def of_views(trained: TrainedSplats, world: World, indices: tuple[int, ...]) -> Evidence:
+    return views_evidence(trained.gaussians, load_views(*world, indices, 640, (1.0,)), CLASSES, undetected_weight=0.1)
+
+
+def test_a_run_in_evidence_mode_names_its_gaussians_without_codes(trained: TrainedSplats, world: World) -> None:
+    assert trained.label_mode == "evidence" and trained.evidence is not None
+    assert trained.gaussians.codes.shape[1] == 0 and trained.quality["evidence_seconds"] > 0
+    kept, held_out = split_views(len(world[0].views), 8)
+    assert trained.held_out == tuple(world[0].views[index].posed.name for index in held_out)
+    assert same(trained.evidence, of_views(trained, world, kept))
+    found = posterior(trained.evidence, CLASSES)
+    red = trained.gaussians.sh[:, 0, 0] - trained.gaussians.sh[:, 0, 1:].max(axis=1)
+    ball = (found.classes == 2) & (found.confidence > 0.9) & (seen_pixels(trained.evidence) > 5)
+    assert ball.sum() > 5 and (red[ball] > 0).mean() > 0.9  # what is called ball is red
+
+
+def test_views_can_be_added_and_taken_away_to_the_bit(trained: TrainedSplats, world: World) -> None:
+    first, second = of_views(trained, world, (0, 1, 2)), of_views(trained, world, (3,))
+    assert same(merged([first, second]), of_views(trained, world, (0, 1, 2, 3)))
+    assert same(without(of_views(trained, world, (3, 2, 1, 0)), second), first)
+
+
+def test_held_out_label_maps_have_no_say(world: World, quick: Callable[..., TrainingSettings]) -> None:
+    capture, labelling = world
+    _, held_out = split_views(len(capture.views), 8)
+    maps = tuple(m * 0 + 1 if i in held_out else m for i, m in enumerate(labelling.label_maps))
+    settings = quick(label_mode="evidence")
+    before = train(capture, labelling, settings, silent)
+    after = train(capture, Labelling(labelling.dictionary, maps), settings, silent)
+    assert before.evidence is not None and after.evidence is not None and same(before.evidence, after.evidence)
+
+
+def test_evidence_is_the_blend_weight_over_the_pixels_of_a_label(trained: TrainedSplats, world: World) -> None:
+    capture, labelling = world
+    view, labels = capture.views[0].posed, labelling.label_maps[0]
+    valid = np.ones(labels.shape, bool)
+    valid[:, :20] = False
+    found = view_evidence(trained.gaussians, view, labels, CLASSES, valid=valid, undetected_weight=0.25)
+    g = trained.gaussians
+    parts = [torch.from_numpy(np.asarray(array)) for array in (g.means, g.quats, g.log_scales, g.logit_opacities)]
+    splats = Splats(parts[0], parts[1], parts[2].exp(), parts[3].sigmoid(), torch.zeros(len(g), 0))
+    one_hot = np.eye(CLASSES, dtype=np.float32)[labels] * valid[..., None] * np.array([0.25, 1, 1, 1], np.float32)
+    viewmat = torch.from_numpy(view.camera_from_world().astype(np.float32))
+    expected = blend_sums(splats, viewmat, view.camera, torch.from_numpy(one_hot), backend="reference").numpy()
+    table = np.zeros_like(expected)
+    table[np.repeat(np.arange(len(g)), np.diff(found.starts)), found.labels] = found.counts / 4096
+    np.testing.assert_allclose(table, expected, atol=2e-2)
+
+
+def test_views_that_contradict_each_other_are_counted_as_they_are(trained: TrainedSplats, world: World) -> None:
+    posed = world[0].views[0].posed
+    shape = world[1].label_maps[0].shape
+    ones, twos = (view_evidence(trained.gaussians, posed, np.full(shape, n), CLASSES) for n in (1, 2))
+    found = posterior(merged([ones, twos, twos]), CLASSES)
+    seen = seen_pixels(ones) > 20
+    assert seen.any() and (found.classes[seen] == 2).all()
+    np.testing.assert_allclose(found.confidence[seen], 2 / 3, atol=0.02)
+
+
+@pytest.mark.parametrize("mode", ["codes", "evidence"])
+def test_every_pixel_undetected_trains_a_scene_without_names(
+    world: World, quick: Callable[..., TrainingSettings], mode: str
+) -> None:
+    capture, labelling = world
+    nothing = Labelling(labelling.dictionary, tuple(m * 0 for m in labelling.label_maps))
+    trained = train(capture, nothing, quick(label_mode=mode), silent)
+    if trained.evidence is None:
+        assert not (trained.gaussians.codes @ trained.head.weight.T + trained.head.bias).argmax(axis=1).any()
+    else:
+        assert len(trained.evidence.counts) == 0
+
+
+def test_a_view_nobody_looked_at_says_nothing(world: World) -> None:
+    capture, labelling = world
+    maps = (labelling.label_maps[0] * 0, *labelling.label_maps[1:])
+    views = speaking(load_views(capture, Labelling(labelling.dictionary, maps), (0, 1), 640, (0.5, 1.0)))
+    assert [[frame.labels is None for frame in view.frames] for view in views] == [[True, True], [False, False]]
+
+
+def test_in_exact_maps_a_pixel_without_a_label_is_as_sure_as_any(
+    world: World, quick: Callable[..., TrainingSettings]
+) -> None:
+    capture, labelling = world
+    settings = quick(label_mode="evidence")
+    seen = []
+    for exact in (False, True):
+        trained = train(capture, dataclasses.replace(labelling, exact=exact), settings, silent)
+        assert trained.evidence is not None
+        seen.append(trained.evidence.counts[trained.evidence.labels == 0].sum())
+    assert seen[1] == pytest.approx(10 * seen[0], rel=1e-2)
+
+
+def test_maps_that_do_not_fit_are_refused(trained: TrainedSplats, world: World) -> None:
+    posed = world[0].views[0].posed
+    for labels, valid in (
+        (np.zeros((3, 3), int), None),
+        (np.full((48, 64), CLASSES), None),
+        (np.zeros((48, 64), int), np.ones((3, 3), bool)),
+    ):
+        with pytest.raises(InvalidInputError):
+            view_evidence(trained.gaussians, posed, labels, CLASSES, valid=valid)
