@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
-from service.calls.types import Preset, SceneOptions
+from service.calls.types import SceneOptions
 from service.common.errors import LimitExceededError
+from service.splatting.presets import PresetName
 
 
 def scene_options(
@@ -18,7 +19,7 @@ def scene_options(
         tuple(name for name in names if name),
         time_budget_s,
         max_gaussians,
-        cast(Preset, preset) if preset else None,  # the service refuses what is none
+        cast(PresetName, preset) if preset else None,  # the service refuses what is none
         priority,
     )
 

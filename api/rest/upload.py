@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.requests import ClientDisconnect, Request
 
+from api.auth import caller_id
 from api.rest.multipart import Part, read_parts
 from api.threads import Threads
 from api.uploads import check_announced, scene_options
@@ -40,6 +41,12 @@ BODY_SCHEMA: dict[str, Any] = {
                             "items": {"type": "string", "format": "binary"},
                             "description": "photos, each with its own file name; folders in the name are kept",
                         },
+                        "uploads": {
+                            "type": "array",
+                            "items": {"type": "string"},
+                            "description": "ids of whole resumable uploads (tus, /v1/uploads), instead of files or "
+                            "beside them",
+                        },
                         "name": {"type": "string", "description": "for people; need not be unique"},
                         "request_id": {
                             "type": "string",
@@ -51,7 +58,11 @@ BODY_SCHEMA: dict[str, Any] = {
                             "description": "names to look for, repeated or separated by commas; none: the server "
                             "decides",
                         },
-                        "time_budget_s": {"type": "number", "description": "training seconds, > 0"},
+                        "time_budget_s": {
+                            "type": "number",
+                            "description": "seconds for everything after the capture stage, > 0; the scene's quality "
+                            "says what was given up",
+                        },
                         "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
                         "preset": {"type": "string", "enum": ["draft", "balanced", "best"]},
                         "priority": {"type": "integer", "description": "higher ones are trained first; 0 is usual"},
@@ -70,6 +81,7 @@ class _Texts(BaseModel):
     name: str = ""
     request_id: str = ""
     labels: list[str] = []
+    uploads: list[str] = []
     time_budget_s: float | None = None
     max_gaussians: int | None = None
     preset: str = ""
@@ -83,11 +95,12 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
         FastSplatError: what the form, the files or the service's limits have against it.
     """
     stream = aiter(request.stream())
+    owner = caller_id()
     content_type = request.headers.get("content-type", "")
     try:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
-        return await threads.consume(stream, lambda body: _receive(service, settings, content_type, body))
+        return await threads.consume(stream, lambda body: _receive(service, settings, owner, content_type, body))
     except FastSplatError:
         if "expect" not in request.headers:
             await _drain(stream)
@@ -105,7 +118,9 @@ async def _drain(stream: AsyncIterator[bytes]) -> None:
         pass
 
 
-def _receive(service: SceneService, settings: Settings, content_type: str, body: Iterator[bytes]) -> Operation:
+def _receive(
+    service: SceneService, settings: Settings, owner: str, content_type: str, body: Iterator[bytes]
+) -> Operation:
     texts: dict[str, list[str]] = {}
     text_bytes = 0
     captures = 0
@@ -129,6 +144,8 @@ def _receive(service: SceneService, settings: Settings, content_type: str, body:
                     )
                 upload.write(part.filename, part.chunks)
         form = _form(texts)
+        for upload_id in form.uploads:
+            upload.adopt(*service.resumable.complete(owner, upload_id))
         options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
         return upload.commit(form.name, form.request_id, options)
 
@@ -146,9 +163,9 @@ def _text(part: Part, room: int) -> bytes:
 
 def _form(texts: dict[str, list[str]]) -> _Texts:
     for field, values in texts.items():
-        if field != "labels" and len(values) > 1:
+        if field not in ("labels", "uploads") and len(values) > 1:
             raise InvalidInputError(f"{field[:80]} is there {len(values)} times", field=field[:80])
-    single = {field: values if field == "labels" else values[0] for field, values in texts.items()}
+    single = {field: values if field in ("labels", "uploads") else values[0] for field, values in texts.items()}
     try:
         return _Texts.model_validate(single)
     except ValidationError as error:

@@ -16,6 +16,7 @@ from service.common.camera import PosedCamera
 from service.common.states import OperationState, SceneState
 from service.query.rle import decode_rle
 from service.query.types import Answer
+from service.splatting.presets import PresetName
 
 Output = Literal["mask2d", "mask3d", "objects"]
 MaskEncoding = Literal["rle", "png"]
@@ -24,7 +25,6 @@ PictureKind = Literal["rgb", "overlay", "relevancy", "mask", "label_map", "depth
 PictureFormat = Literal["png", "npy"]
 CameraFormat = Literal["json", "transforms", "colmap"]
 EditAction = Literal["recolour", "remove", "move", "duplicate"]
-Preset = Literal["draft", "balanced", "best"]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -35,16 +35,18 @@ class SceneOptions:
 
     Attributes:
         labels: names to look for; empty lets the settings' prompt source decide.
-        time_budget_s: training seconds, or None for the server's default.
-        max_gaussians: hard budget, or None for the server's default.
-        preset: how much to spend, or None for the server's default.
+        time_budget_s: seconds for everything after the capture stage (perception, training, export), to be kept
+            within 10 %; what is given up for it is in the scene's quality. None: the preset's or server's optimisation
+            time, however long the rest takes.
+        max_gaussians: hard budget, or None for the preset's or the server's default.
+        preset: how much to spend (`service.splatting.presets`), or None for the server's settings.
         priority: higher ones are trained first.
     """
 
     labels: tuple[str, ...] = ()
     time_budget_s: float | None = None
     max_gaussians: int | None = None
-    preset: Preset | None = None
+    preset: PresetName | None = None
     priority: int = 0
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from typing import get_args
 
-from service.calls.types import Preset, SceneOptions
+from service.calls.types import SceneOptions
 from service.common.dictionary import label_key
 from service.common.errors import InvalidInputError, LimitExceededError
 from service.settings import StoreSettings
+from service.splatting.presets import PRESETS
 
 _DEFAULT_PAGE = 50
 _HIGHEST_PRIORITY = 100
@@ -66,9 +66,9 @@ def check_request_id(request_id: str) -> None:
 
 
 def _check_choices(options: SceneOptions) -> None:
-    if options.preset is not None and options.preset not in get_args(Preset):
+    if options.preset is not None and options.preset not in PRESETS:
         raise InvalidInputError(
-            f"no preset {options.preset[:40]!r}", field="preset", hint=f"Use one of {', '.join(get_args(Preset))}."
+            f"no preset {options.preset[:40]!r}", field="preset", hint=f"Use one of {', '.join(PRESETS)}."
         )
     if abs(options.priority) > _HIGHEST_PRIORITY:
         raise LimitExceededError(

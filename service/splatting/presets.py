@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
-from service.common.errors import InvalidInputError
 from service.splatting.settings import TrainingSettings
 
 PresetName = Literal["draft", "balanced", "best"]
@@ -37,19 +36,6 @@ PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     }
 )
 """What each preset changes of `service.perception.settings.PerceptionSettings`."""
-
-
-def preset_named(name: str) -> PresetName:
-    """The preset of this name.
-
-    Raises:
-        InvalidInputError: there is none; names those that there are.
-    """
-    for known in PRESETS:
-        if name == known:
-            return known
-    names = ", ".join(PRESETS)
-    raise InvalidInputError(f"no preset is called {name[:40]!r}", field="preset", hint=f"Use one of {names}.")
 
 
 def with_preset(settings: TrainingSettings, name: PresetName | None) -> TrainingSettings:

@@ -21,6 +21,12 @@ from workers.budget import kept_plan, plan_perception, plan_training
 from workers.protocol import Job
 
 
+@pytest.fixture(autouse=True)
+def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How busy the machine is while tests run must not decide what they see."""
+    monkeypatch.setattr("workers.budget.machine_speed", lambda backend: 1.0)
+
+
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:
     (folder / "perception").mkdir(parents=True, exist_ok=True)
     (folder / "perception" / "stage.json").write_text(json.dumps({"seconds": perception_s, "attempt": attempt}))

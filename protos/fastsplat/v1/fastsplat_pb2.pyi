@@ -413,7 +413,7 @@ class CreateSceneHeader(_message.Message):
     request_id: _builtins.str
     """same id, same request: the first operation is returned again (AIP-155); may be empty"""
     time_budget_s: _builtins.float
-    """training seconds, > 0; absent: the server's default"""
+    """seconds for all after the capture stage, > 0; absent: no bound on the whole"""
     max_gaussians: _builtins.int
     """hard budget, > 0; absent: the server's default"""
     preset: _builtins.str

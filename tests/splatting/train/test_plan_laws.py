@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from service.common.errors import InvalidInputError
 from service.splatting.plan import SceneSize, plan, plan_views, scene_size, step_seconds, steps_per_second
-from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, preset_named, with_preset
+from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
 from service.splatting.probe import machine_speed
 from service.splatting.settings import TrainingSettings
 
@@ -137,19 +137,12 @@ def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> N
     assert set(PRESETS) == set(PERCEPTION_PRESETS)
     for name in PRESETS:
         TrainingSettings.model_validate(with_preset(TrainingSettings(), name).model_dump())
-        assert preset_named(name) == name
 
 
 def test_a_preset_keeps_what_it_does_not_speak_of_and_replaces_the_rest() -> None:
     own = TrainingSettings(seed=7, max_gaussians=5, semantic_weight=0.5)
     changed = with_preset(own, "draft")
     assert (changed.seed, changed.semantic_weight) == (7, 0.5) and changed.max_gaussians > 5
-
-
-def test_an_unknown_preset_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(InvalidInputError) as caught:
-        preset_named("fastest")
-    assert caught.value.field == "preset" and "draft, balanced, best" in caught.value.hint
 
 
 def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:
