@@ -52,6 +52,11 @@ _RULES: Mapping[str, Rule] = {
     "GET /livez": _OPEN,
     "GET /readyz": _OPEN,
     "GET /query": _READ,
+    "OPTIONS /v1/uploads": _READ,
+    "POST /v1/uploads": _UPLOAD,
+    "HEAD /v1/uploads/{upload_id}": _WRITE,
+    "PATCH /v1/uploads/{upload_id}": _UPLOAD,
+    "DELETE /v1/uploads/{upload_id}": _WRITE,
     "GET /v1/scenes": _READ,
     "POST /v1/scenes": _UPLOAD,
     "GET /v1/scenes/{scene_id}": _READ,
@@ -121,6 +126,12 @@ class Principal:
 
 current_principal: ContextVar[Principal | None] = ContextVar("current_principal", default=None)
 """Who makes the call that the running task serves."""
+
+
+def caller_id() -> str:
+    """The id of the key behind the call that the running task serves; "" without keys."""
+    principal = current_principal.get()
+    return principal.key_id if principal is not None else ""
 
 
 class Doorkeeper:

@@ -58,6 +58,11 @@ _BY_REASON = {
     "RATE_LIMITED": Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
     # Not 429: who waits and sends it again gets the same answer.
     "QUOTA": Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
+    "UPLOAD_LOCKED": Status(423, grpc.StatusCode.FAILED_PRECONDITION, "Somebody else is at it"),
+    "CHECKSUM_MISMATCH": Status(460, grpc.StatusCode.INVALID_ARGUMENT, "The checksum does not fit"),
+    "TUS_VERSION": Status(412, grpc.StatusCode.FAILED_PRECONDITION, "The protocol's version is not spoken here"),
+    "UNSUPPORTED_MEDIA_TYPE": Status(415, grpc.StatusCode.INVALID_ARGUMENT, "The body has another type"),
+    "RANGE_NOT_SATISFIABLE": Status(416, grpc.StatusCode.OUT_OF_RANGE, "The range lies outside the file"),
     "METHOD_NOT_ALLOWED": Status(405, grpc.StatusCode.UNIMPLEMENTED, "The path does not know this method"),
 }
 

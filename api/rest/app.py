@@ -20,6 +20,7 @@ from api.rest.health import health_routes
 from api.rest.middleware import OuterLayer
 from api.rest.queries import query_routes
 from api.rest.routes import operation_routes, scene_routes
+from api.rest.tus import tus_routes
 from api.threads import Threads
 from service.calls.service import SceneService
 from service.settings import Settings
@@ -79,6 +80,7 @@ def create_app(
     app.add_middleware(OuterLayer)
     problems.install(app)
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
+    app.include_router(tus_routes(service, threads, settings.capture.max_upload_bytes), tags=["uploads"])
     app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])

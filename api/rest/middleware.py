@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -14,7 +15,7 @@ from api.requests import log_request
 from api.rest.problems import BodyTooLargeError, problem_response
 
 _log = logging.getLogger(__name__)
-_UPLOAD = ("POST", "/v1/scenes")
+_UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")
 
 MAX_BODY_BYTES = 4 * 2**20
 """What a request other than an upload may weigh: as much as a gRPC message."""
@@ -45,7 +46,7 @@ class OuterLayer:
                 headers["X-Content-Type-Options"] = "nosniff"
             await send(message)
 
-        is_upload = (scope["method"], scope["path"]) == _UPLOAD
+        is_upload = _UPLOADS.fullmatch(f"{scope['method']} {scope['path']}") is not None
         try:
             await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
         except ClientDisconnect:

@@ -11,6 +11,7 @@ from service.calls.admin import Admin
 from service.calls.answers import Answers
 from service.calls.cameras import camera_file
 from service.calls.paging import page_of, read_page_token, write_page_token
+from service.calls.resumable import ResumableUploads
 from service.calls.scenes import OpenScenes
 from service.calls.translate import label_of, operation_of, scene_of
 from service.calls.types import (
@@ -56,6 +57,10 @@ class SceneService:
         self._scenes = OpenScenes(store, settings)
         self._answers = Answers(store, settings, self._scenes)
         self._versions = Versions(store, settings, self._scenes)
+        self.resumable = ResumableUploads(
+            store.blobs, settings.capture.max_upload_bytes, settings.store.abandoned_upload_s
+        )
+        """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
         """What those who run the service ask of it."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import os
 import re
 import unicodedata
 from collections.abc import Callable, Iterable
@@ -47,7 +48,7 @@ class UploadSession:
         try:
             self.raw.mkdir(parents=True)
         except OSError as error:
-            raise _disk_error(error, "upload") from error
+            raise disk_error(error, "upload") from error
 
     def __enter__(self) -> Self:
         return self
@@ -78,24 +79,53 @@ class UploadSession:
             with path.open("xb") as file:
                 for chunk in _chunks(stream):
                     size += len(chunk)
-                    if self._bytes + size > self._settings.max_upload_bytes:
-                        raise LimitExceededError(
-                            f"the upload is larger than {self._settings.max_upload_bytes} bytes",
-                            field=name,
-                            limit=f"{self._settings.max_upload_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
-                            hint="Send fewer or smaller images.",
-                        )
+                    self._check_bytes(name, size)
                     digest.update(chunk)
                     file.write(chunk)
         except OSError as error:
             path.unlink(missing_ok=True)
-            raise _disk_error(error, name) from error
+            raise disk_error(error, name) from error
         except BaseException:
             path.unlink(missing_ok=True)
             raise
         self._bytes += size
         self._digests[name] = digest.hexdigest()
         return size
+
+    def adopt(self, name: str, source: Path) -> int:
+        """Take a file that lies in the data folder already, without a copy. Returns its size in bytes.
+
+        Args:
+            name: as in `write`.
+            source: on the same disk; it must never change again.
+
+        Raises:
+            InvalidInputError, LimitExceededError, ResourceError: as `write`.
+        """
+        self._check_open()
+        path = self._place(name)
+        try:
+            size = source.stat().st_size
+            self._check_bytes(name, size)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.link(source, path)
+            with path.open("rb") as file:
+                self._digests[name] = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise disk_error(error, name) from error
+        self._bytes += size
+        return size
+
+    def _check_bytes(self, name: str, more: int) -> None:
+        limit = self._settings.max_upload_bytes
+        if self._bytes + more > limit:
+            raise LimitExceededError(
+                f"the upload is larger than {limit} bytes",
+                field=name,
+                limit=f"{limit} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
+                hint="Send fewer or smaller images.",
+            )
 
     def commit(self, name: str, request_id: str, options: SceneOptions) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the session is over either way.
@@ -118,7 +148,7 @@ class UploadSession:
             return self._admit(self, name, request_id, options)
         except OSError as error:
             remove(self.folder)
-            raise _disk_error(error, "files") from error
+            raise disk_error(error, "files") from error
         except BaseException:
             remove(self.folder)
             raise
@@ -191,7 +221,8 @@ def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:
     return iter(lambda: read(_CHUNK), b"")
 
 
-def _disk_error(error: OSError, field: str) -> ResourceError:
+def disk_error(error: OSError, field: str) -> ResourceError:
+    """What an operating system's error says to the one who uploads."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     return ResourceError(
         "the server's disk is full" if full else f"the upload cannot be stored: {error.strerror}",

@@ -1,0 +1,204 @@
+"""Resumable uploads by the tus protocol 1.0.0: creation, creation-with-upload, checksum, expiration, termination."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+from collections.abc import Awaitable, Callable
+from email.utils import formatdate
+from functools import wraps
+from typing import Any
+
+from fastapi import APIRouter, Request
+from starlette.responses import Response
+
+from api.auth import caller_id
+from api.rest.problems import PROBLEM_RESPONSE, problem_response
+from api.threads import Threads
+from service.calls.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
+from service.calls.service import SceneService
+from service.common.errors import FastSplatError, InvalidInputError, Kind
+
+_VERSION = "1.0.0"
+_PIECE = "application/offset+octet-stream"
+_MAX_METADATA = 4_096
+_PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
+_BODY: dict[str, Any] = {
+    "requestBody": {"content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}}},
+}
+
+
+class _VersionError(FastSplatError):
+    kind = Kind.FAILED_PRECONDITION
+    reason = "TUS_VERSION"
+
+
+class _TypeError(FastSplatError):
+    kind = Kind.INVALID_ARGUMENT
+    reason = "UNSUPPORTED_MEDIA_TYPE"
+
+
+_Handler = Callable[..., Awaitable[Response]]
+
+
+def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRouter:
+    """The server's side of https://tus.io/protocols/resumable-upload."""
+    router = APIRouter(prefix="/v1/uploads", responses=_PROBLEMS)
+
+    @router.options("", status_code=204, response_class=Response)
+    async def describe_uploads() -> Response:
+        """What of tus is spoken here."""
+        headers = {
+            "Tus-Resumable": _VERSION,
+            "Tus-Version": _VERSION,
+            "Tus-Extension": "creation,creation-with-upload,checksum,expiration,termination",
+            "Tus-Max-Size": str(max_bytes),
+            "Tus-Checksum-Algorithm": ",".join(ALGORITHMS),
+        }
+        return Response(status_code=204, headers=headers)
+
+    @router.post("", status_code=201, response_class=Response, openapi_extra=_BODY)
+    @_spoken
+    async def create_upload(request: Request) -> Response:
+        """Announce a file by Upload-Length and Upload-Metadata (`filename`); its first bytes may come along."""
+        owner, length, metadata = caller_id(), _number(request, "Upload-Length"), _metadata(request)
+        uploads = _uploads(service)
+        with_bytes = "content-type" in request.headers and request.headers.get("content-length") != "0"
+        if with_bytes:
+            _check_type(request)
+        checksum = _checksum(request)
+        made = await threads.call(lambda: uploads.create(owner, _filename(metadata), length, metadata))
+        if with_bytes:
+            made = await threads.consume(
+                aiter(request.stream()), lambda chunks: uploads.append(owner, made.id, 0, chunks, checksum)
+            )
+        return _told(201, made, Location=f"/v1/uploads/{made.id}")
+
+    @router.head("/{upload_id}", status_code=200, response_class=Response)
+    @_spoken
+    async def get_upload(request: Request, upload_id: str) -> Response:
+        """How far an upload has come: Upload-Offset of Upload-Length bytes."""
+        owner, uploads = caller_id(), _uploads(service)
+        found = await threads.call(lambda: uploads.get(owner, upload_id))
+        more = {"Upload-Metadata": found.metadata} if found.metadata else {}
+        return _told(200, found, **{"Upload-Length": str(found.length), "Cache-Control": "no-store"}, **more)
+
+    @router.patch("/{upload_id}", status_code=204, response_class=Response, openapi_extra=_BODY)
+    @_spoken
+    async def append_to_upload(request: Request, upload_id: str) -> Response:
+        """The bytes from Upload-Offset on; what the answer's Upload-Offset counts is durable."""
+        _check_type(request)
+        owner, offset, checksum = caller_id(), _number(request, "Upload-Offset"), _checksum(request)
+        uploads = _uploads(service)
+        return _told(
+            204,
+            await threads.consume(
+                aiter(request.stream()), lambda chunks: uploads.append(owner, upload_id, offset, chunks, checksum)
+            ),
+        )
+
+    @router.delete("/{upload_id}", status_code=204, response_class=Response)
+    @_spoken
+    async def delete_upload(request: Request, upload_id: str) -> Response:
+        """Forget an upload."""
+        owner, uploads = caller_id(), _uploads(service)
+        await threads.call(lambda: uploads.delete(owner, upload_id))
+        return Response(status_code=204, headers={"Tus-Resumable": _VERSION})
+
+    return router
+
+
+def _uploads(service: SceneService) -> ResumableUploads:
+    return service.resumable
+
+
+def _spoken(handler: _Handler) -> _Handler:
+    """Refuse other versions of the protocol; every answer, problems too, says which one is spoken."""
+
+    @wraps(handler)
+    async def spoken(request: Request, **path: str) -> Response:
+        try:
+            version = request.headers.get("tus-resumable", "")
+            if version != _VERSION:
+                raise _VersionError(
+                    f"tus version {version[:20]!r}",
+                    field="Tus-Resumable",
+                    limit=_VERSION,
+                    hint=f"Send the header Tus-Resumable: {_VERSION}.",
+                )
+            return await handler(request, **path)
+        except FastSplatError as error:
+            answer = problem_response(request.state.request_id, error)
+            answer.headers["Tus-Resumable"] = answer.headers["Tus-Version"] = _VERSION
+            return answer
+
+    return spoken
+
+
+def _told(status: int, upload: Resumable, **headers: str) -> Response:
+    common = {
+        "Tus-Resumable": _VERSION,
+        "Upload-Offset": str(upload.offset),
+        "Upload-Expires": formatdate(upload.expires_at, usegmt=True),
+    }
+    return Response(status_code=status, headers={**common, **headers})
+
+
+def _number(request: Request, header: str) -> int:
+    value = request.headers.get(header, "")
+    if not (value.isascii() and value.isdigit() and len(value) <= 18):
+        raise InvalidInputError(f"{header} is {value[:40]!r}", field=header, hint="Send a number of bytes.")
+    return int(value)
+
+
+def _check_type(request: Request) -> None:
+    kind = request.headers.get("content-type", "")
+    if kind != _PIECE:
+        raise _TypeError(f"the body has type {kind[:80]!r}", field="Content-Type", hint=f"Send it as {_PIECE}.")
+
+
+def _checksum(request: Request) -> tuple[Algorithm, bytes] | None:
+    header = request.headers.get("upload-checksum")
+    if header is None:
+        return None
+    name, _, value = header.partition(" ")
+    for algorithm in ALGORITHMS:
+        if name == algorithm and len(digest := _decoded(value, "Upload-Checksum")) == hashlib.new(name).digest_size:
+            return algorithm, digest
+    raise InvalidInputError(
+        f"checksum algorithm {name[:40]!r} is not known",
+        field="Upload-Checksum",
+        hint=f"Use {' or '.join(ALGORITHMS)}.",
+    )
+
+
+def _metadata(request: Request) -> str:
+    header = request.headers.get("upload-metadata", "")
+    if len(header) > _MAX_METADATA or not header.isascii():
+        raise InvalidInputError(
+            "the metadata is too long or not ASCII", field="Upload-Metadata", limit=f"{_MAX_METADATA} characters"
+        )
+    return header
+
+
+def _filename(metadata: str) -> str:
+    for pair in metadata.split(","):
+        name, _, value = pair.strip().partition(" ")
+        if name == "filename":
+            try:
+                return _decoded(value, "Upload-Metadata").decode()
+            except UnicodeDecodeError:
+                break
+    raise InvalidInputError(
+        "the metadata names no file",
+        field="Upload-Metadata",
+        hint='Send "filename" with the name in base64, e.g. Y2FwdHVyZS56aXA= for capture.zip.',
+    )
+
+
+def _decoded(value: str, field: str) -> bytes:
+    try:
+        return base64.b64decode(value, validate=True)
+    except (binascii.Error, ValueError):
+        raise InvalidInputError(f"{value[:80]!r} is not base64", field=field) from None

@@ -1,0 +1,183 @@
+"""The tus protocol 1.0.0, header by header, and the scene that is made of what it brought."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import itertools
+import random
+import socket
+import time
+import zipfile
+from email.utils import parsedate_to_datetime
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.calls.service import SceneService
+from tests.api.conftest import MAX_UPLOAD_BYTES
+from tests.api.served import Faces, rest_refusal
+
+_TUS = {"Tus-Resumable": "1.0.0"}
+_PIECE = {**_TUS, "Content-Type": "application/offset+octet-stream"}
+
+
+def _name(name: str) -> dict[str, str]:
+    return {"Upload-Metadata": f"filename {base64.b64encode(name.encode()).decode()},note aGk="}
+
+
+def _create(faces: Faces, name: str, length: int, **headers: str) -> str:
+    response = faces.rest.post("/v1/uploads", headers={**_TUS, "Upload-Length": str(length), **_name(name), **headers})
+    assert response.status_code == 201, response.text
+    return str(response.headers["location"])
+
+
+def _patch(faces: Faces, path: str, offset: int, data: bytes, **headers: str) -> httpx.Response:
+    return faces.rest.patch(path, content=data, headers={**_PIECE, "Upload-Offset": str(offset), **headers})
+
+
+def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
+    """A multipart form of plain fields."""
+    return {name: (None, value) for name, value in fields.items()}
+
+
+def _capture() -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for number in range(3):
+            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            photo = io.BytesIO()
+            Image.fromarray(pixels).save(photo, "JPEG")
+            archive.writestr(f"{number}.jpg", photo.getvalue())
+    return buffer.getvalue()
+
+
+def test_the_server_says_what_it_speaks(faces: Faces) -> None:
+    told = faces.rest.options("/v1/uploads")
+    assert told.status_code == 204 and told.headers["tus-version"] == "1.0.0"
+    extensions = set(told.headers["tus-extension"].split(","))
+    assert extensions == {"creation", "creation-with-upload", "checksum", "expiration", "termination"}
+    assert int(told.headers["tus-max-size"]) == MAX_UPLOAD_BYTES
+    assert set(told.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
+
+
+def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, service: SceneService) -> None:
+    data = _capture()
+    path = _create(faces, "capture.zip", len(data))
+    rng = random.Random(3)
+    cuts = [0, *sorted(rng.sample(range(1, len(data)), 20)), len(data)]
+    for begin, end in itertools.pairwise(cuts):
+        answer = _patch(faces, path, begin, data[begin:end])
+        assert answer.status_code == 204 and answer.headers["upload-offset"] == str(end)
+        assert answer.headers["tus-resumable"] == "1.0.0"
+        assert parsedate_to_datetime(answer.headers["upload-expires"]).year >= 2020
+    told = faces.rest.head(path, headers=_TUS)
+    assert told.headers["upload-offset"] == told.headers["upload-length"] == str(len(data))
+    assert told.headers["cache-control"] == "no-store" and told.headers["upload-metadata"].endswith("note aGk=")
+    form = {"uploads": path.rpartition("/")[2], "name": "in pieces", "request_id": f"tus-{time.time_ns()}"}
+    first, again = (faces.rest.post("/v1/scenes", files=_form(form)) for _ in range(2))
+    assert first.status_code == again.status_code == 202, first.text
+    assert first.json()["id"] == again.json()["id"]
+    kept = service._store.rows.operation(first.json()["id"])
+    folder = service._store.blobs.upload(kept.upload_id)
+    assert len(list(folder.rglob("*.jpg"))) == 3
+    assert faces.rest.delete(path, headers=_TUS).status_code == 204
+    assert len(list(folder.rglob("*.jpg"))) == 3
+    faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
+
+
+def test_a_connection_that_breaks_leaves_what_came(faces: Faces) -> None:
+    data = random.Random(5).randbytes(300_000)
+    path = _create(faces, "a.bin", len(data))
+    head = (
+        f"PATCH {path} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+        f"Content-Type: application/offset+octet-stream\r\nContent-Length: {len(data)}\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", faces.ports.http), timeout=20) as connection:
+        connection.sendall(head.encode() + data[:100_000])
+    offset = -1
+    for _ in range(600):  # until the server has noticed
+        answer = _patch(faces, path, 100_000, data[100_000:])
+        if answer.status_code == 204:
+            offset = int(answer.headers["upload-offset"])
+            break
+        assert answer.status_code in (409, 423)
+    assert offset == len(data)
+
+
+def test_the_first_bytes_may_come_with_the_announcement(faces: Faces) -> None:
+    response = faces.rest.post(
+        "/v1/uploads", content=b"01234", headers={**_PIECE, "Upload-Length": "10", **_name("a.bin")}
+    )
+    assert response.status_code == 201 and response.headers["upload-offset"] == "5"
+    assert _patch(faces, response.headers["location"], 5, b"56789").headers["upload-offset"] == "10"
+
+
+def test_checksums_are_kept_to(faces: Faces) -> None:
+    path = _create(faces, "a.bin", 10)
+    for name in ("sha1", "sha256"):
+        wrong = base64.b64encode(hashlib.new(name, b"other").digest()).decode()
+        refused = _patch(faces, path, 0, b"01234", **{"Upload-Checksum": f"{name} {wrong}"})
+        assert refused.status_code == 460 and rest_refusal(refused).reason == "CHECKSUM_MISMATCH"
+    right = base64.b64encode(hashlib.sha1(b"01234").digest()).decode()
+    assert _patch(faces, path, 0, b"01234", **{"Upload-Checksum": f"sha1 {right}"}).status_code == 204
+    for header in ("md5 abcd", "sha1", "sha1 ???"):
+        assert _patch(faces, path, 5, b"56789", **{"Upload-Checksum": header}).status_code == 400
+    assert faces.rest.head(path, headers=_TUS).headers["upload-offset"] == "5"
+
+
+@pytest.mark.parametrize(
+    ("method", "headers", "status"),
+    [
+        ("PATCH", {}, 412),
+        ("PATCH", {**_PIECE, "Tus-Resumable": "0.2.2", "Upload-Offset": "0"}, 412),
+        ("PATCH", {**_TUS, "Content-Type": "application/json", "Upload-Offset": "0"}, 415),
+        ("PATCH", {**_PIECE}, 400),
+        ("PATCH", {**_PIECE, "Upload-Offset": "-1"}, 400),
+        ("PATCH", {**_PIECE, "Upload-Offset": "٣"}, 400),
+        ("PATCH", {**_PIECE, "Upload-Offset": "3"}, 409),
+        ("HEAD", {}, 412),
+        ("DELETE", {}, 412),
+    ],
+)
+def test_what_is_not_tus_is_refused(faces: Faces, method: str, headers: dict[str, str], status: int) -> None:
+    path = _create(faces, "a.bin", 4)
+    sent = {name: value.encode() for name, value in headers.items()}
+    answer = faces.rest.request(method, path, headers=sent, content=b"abcd" if method == "PATCH" else b"")
+    assert answer.status_code == status and answer.headers["tus-resumable"] == "1.0.0"
+    assert faces.rest.head(path, headers=_TUS).headers["upload-offset"] == "0"
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Upload-Length": str(MAX_UPLOAD_BYTES + 1), **_name("a.zip")}, 413),
+        ({"Upload-Defer-Length": "1", **_name("a.zip")}, 400),
+        ({"Upload-Length": "4"}, 400),
+        ({"Upload-Length": "4", **_name("../a.zip")}, 400),
+        ({"Upload-Length": "4", "Upload-Metadata": "filename ???"}, 400),
+        ({"Upload-Length": "4", "Upload-Metadata": f"filename {'A' * 5000}"}, 400),
+    ],
+)
+def test_what_cannot_become_a_capture_is_refused_at_once(faces: Faces, headers: dict[str, str], status: int) -> None:
+    answer = faces.rest.post("/v1/uploads", headers={**_TUS, **headers})
+    assert rest_refusal(answer).code == status and answer.headers["tus-resumable"] == "1.0.0"
+
+
+def test_gone_is_gone(faces: Faces) -> None:
+    path = _create(faces, "a.bin", 4)
+    assert faces.rest.delete(path, headers=_TUS).status_code == 204
+    assert faces.rest.head(path, headers=_TUS).status_code == 404
+    assert _patch(faces, path, 0, b"abcd").status_code == 404
+    assert faces.rest.delete(path, headers=_TUS).status_code == 404
+
+
+def test_no_scene_is_made_of_half_an_upload(faces: Faces) -> None:
+    path = _create(faces, "a.zip", 4)
+    answer = faces.rest.post("/v1/scenes", files=_form({"uploads": path.rpartition("/")[2]}))
+    assert rest_refusal(answer).code == 409
+    answer = faces.rest.post("/v1/scenes", files=_form({"uploads": "nothing"}))
+    assert rest_refusal(answer).code == 404
