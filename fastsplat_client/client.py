@@ -26,7 +26,6 @@ from service.common.camera import PosedCamera
 from service.common.states import OperationState
 
 _USUAL = Retry()
-_COPY_BYTES = 1 << 20
 
 
 class Client:
@@ -279,7 +278,7 @@ class Client:
                             file.seek(0)
                             file.truncate()
                         tag = response.headers["etag"]
-                        for piece in response.iter_bytes(_COPY_BYTES):
+                        for piece in response.iter_bytes():
                             file.write(piece)
                             failures = 0
                         return tag

@@ -8,11 +8,7 @@ from service.common.errors import FastSplatError, Kind
 
 
 class RemoteError(FastSplatError):
-    """The server says something that this release of the client has no exception for; `reason` is its own."""
-
-    def __init__(self, message: str, *, hint: str = "", field: str = "", limit: str = "", reason: str = "") -> None:
-        super().__init__(message, hint=hint, field=field, limit=limit)
-        self.remote_reason = reason
+    """The server says something that this client has no exception for; its `kind` and `reason` are the server's."""
 
 
 class UnreachableError(FastSplatError):
@@ -30,19 +26,22 @@ class DeadlineExceededError(FastSplatError):
 
 
 def error_of(
-    reason: str, message: str, details: Mapping[str, str], retry_after_s: float | None = None
+    reason: str, kind: Kind, message: str, details: Mapping[str, str], retry_after_s: float | None = None
 ) -> FastSplatError:
     """The exception of that reason, with the server's own words and the request's id as a note.
 
     Args:
         reason: UPPER_SNAKE_CASE, as in problem+json and ErrorInfo.
+        kind: for a reason that is not known here.
         message: one sentence.
         details: any of field, limit, hint and request_id.
         retry_after_s: when the server said so.
     """
-    words = {name: details.get(name) or "" for name in ("field", "limit", "hint")}
-    known = next((kind for kind in _tree(FastSplatError) if kind.reason == reason), None)
-    error = RemoteError(message, **words, reason=reason) if known is None else known(message, **words)
+    raised = next(
+        (found for found in _tree(FastSplatError) if found.reason == reason),
+        type("RemoteError", (RemoteError,), {"kind": kind, "reason": reason}),
+    )
+    error = raised(message, **{name: details.get(name) or "" for name in ("field", "limit", "hint")})
     error.retry_after_s = retry_after_s
     if details.get("request_id"):
         error.add_note(f"request id {details['request_id']}")
@@ -50,7 +49,8 @@ def error_of(
 
 
 def _tree(root: type[FastSplatError]) -> Iterator[type[FastSplatError]]:
-    if "reason" in vars(root):  # one that inherits its reason is a refinement that the wire does not tell apart
+    """The errors that every part of the product knows; those of single rooms stay with them."""
+    if root.__module__ == FastSplatError.__module__:
         yield root
     for kind in root.__subclasses__():
         yield from _tree(kind)

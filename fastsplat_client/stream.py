@@ -16,7 +16,7 @@ from fastsplat_client.errors import DeadlineExceededError, UnreachableError, err
 from fastsplat_client.messages import answers_of, camera_message, query_message
 from service.calls.types import QueryAnswer, QueryRequest
 from service.common.camera import PosedCamera
-from service.common.errors import CancelledError, FastSplatError
+from service.common.errors import CancelledError, FastSplatError, Kind
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,17 @@ def error_from(error: grpc.RpcError) -> FastSplatError:
     info = error_details_pb2.ErrorInfo()
     for detail in status.details if status is not None else ():
         if detail.Unpack(info):
-            return error_of(info.reason, error.details() or "", info.metadata)
+            return error_of(info.reason, _kind(error), error.details() or "", info.metadata)
     if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
         return DeadlineExceededError("no answer in time", hint="Give it more time.")
     if error.code() is grpc.StatusCode.CANCELLED:
         return CancelledError("the call was cancelled")
     return UnreachableError(f"{error.code().name}: {error.details()}", hint="Is the server running?")
+
+
+def _kind(error: grpc.Call) -> Kind:
+    name = error.code().name
+    return Kind[name] if name in Kind.__members__ else Kind.INTERNAL
 
 
 def _requests(

@@ -14,9 +14,20 @@ from typing import Any
 import httpx
 
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
-from service.common.errors import FastSplatError
+from service.common.errors import FastSplatError, Kind
 
 _AGAIN = (429, 502, 503, 504)
+_KINDS = {
+    401: Kind.UNAUTHENTICATED,
+    403: Kind.PERMISSION_DENIED,
+    404: Kind.NOT_FOUND,
+    409: Kind.FAILED_PRECONDITION,
+    413: Kind.RESOURCE_EXHAUSTED,
+    429: Kind.RESOURCE_EXHAUSTED,
+    502: Kind.UNAVAILABLE,
+    503: Kind.UNAVAILABLE,
+    504: Kind.UNAVAILABLE,
+}
 
 
 @dataclass(frozen=True)
@@ -150,4 +161,5 @@ def _problem(response: httpx.Response) -> FastSplatError:
     except (ValueError, KeyError, TypeError):
         body, reason, detail = {}, "", f"HTTP {response.status_code} without a problem to read"
     after = response.headers.get("retry-after", "")
-    return error_of(reason, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)
+    kind = _KINDS.get(response.status_code) or (Kind.INVALID_ARGUMENT if response.is_client_error else Kind.INTERNAL)
+    return error_of(reason, kind, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)

@@ -1,0 +1,192 @@
+"""Files and pictures of a scene: what other programs read, and what HTTP has for large downloads."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from api.grpc.translate import camera_in
+from api.rest.models import PosedCamera as PosedCameraModel
+from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat_client import Client
+from service.calls.cameras import camera_file
+from service.calls.service import SceneService
+from service.common.camera import Camera, PosedCamera
+from service.common.errors import InvalidInputError
+from tests.api.clients import client_of
+from tests.api.made_scene import LABELS, turned
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+
+
+@pytest.fixture
+def client(faces: Faces) -> Client:
+    return client_of(faces)
+
+
+def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService, scene_id: str) -> None:
+    path, version = service.scene_ply(scene_id)
+    truth, url = path.read_bytes(), f"/v1/scenes/{scene_id}/scene.ply"
+    whole = faces.rest.get(url)
+    tag = whole.headers["etag"]
+    assert whole.content == truth and whole.headers["accept-ranges"] == "bytes" and not tag.startswith("W/")
+    rest = faces.rest.get(url, headers={"Range": "bytes=100-", "If-Range": tag})
+    assert (rest.status_code, rest.content) == (206, truth[100:])
+    assert rest.headers["content-range"] == f"bytes 100-{len(truth) - 1}/{len(truth)}"
+    anew = faces.rest.get(url, headers={"Range": "bytes=100-", "If-Range": '"other"'})
+    assert (anew.status_code, anew.content) == (200, truth)
+    assert faces.rest.get(url, headers={"Range": "bytes=-7"}).content == truth[-7:]
+    assert faces.rest.get(url, headers={"Range": "bytes=5-1"}).content == truth  # invalid is as good as none
+    assert faces.rest.get(url, headers={"Range": "lines=1-2"}).content == truth
+    beyond = rest_refusal(faces.rest.get(url, headers={"Range": f"bytes={len(truth)}-"}))
+    assert (beyond.code, beyond.reason) == (416, "RANGE_NOT_SATISFIABLE")
+
+    message = pb.DownloadScenePlyRequest(scene_id=scene_id, version=version, offset=100)
+    assert b"".join(chunk.data for chunk in faces.rpc.DownloadScenePly(message)) == truth[100:]
+    for bad in ({"offset": 100}, {"version": version, "offset": len(truth) + 1}, {"version": version, "offset": -1}):
+        with pytest.raises(grpc.RpcError) as caught:
+            list(faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id, **bad)))
+        assert rpc_refusal(caught.value).code == "INVALID_ARGUMENT"
+
+
+def test_a_copy_that_is_still_right_is_not_sent_again(faces: Faces, scene_id: str) -> None:
+    url = f"/v1/scenes/{scene_id}/scene.ply"
+    tag = faces.rest.get(url).headers["etag"]
+    for sent in (tag, f"W/{tag}", f'"other", {tag}', "*"):
+        same = faces.rest.get(url, headers={"If-None-Match": sent})
+        assert (same.status_code, same.content, same.headers["etag"]) == (304, b"", tag)
+    assert faces.rest.get(url, headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_the_client_downloads_whole_files(client: Client, service: SceneService, scene_id: str, tmp_path: Path) -> None:
+    path, version = service.scene_ply(scene_id)
+    assert version in client.download_scene(scene_id, tmp_path / "scene.ply")
+    assert (tmp_path / "scene.ply").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("viewpoint", ["front.png", turned(0.2)], ids=["view", "camera"])
+def test_label_maps_are_16_bit_pictures_of_label_ids(
+    faces: Faces, client: Client, scene_id: str, viewpoint: str | PosedCamera
+) -> None:
+    labels = client.label_map(scene_id, viewpoint)
+    assert labels.dtype == np.uint16 and labels.shape == (36, 48)
+    assert set(np.unique(labels)) == {0, 1, 2, 3}
+    picture = Image.open(io.BytesIO(client.picture(scene_id, "label_map", viewpoint)))
+    assert picture.mode == "I;16" and (np.asarray(picture) == labels).all()
+    for number, label in enumerate(LABELS, start=1):
+        asked = {"views": [viewpoint]} if isinstance(viewpoint, str) else {"cameras": [viewpoint]}
+        (answer,) = client.query(scene_id, label, outputs=["mask2d"], **asked)
+        assert (answer.masks[0].array() == (labels == number)).mean() > 0.97
+    if isinstance(viewpoint, str):
+        got = faces.rest.get(f"/v1/scenes/{scene_id}/label_map.npy", params={"view": viewpoint})
+        assert (np.load(io.BytesIO(got.content)) == labels).all()
+
+
+def test_depth_is_metres_as_an_array_and_steps_as_a_picture(faces: Faces, client: Client, scene_id: str) -> None:
+    depth = client.depth(scene_id, "front.png")
+    seen = depth > 0
+    assert depth.dtype == np.float32 and seen.any() and not seen.all()
+    assert 3.0 < np.median(depth[seen]) < 5.0
+    for scale in (0.0, 0.01):
+        picture = Image.open(io.BytesIO(client.picture(scene_id, "depth", "front.png", depth_scale=scale)))
+        step = float(picture.text["depth_scale"])  # type: ignore[attr-defined]
+        assert step == (scale or 0.001)
+        assert np.abs(np.asarray(picture) * step - depth).max() <= step / 2 + 1e-6
+    near = np.asarray(Image.open(io.BytesIO(client.picture(scene_id, "depth", "front.png", depth_scale=1e-6))))
+    assert (near[seen] == 65_535).all() and not near[~seen].any()
+    assert Image.open(io.BytesIO(client.picture(scene_id, "depth_picture", "front.png"))).mode == "RGB"
+    with pytest.raises(InvalidInputError):
+        client._render(scene_id, "rgb", "front.png", "", "", "npy", 0.0)
+    assert faces.rest.get(f"/v1/scenes/{scene_id}/rgb.npy", params={"view": "front.png"}).status_code == 400
+
+
+@pytest.mark.parametrize("kind", ["label_map", "depth", "depth_picture"])
+@pytest.mark.parametrize("image_format", ["png", "npy"])
+def test_arrays_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str, kind: str, image_format: str) -> None:
+    body = {"kind": kind, "view": "front.png", "format": image_format, "depth_scale": 0.002}
+    response = faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body)
+    request = pb.RenderViewRequest(
+        scene_id=scene_id,
+        kind=pb.PictureKind.Value(f"PICTURE_KIND_{kind.upper()}"),
+        view="front.png",
+        format=pb.PictureFormat.Value(f"PICTURE_FORMAT_{image_format.upper()}"),
+        depth_scale=0.002,
+    )
+    if kind == "depth_picture" and image_format == "npy":
+        with pytest.raises(grpc.RpcError) as caught:
+            list(faces.rpc.RenderView(request))
+        assert rest_refusal(response).details == rpc_refusal(caught.value).details
+    else:
+        assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == response.content
+
+
+def _poses(service: SceneService, scene_id: str) -> dict[str, PosedCamera]:
+    return {posed.name: posed for posed in service.get_scene(scene_id).cameras}
+
+
+def test_cameras_as_json_can_be_sent_back(faces: Faces, client: Client, service: SceneService, scene_id: str) -> None:
+    listed = json.loads(client.cameras(scene_id))["cameras"]
+    poses = _poses(service, scene_id)
+    assert [camera["name"] for camera in listed] == list(poses)
+    for camera in listed:
+        assert PosedCameraModel.model_validate(camera)
+        body = {"kind": "rgb", "camera": camera}
+        view = faces.rest.get(f"/v1/scenes/{scene_id}/rgb.png", params={"view": camera["name"]})
+        assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == view.content
+
+
+def test_cameras_as_transforms_have_opengl_axes(client: Client, service: SceneService, scene_id: str) -> None:
+    frames = json.loads(client.cameras(scene_id, "transforms"))["frames"]
+    for frame, posed in zip(frames, _poses(service, scene_id).values(), strict=True):
+        pose = np.array(frame["transform_matrix"])
+        assert frame["file_path"] == posed.name and (frame["w"], frame["fl_x"]) == (48, 45.0)
+        assert pose[:3, 3] == pytest.approx(posed.world_from_camera[:3, 3])
+        assert pose[:3, 2] == pytest.approx(-posed.world_from_camera[:3, 2])  # backward, not forward
+
+
+def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
+    other = PosedCamera(Camera(64, 48, 50.0, 51.0, 31.5, 24.25), turned(-0.4).world_from_camera, "b/2.png")
+    cameras = [PosedCamera(turned(0.3).camera, turned(0.3).world_from_camera, "1.png"), other]
+    with zipfile.ZipFile(io.BytesIO(camera_file(cameras, "colmap"))) as archive:
+        archive.extractall(tmp_path)
+    model = pycolmap.Reconstruction(tmp_path)
+    assert len(model.images) == len(model.cameras) == 2
+    for image in model.images.values():
+        (posed,) = (posed for posed in cameras if posed.name == image.name)
+        pose = image.cam_from_world()
+        assert pose.matrix() == pytest.approx(posed.camera_from_world()[:3], abs=1e-12)
+        lens = model.cameras[image.camera_id]
+        assert (lens.width, lens.height) == (posed.camera.width, posed.camera.height)
+        assert lens.params.tolist() == [posed.camera.fx, posed.camera.fy, posed.camera.cx, posed.camera.cy]
+    assert camera_file(cameras, "colmap") == camera_file(cameras, "colmap")
+
+
+def test_camera_files_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str) -> None:
+    for name in ("json", "transforms"):
+        response = faces.rest.get(f"/v1/scenes/{scene_id}/cameras", params={"format": name})
+        wanted = pb.CameraFormat.Value(f"CAMERA_FORMAT_{name.upper()}")
+        request = pb.DownloadCamerasRequest(scene_id=scene_id, format=wanted)
+        assert b"".join(chunk.data for chunk in faces.rpc.DownloadCameras(request)) == response.content
+    # One of this scene's names has blanks, which COLMAP's text files cannot hold: said, not mangled.
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/cameras", params={"format": "colmap"}))
+    with pytest.raises(grpc.RpcError) as caught:
+        list(faces.rpc.DownloadCameras(pb.DownloadCamerasRequest(scene_id=scene_id, format=pb.CAMERA_FORMAT_COLMAP)))
+    rpc = rpc_refusal(caught.value)
+    assert rest.details == rpc.details and rest.details["field"] == "format"
+
+
+def test_a_camera_out_is_a_camera_in(faces: Faces, client: Client, scene_id: str) -> None:
+    message = faces.rpc.GetScene(pb.GetSceneRequest(scene_id=scene_id)).cameras[1]
+    request = pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, camera=message)
+    picture = b"".join(chunk.data for chunk in faces.rpc.RenderView(request))
+    assert picture == client.picture(scene_id, "rgb", message.name)
+    posed = client.scene(scene_id).cameras[1]
+    assert posed.name == message.name and posed.camera.width == message.intrinsics.width
+    assert posed.world_from_camera == pytest.approx(camera_in(message, "camera").world_from_camera, abs=1e-12)

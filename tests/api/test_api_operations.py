@@ -1,0 +1,151 @@
+"""Operations by list, wait and events, alike on both faces; a scene's labels in pages."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import uuid
+from collections.abc import Iterator
+
+import grpc
+import pytest
+
+from api.grpc.translate import operation_out
+from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat_client import Client, DeadlineExceededError
+from fastsplat_client.events import Event, events_of
+from service.calls.service import SceneService
+from service.calls.types import DictionaryRow, Operation
+from service.common.errors import NotFoundError
+from service.store.records import NewJob
+from tests.api.clients import client_of
+from tests.api.made_scene import LABELS
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    with client_of(faces) as opened:
+        yield opened
+
+
+@pytest.fixture
+def queued(service: SceneService) -> Iterator[str]:
+    """A job that no worker takes."""
+    job = NewJob(
+        scene_id=uuid.uuid4().hex,
+        operation_id=uuid.uuid4().hex,
+        name="",
+        request_id="",
+        request_digest="",
+        upload_id="none",
+        options={"labels": [], "time_budget_s": None, "max_gaussians": None},
+    )
+    service._store.rows.admit(job)
+    yield job.operation_id
+    service.delete_scene(job.scene_id)
+
+
+def _advance(service: SceneService, operation_id: str, fractions: list[float]) -> None:
+    """What a worker does to a job until it has trained it."""
+    claim = service._store.jobs.claim(operation_id)
+    assert claim is not None
+    for fraction in fractions:
+        stage = {"stage": "training", "fraction": fraction, "message": "", "seconds": fraction, "metrics": {}}
+        service._store.jobs.report(claim, [stage])
+
+
+def test_events_tell_every_change_until_the_job_is_done(client: Client, service: SceneService, queued: str) -> None:
+    told: list[Operation] = []
+    events = client.watch(queued)
+    told.append(next(events))
+    _advance(service, queued, [0.25])
+    told.append(next(events))
+    service.cancel_operation(queued)
+    claim = service._store.jobs.claim(queued)
+    assert claim is not None
+    service._store.jobs.cancelled(claim)
+    told += events
+    assert [operation.state for operation in (told[0], told[1], told[-1])] == ["QUEUED", "RUNNING", "CANCELLED"]
+    assert told[1].stages[0].fraction == 0.25
+    assert all(one != other for one, other in itertools.pairwise(told))
+    assert client.operation(queued) == told[-1]
+
+
+def test_last_event_id_continues_after_what_is_known(faces: Faces, service: SceneService, queued: str) -> None:
+    url = f"/v1/operations/{queued}/events"
+    with faces.rest.stream("GET", url) as response:
+        assert response.headers["content-type"].startswith("text/event-stream")
+        first = next(events_of(response.iter_lines()))
+    with faces.rest.stream("GET", url, headers={"Last-Event-ID": first.id}) as response:
+        events = events_of(response.iter_lines())
+        threading.Timer(0.5, lambda: service.cancel_operation(queued)).start()
+        second = next(events)  # not the first again
+        assert list(events) == []  # it is done
+    assert '"CANCELLED"' in second.data and '"CANCELLED"' not in first.data
+    with faces.rest.stream("GET", url, headers={"Last-Event-ID": first.id}) as response:
+        assert [event.id for event in events_of(response.iter_lines())] == [second.id]
+    assert faces.rest.get(url, headers={"Last-Event-ID": second.id}).status_code == 204
+    assert rest_refusal(faces.rest.get("/v1/operations/none/events")).reason == "NOT_FOUND"
+
+
+def test_an_event_stream_is_read_as_the_standard_says() -> None:
+    lines = [": hello", "", "id: 1", "data: a", "data:b", "", "event: x", "data: c", "", "data: cut off"]
+    assert list(events_of(lines)) == [Event("1", "a\nb"), Event("1", "c")]
+
+
+def test_waiting_ends_with_the_job_or_with_the_time(
+    faces: Faces, client: Client, service: SceneService, queued: str
+) -> None:
+    stands = faces.rpc.WaitOperation(pb.WaitOperationRequest(operation_id=queued, timeout_s=0))
+    assert stands == operation_out(service.get_operation(queued)) and not stands.done
+    with pytest.raises(DeadlineExceededError):
+        client.wait(queued, timeout_s=0.3)
+    seen: list[str] = []
+    threading.Timer(0.5, lambda: service.cancel_operation(queued)).start()
+    done = client.wait(queued, timeout_s=60, on_change=lambda operation: seen.append(operation.state))
+    assert done.state == "CANCELLED" and seen == ["QUEUED", "CANCELLED"]
+    assert faces.rpc.WaitOperation(pb.WaitOperationRequest(operation_id=queued, timeout_s=60)).done
+    for timeout_s in (-1.0, 301.0, float("nan")):
+        with pytest.raises(grpc.RpcError) as caught:
+            faces.rpc.WaitOperation(pb.WaitOperationRequest(operation_id=queued, timeout_s=timeout_s))
+        assert rpc_refusal(caught.value).details["field"] == "timeout_s"
+
+
+def test_operations_are_listed_alike_newest_first(
+    faces: Faces, client: Client, service: SceneService, scene_id: str, queued: str
+) -> None:
+    every = list(client.operations())
+    assert {operation.id for operation in every} >= {queued, service.get_scene(scene_id).operation_id}
+    assert [one.created_at for one in every] == sorted((one.created_at for one in every), reverse=True)
+    paged: list[pb.Operation] = []
+    token = ""
+    while True:
+        page = faces.rpc.ListOperations(pb.ListOperationsRequest(page_size=1, page_token=token))
+        paged += page.operations
+        if not (token := page.next_page_token):
+            break
+    assert paged == [operation_out(operation) for operation in every]
+    assert [operation.id for operation in client.operations("QUEUED")] == [queued]
+    listed = faces.rpc.ListOperations(pb.ListOperationsRequest(state=pb.OPERATION_STATE_QUEUED)).operations
+    assert [operation.id for operation in listed] == [queued]
+    assert faces.rest.get("/v1/operations", params={"state": "LOST"}).status_code == 400
+
+
+def test_labels_come_in_pages(faces: Faces, client: Client, scene_id: str) -> None:
+    rows = list(client.labels(scene_id))
+    assert [row.label for row in rows] == list(LABELS) and isinstance(rows[0], DictionaryRow)
+    token, labels = "", []
+    while True:
+        page = faces.rpc.ListLabels(pb.ListLabelsRequest(scene_id=scene_id, page_size=2, page_token=token))
+        labels += [entry.label for entry in page.labels]
+        if not (token := page.next_page_token):
+            break
+    assert labels == list(LABELS)
+    objects = faces.rest.get(f"/v1/scenes/{scene_id}/objects", params={"page_size": 1}).json()
+    other = {"page_token": objects["next_page_token"]}
+    assert objects["next_page_token"]
+    refused = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/labels", params=other))
+    assert refused.details["field"] == "page_token"  # a token of one list is none of another
+    with pytest.raises(NotFoundError):
+        list(client.labels("none"))

@@ -1,0 +1,212 @@
+"""Edits make versions: shown at once, undone at once, and nobody's question fails meanwhile."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from api.grpc.translate import version_out
+from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat_client import Client
+from service.calls.service import SceneService, open_service
+from service.calls.types import Edit, Pose, QueryRequest
+from service.common.errors import ConflictError, FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
+from service.settings import Settings
+from tests.api.clients import client_of
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces
+
+_REMOVE = Edit("remove", label="mug")
+_UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+@pytest.fixture
+def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """A scene that the test may edit."""
+    scene_id = add_scene(service, api_settings, "edited")
+    yield scene_id
+    service.delete_scene(scene_id)
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    with client_of(faces) as opened:
+        yield opened
+
+
+def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Client, own: str) -> None:
+    before = client.scene(own)
+    (answer,) = client.query(own, "mug", outputs=["mask3d", "objects"])
+    made = client.edit_scene(own, [_REMOVE])
+    assert (made.parent, made.current, made.edits) == (before.version, True, (_REMOVE,))
+    after = client.scene(own)
+    mugs = answer.answer.matches[0].gaussian_count
+    assert after.version == made.version and after.gaussians == made.gaussians == before.gaussians - mugs
+    assert [row.gaussian_count for row in after.dictionary] == [0, 60, 60]
+    assert not client.mask3d(own, "mug").any() and len(client.mask3d(own, "ball")) == after.gaussians
+    assert [thing.label for thing in client.objects(own)] != [thing.label for thing in client.objects(own, version="1")]
+
+    # The old version answers as before, whoever asks for it by name.
+    (old,) = client.query(own, "mug", outputs=["mask3d", "objects"], version=before.version)
+    assert old == answer
+    assert [(v.version, v.current) for v in client.versions(own)] == [(before.version, False), (made.version, True)]
+
+    undone = client.undo_edit(own, made.version)
+    assert (undone.version, undone.current) == (before.version, True)
+    assert client.query(own, "mug", outputs=["mask3d", "objects"]) == (answer,)
+    assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
+    listed = faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=own)).versions
+    assert list(listed) == [version_out(version) for version in client.versions(own)]
+
+
+def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> None:
+    (mug,) = client.objects(own, label="mug")
+    made = client.edit_scene(
+        own,
+        [Edit("recolour", object_id=mug.id, colour=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+    )
+    (moved,) = client.objects(own, label="mug")
+    assert moved.centroid == pytest.approx(np.add(mug.centroid, _UP.position), abs=1e-4)
+    assert (client.depth(own, "front.png") != client.depth(own, "front.png", version=made.parent)).any()
+    copies = client.edit_scene(own, [Edit("duplicate", label="mug", transform=_UP)])
+    assert copies.gaussians == made.gaussians + 60  # those too faint for the object, too
+    assert len(list(client.objects(own, label="mug"))) == 2
+    assert client.undo_edit(own).version == made.version
+    assert client.undo_edit(own).version == made.parent
+    with pytest.raises(ConflictError):
+        client.undo_edit(own)
+
+
+def test_both_faces_edit_alike(faces: Faces, client: Client, own: str) -> None:
+    edits = [
+        Edit("recolour", label="mug", colour=(0.5, 0.25, 0.0)),
+        Edit("move", object_id=next(client.objects(own, label="ball")).id, transform=_UP),
+    ]
+    over_rest = client.edit_scene(own, edits)
+    client.undo_edit(own)
+    message = pb.EditSceneRequest(scene_id=own, request_id="over-grpc")
+    message.edits.extend(version_out(over_rest).edits)
+    over_grpc = faces.rpc.EditScene(message)
+    assert list(over_grpc.edits) == list(version_out(over_rest).edits)
+    assert faces.rpc.EditScene(message) == over_grpc  # the request id has made it already
+    everything = [
+        client.query(
+            own, ["mug", "ball"], views=["front.png"], outputs=["mask2d", "mask3d", "objects"], version=version
+        )
+        for version in (over_rest.version, over_grpc.version)
+    ]
+    assert [replace(answer, version="") for answer in everything[0]] == [
+        replace(answer, version="") for answer in everything[1]
+    ]
+    back = faces.rpc.UndoEdit(pb.UndoEditRequest(scene_id=own, version=over_grpc.version))
+    assert back.version == over_rest.parent
+
+
+def test_one_request_id_makes_one_version(client: Client, own: str) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        made = list(pool.map(lambda _: client.edit_scene(own, [_REMOVE], request_id="once"), range(4)))
+    assert len({version.version for version in made}) == 1 and len(client.versions(own)) == 2
+    with pytest.raises(ConflictError) as caught:
+        client.edit_scene(own, [Edit("remove", label="ball")], request_id="once")
+    assert caught.value.field == "request_id"
+
+
+def test_an_undo_that_is_repeated_undoes_once(client: Client, own: str) -> None:
+    first = client.edit_scene(own, [_REMOVE])
+    second = client.edit_scene(own, [Edit("remove", label="ball")])
+    assert client.undo_edit(own, second.version).version == first.version
+    with pytest.raises(ConflictError) as caught:
+        client.undo_edit(own, second.version)
+    assert caught.value.field == "version"
+
+
+@pytest.mark.parametrize(
+    ("edits", "error", "field"),
+    [
+        ([], InvalidInputError, "edits"),
+        ([_REMOVE] * 101, LimitExceededError, "edits"),
+        ([Edit("remove")], InvalidInputError, "edits[0].label"),
+        ([_REMOVE, Edit("remove", label="mug", object_id="1-1")], InvalidInputError, "edits[1].label"),
+        ([Edit("remove", label="unicorn")], NotFoundError, "edits[0].label"),
+        ([Edit("remove", object_id="9-9")], NotFoundError, "edits[0].object_id"),
+        ([Edit("recolour", label="mug")], InvalidInputError, "edits[0].colour"),
+        ([Edit("move", label="mug")], InvalidInputError, "edits[0].transform"),
+        (
+            [Edit("move", label="mug", transform=Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)))],
+            InvalidInputError,
+            "edits[0].transform.orientation",
+        ),
+    ],
+)
+def test_a_bad_edit_is_named_and_changes_nothing(
+    faces: Faces, client: Client, scene_id: str, edits: list[Edit], error: type[FastSplatError], field: str
+) -> None:
+    before = client.versions(scene_id)
+    with pytest.raises(error) as caught:
+        client.edit_scene(scene_id, edits)
+    assert caught.value.field == field
+    assert client.versions(scene_id) == before
+
+
+def test_versions_are_bounded(service: SceneService, api_settings: Settings, own: str) -> None:
+    calls = api_settings.calls.model_copy(update={"max_versions": 2})
+    with open_service(api_settings.model_copy(update={"calls": calls})) as bounded:
+        bounded.edit_scene(own, [_REMOVE])
+        with pytest.raises(LimitExceededError):
+            bounded.edit_scene(own, [_REMOVE])
+    assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 2
+
+
+def test_versions_go_with_their_scene(service: SceneService, api_settings: Settings) -> None:
+    scene_id = add_scene(service, api_settings, "gone")
+    made = service.edit_scene(scene_id, [_REMOVE])
+    service.delete_scene(scene_id)
+    assert not (api_settings.data_dir / "scenes" / scene_id).exists()
+    assert not service._store.versions.known(scene_id, made.version)
+    for call in (service.list_versions, service.undo_edit, lambda one: service.edit_scene(one, [_REMOVE])):
+        with pytest.raises(NotFoundError):
+            call(scene_id)
+
+
+def test_no_question_fails_while_versions_come_and_go(service: SceneService, client: Client, own: str) -> None:
+    over = threading.Event()
+    sizes: set[int] = set()
+
+    def ask(number: int) -> int:
+        asked = 0
+        while not over.is_set():
+            (answer,) = service.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"})))
+            assert len(answer.mask3d) == -(-answer.gaussians // 8)
+            client.query(own, "mug", views=["front.png"], outputs=["mask2d"])
+            sizes.add(answer.gaussians)
+            asked += 1
+        return asked
+
+    with ThreadPoolExecutor(4) as pool:
+        readers = [pool.submit(ask, number) for number in range(4)]
+        try:
+            for _ in range(4):
+                made = client.edit_scene(own, [_REMOVE])
+                client.edit_scene(own, [Edit("duplicate", label="ball", transform=_UP)])
+                client.undo_edit(own)
+                assert client.undo_edit(own).version == made.parent
+        finally:
+            over.set()
+        assert all(reader.result() > 0 for reader in readers)
+    assert sizes >= {240, 180}
+
+
+def test_concurrent_edits_build_on_each_other(service: SceneService, own: str) -> None:
+    def edit(label: str) -> Any:
+        return service.edit_scene(own, [Edit("remove", label=label)])
+
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(edit, ["mug", "ball", "story book"]))
+    assert service.get_scene(own).gaussians == 60  # only the floor is left
+    assert len(service.list_versions(own)) == 4

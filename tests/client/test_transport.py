@@ -1,0 +1,215 @@
+"""Retries, deadlines and errors of the client, against a server that does what it is told."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fastsplat_client import Client, DeadlineExceededError, RemoteError, Retry, UnreachableError
+from fastsplat_client.errors import error_of
+from service.common.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
+
+_QUICK = Retry(tries=3, first_s=0.01, most_s=0.02)
+_OPERATION = {
+    "id": "o",
+    "scene_id": "s",
+    "state": "QUEUED",
+    "done": False,
+    "created_at": "2026-01-01T00:00:00Z",
+    "updated_at": "2026-01-01T00:00:00Z",
+    "stages": [],
+    "error": None,
+}
+
+
+def _problem(status: int, reason: str, **more: Any) -> tuple[int, dict[str, str], bytes]:
+    return status, {}, json.dumps({"reason": reason, "detail": "no", **more}).encode()
+
+
+class _Scripted(ThreadingHTTPServer):
+    """Answers requests with what the script says, in order, and remembers them."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.script: list[Any] = []
+        self.seen: list[tuple[str, dict[str, str], bytes]] = []
+        self.url = f"http://127.0.0.1:{self.server_address[1]}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        server: Any = self.server
+        body = self.rfile.read(int(self.headers.get("content-length", 0)))
+        server.seen.append(
+            (f"{self.command} {self.path}", {name.lower(): value for name, value in self.headers.items()}, body)
+        )
+        step = server.script.pop(0)
+        if step == "hang up":
+            self.close_connection = True
+            return
+        if callable(step):
+            step = step()
+        status, headers, content = step
+        cut = headers.pop("cut", None)
+        self.send_response(status)
+        for name, value in {"Content-Length": str(len(content)), **headers}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content[:cut])
+        self.close_connection = cut is not None
+
+    do_POST = do_DELETE = do_GET  # noqa: N815
+
+    def log_message(self, *arguments: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def server() -> Iterator[_Scripted]:
+    with _Scripted() as running:
+        thread = threading.Thread(target=running.serve_forever)
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+_FINE = (200, {"Content-Type": "application/json"}, json.dumps(_OPERATION).encode())
+
+
+def test_a_call_that_changes_nothing_is_repeated(server: _Scripted) -> None:
+    server.script = [_problem(503, "UNAVAILABLE"), "hang up", _FINE]
+    with Client(server.url, key="secret", retry=_QUICK) as client:
+        assert client.operation("o").state == "QUEUED"
+    assert [line for line, _, _ in server.seen] == ["GET /v1/operations/o"] * 3
+    assert all(headers["authorization"] == "Bearer secret" for _, headers, _ in server.seen)
+
+
+def test_there_is_an_end_to_repeating(server: _Scripted) -> None:
+    server.script = ["hang up"] * 3
+    with Client(server.url, retry=_QUICK) as client, pytest.raises(UnreachableError):
+        client.operation("o")
+    assert len(server.seen) == 3
+
+
+def test_what_must_not_happen_twice_is_sent_once(server: _Scripted) -> None:
+    with Client(server.url, retry=_QUICK) as client:
+        for step, error in (("hang up", UnreachableError), (_problem(503, "UNAVAILABLE"), FastSplatError)):
+            server.script = [step]
+            with pytest.raises(error):
+                client.delete_scene("s")
+        assert len(server.seen) == 2
+        # A server that turns it away before any work has done nothing.
+        server.script = [_problem(429, "RATE_LIMITED"), (204, {}, b"")]
+        client.delete_scene("s")
+
+
+def test_refusals_are_not_repeated_and_keep_their_words(server: _Scripted) -> None:
+    server.script = [_problem(404, "NOT_FOUND", field="scene", hint="Look.", request_id="r1")]
+    with Client(server.url, retry=_QUICK) as client, pytest.raises(NotFoundError) as caught:
+        client.scene("none")
+    error = caught.value
+    assert (error.message, error.field, error.hint, error.__notes__) == ("no", "scene", "Look.", ["request id r1"])
+    assert len(server.seen) == 1
+
+
+def test_retry_after_is_obeyed_and_too_long_a_pause_is_none(server: _Scripted) -> None:
+    busy = _problem(429, "RATE_LIMITED")
+    with Client(server.url, retry=_QUICK) as client:
+        server.script = [(busy[0], {"Retry-After": "0"}, busy[2]), _FINE]
+        client.operation("o")
+        server.script = [(busy[0], {"Retry-After": "3600"}, busy[2])]
+        with pytest.raises(FastSplatError) as caught:
+            client.operation("o")
+    assert caught.value.reason == "RATE_LIMITED" and caught.value.retry_after_s == 3600
+
+
+def test_an_answer_that_does_not_come_in_time_is_a_deadline(server: _Scripted) -> None:
+    release = threading.Event()
+
+    def slow() -> Any:
+        release.wait(10)
+        return _FINE
+
+    server.script = [slow]
+    with Client(server.url, retry=_QUICK, timeout_s=0.2) as client, pytest.raises(DeadlineExceededError):
+        client.operation("o")
+    release.set()
+
+
+def test_no_server_is_said_so() -> None:
+    with Client("http://127.0.0.1:9", retry=_QUICK) as client, pytest.raises(UnreachableError):
+        client.operation("o")
+
+
+def test_a_download_is_taken_up_where_it_broke_off(server: _Scripted, tmp_path: Path) -> None:
+    content = bytes(range(256)) * 1000
+    tag = {"ETag": '"v1"'}
+    server.script = [
+        (200, {**tag, "cut": 100_000}, content),
+        (206, {**tag, "cut": 50_000}, content[100_000:]),
+        (206, tag, content[150_000:]),
+    ]
+    with Client(server.url, retry=_QUICK) as client:
+        assert client.download_scene("s", tmp_path / "scene.ply") == '"v1"'
+    assert (tmp_path / "scene.ply").read_bytes() == content
+    assert [headers.get("range") for _, headers, _ in server.seen] == [None, "bytes=100000-", "bytes=150000-"]
+
+    # Another version became current meanwhile: the server answers with the whole, and that is what the file becomes.
+    server.script = [(200, {**tag, "cut": 100_000}, content), (200, {"ETag": '"v2"'}, b"other")]
+    with Client(server.url, retry=_QUICK) as client:
+        assert client.download_scene("s", tmp_path / "scene.ply") == '"v2"'
+    assert (tmp_path / "scene.ply").read_bytes() == b"other"
+
+
+def test_a_watch_is_taken_up_after_the_last_event(server: _Scripted) -> None:
+    def event(name: str, state: str, done: bool) -> bytes:
+        data = json.dumps({**_OPERATION, "state": state, "done": done})
+        return f"id: {name}\nevent: operation\ndata: {data}\n\n".encode()
+
+    one, two = event("1", "QUEUED", False), event("2", "SUCCEEDED", True)
+    server.script = [(200, {"cut": len(one) + 20}, one + two), "hang up", (200, {}, two)]
+    with Client(server.url, retry=_QUICK) as client:
+        assert [operation.state for operation in client.watch("o")] == ["QUEUED", "SUCCEEDED"]
+    assert [headers.get("last-event-id") for _, headers, _ in server.seen] == [None, "1", "1"]
+
+
+def test_an_upload_is_repeated_whole_under_one_request_id(server: _Scripted, tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(b"first picture")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "b.png").write_bytes(b"second picture")
+    (tmp_path / "notes.txt").write_bytes(b"not a picture")
+    server.script = [_problem(503, "UNAVAILABLE"), _FINE]
+    with Client(server.url, retry=_QUICK) as client:
+        client.create_scene(tmp_path, name="desk")
+        with pytest.raises(InvalidInputError):
+            client.create_scene(tmp_path / "none")
+    bodies = [body for _, _, body in server.seen]
+    assert len(bodies) == 2
+    for body in bodies:
+        assert b"first picture" in body and b'filename="sub/b.png"' in body and b"not a picture" not in body
+    ids = [body.split(b'name="request_id"\r\n\r\n')[1][:32] for body in bodies]
+    assert ids[0] == ids[1] and len(ids[0].strip()) == 32
+
+
+def test_every_error_of_the_service_comes_back_as_itself() -> None:
+    def tree(kind: type[FastSplatError]) -> Iterator[type[FastSplatError]]:
+        yield kind
+        for below in kind.__subclasses__():
+            yield from tree(below)
+
+    for kind in tree(FastSplatError):
+        found = error_of(kind.reason, kind.kind, "no", {"field": "f", "limit": "l", "hint": "h"})
+        assert found.reason == kind.reason and found.kind is kind.kind
+        assert kind.__module__ != "service.common.errors" or type(found).reason == kind.reason
+        assert found.details() == {"field": "f", "limit": "l", "hint": "h"}
+    unknown = error_of("OF_A_LATER_RELEASE", Kind.UNAVAILABLE, "no", {})
+    assert isinstance(unknown, RemoteError) and unknown.reason == "OF_A_LATER_RELEASE"
