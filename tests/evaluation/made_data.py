@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -174,6 +175,29 @@ def three_d_ovs(folder: Path, count: int, annotated: Sequence[str]) -> Path:
             mask[10:30, 5 + 20 * number : 20 + 20 * number] = 255 * (number < 2)
             save(mask, folder / f"segmentations/{frame}/{label}.png")
     return folder
+
+
+def same_truth(root: Path, test: Sequence[int] = (1, 4)) -> tuple[Path, Path, Path]:
+    """One truth in three layouts: label maps, one mask a label (3D-OVS), polygons (LERF-OVS); the same test views."""
+    maps = nerfstudio(root / "maps", 6, test)
+    truth = index()
+    stems = [f"frame_{number:05d}" for number in range(6)]
+    masks, polygons = colmap(root / "masks", stems), colmap(root / "polygons", stems)
+    (masks / "segmentations").mkdir()
+    (masks / "segmentations/classes.txt").write_text("\n".join(LABELS))
+    (polygons / "label").mkdir()
+    for number in test:
+        shown = truth.label_map(PosedCamera(CAMERA, poses(6)[number]))
+        objects = []
+        for label_id, label in enumerate(LABELS, 1):
+            mask = (shown == label_id).astype(np.uint8)
+            save(mask * 255, masks / f"segmentations/{stems[number]}/{label}.png")
+            outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+            outline = (outlines[0][:, 0] + 0.5).tolist()  # centres of the outermost pixels
+            objects.append({"category": label, "segmentation": outline, "bbox": [0, 0, 1, 1]})
+        info = {"name": f"{stems[number]}.jpg", "width": CAMERA.width, "height": CAMERA.height}
+        (polygons / f"label/{stems[number]}.json").write_text(json.dumps({"info": info, "objects": objects}))
+    return maps, masks, polygons
 
 
 def _ply(points: NDArray[np.float32]) -> str:

@@ -141,6 +141,24 @@ def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: P
     assert {"ghost_rate", "mask3d_iou", "depth_error"} <= set(written["reasons"])
 
 
+def test_three_layouts_of_one_truth_give_one_figure(tmp_path: Path) -> None:
+    scene = made_data.scene()
+    shaken = scene.gaussians.means + np.array([[0.04, 0, 0], [0, 0.06, 0], [-0.3, 0, 0.1]], np.float32)
+    index = made_data.index(replace(scene, gaussians=replace(scene.gaussians, means=shaken.astype(np.float32))))
+    maps, masks, polygons = (
+        evaluate_scene(index, read_dataset(folder, CaptureSettings()), samples=0)
+        for folder in made_data.same_truth(tmp_path)
+    )
+    assert 0.2 < maps.miou < 0.95
+    for other in (masks, polygons):
+        assert other.miou_per_class == pytest.approx(maps.miou_per_class)
+        assert other.miou == pytest.approx(maps.miou) and other.boundary_iou == pytest.approx(maps.boundary_iou)
+        assert other.pixel_accuracy == pytest.approx(maps.pixel_accuracy)
+        assert other.localization == maps.localization
+        for name in ("miou_micro", "miou_views", "miou_threshold", "miou_threshold_views"):
+            assert other.details[name] == pytest.approx(maps.details[name])
+
+
 def test_a_data_set_without_labels_measures_pictures_alone(tmp_path: Path) -> None:
     dataset = read_dataset(made_data.colmap(tmp_path / "plain", ["a", "b", "c"]), CaptureSettings())
     written = evaluate_scene(made_data.index(), dataset).to_json()
