@@ -56,7 +56,7 @@ def load_data(name: str) -> BenchData:
         surfaces = ("plate", "tulip", "dining table")  # two that COCO has no class for, and the surface
     train, test = split_views(len(capture.views), HELD_OUT_EVERY)
     asked = tuple(entry.label for entry in truth.dictionary.entries if entry.label not in surfaces)
-    return BenchData(capture, truth, train, test, asked)
+    return BenchData(capture, replace(truth, exact=True), train, test, asked)
 
 
 def models() -> Path:

@@ -63,6 +63,8 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(view.posed for view in data.capture.views),
         scale=data.capture.scale,
+        evidence=trained.evidence,
+        label_mode=trained.label_mode,
     )
     with tempfile.TemporaryDirectory() as folder:
         write_scene(scene, Path(folder) / "scene")

@@ -165,7 +165,8 @@ def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
     """Mean over a run of `settings`, bounded by time, on the reference machine; schedules as in training."""
     start = max(1, min(scene.points, settings.max_gaussians))
     width, height = _size(settings, scene)
-    scales, channels = image_scales(settings), code_size(scene.labels, settings.code_size)
+    scales = image_scales(settings)
+    channels = 0 if settings.label_mode == "evidence" else code_size(scene.labels, settings.code_size)
     rates = []
     for index in range(_SHARES):
         share = (index + 0.5) / _SHARES
@@ -182,16 +183,17 @@ def load_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
 
 
 def finish_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Everything after the last step: the last checkpoint, the held-out views measured, the result written."""
+    """Everything after the last step: thrift, evidence, the held-out views measured, the result written."""
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
-    measured = 0.4 * step_seconds(round(width * height), settings.max_gaussians, 0)
-    thrift = 0.0
+    step = step_seconds(round(width * height), settings.max_gaussians, 0)
+    measured, thrift = 0.4 * step, 0.0
+    evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
     if settings.surplus_loss_db and held_out:
         small = round(width * height * image_scales(settings)[0] ** 2)
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
         thrift = weighed + MEASURES * min(held_out, JUDGES) * measured
-    return 0.1 + 5e-6 * settings.max_gaussians + held_out * measured + thrift
+    return 0.1 + 5e-6 * settings.max_gaussians + held_out * measured + thrift + evidence
 
 
 def _on_rung(settings: TrainingSettings, scene: SceneSize, rung: int) -> TrainingSettings:

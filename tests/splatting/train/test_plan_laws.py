@@ -32,6 +32,8 @@ wishes = st.builds(
     max_side=st.integers(8, 2_000),
     max_sh_degree=st.integers(0, 3),
     iterations=st.integers(1, 30_000),
+    label_mode=st.sampled_from(["codes", "evidence", "auto"]),
+    surplus_loss_db=st.sampled_from([0.0, 0.05]),
 )
 
 
