@@ -79,18 +79,23 @@ def measure(
     """By score: what the product needs, and the figures it reaches on what did not set it."""
     cache = TextCache(encoder, templates, 100_000)
     against = cache.embed(negatives)
-    pairs, scenes = read_pairs(), read_scenes()
+    pairs = read_pairs()
     names: tuple[Score, ...] = ("similarity", "relevancy")
     results: dict[Score, tuple[ScoreCalibration, dict[str, Any]]] = {}
     for name in names:
         values = np.array([_scores(name, cache, [pair.label], [pair.query], against)[0, 0] for pair in pairs])
         related, exact, figures = _thresholds(pairs, values)
-        asked = [
-            question for number, scene in enumerate(scenes) for question in _ask(name, number, scene, cache, against)
-        ]
+        asked = ask_scenes(name, cache, against)
         calibration = fit(asked, related, exact)
         results[name] = (calibration, figures | judge(asked, calibration))
     return results
+
+
+def ask_scenes(name: Score, cache: TextCache, against: NDArray[np.float32]) -> list[Asked]:
+    """Every question of `scenes.txt` with its scores; `against` are the embedded negatives."""
+    return [
+        question for number, scene in enumerate(read_scenes()) for question in _ask(name, number, scene, cache, against)
+    ]
 
 
 def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibration:
@@ -98,10 +103,11 @@ def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibratio
     fitting = [question for question in asked if question.scene % 4 == 0 and not question.named]
     best = np.array([question.scores.max() for question in fitting])
     present = _logistic(best[:, None], np.array([bool(question.first) for question in fitting]))
+    background = round(float(np.median(best[[not question.first for question in fitting]])), 4)
     features, accepted = [], []
     for question in fitting:
         judged = [row for row in range(len(question.labels)) if row not in question.also]
-        features.append(np.stack([question.scores, leads(question.scores)], axis=1)[judged])
+        features.append(np.stack([question.scores, leads(question.scores, background)], axis=1)[judged])
         accepted += [row in question.first for row in judged]
     entry = _logistic(np.concatenate(features), np.array(accepted))
     models = ScoreCalibration(
@@ -109,6 +115,7 @@ def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibratio
         exact=round(exact, 4),
         entry=Logistic(score=entry[0], lead=entry[1], offset=entry[2]),
         present=Logistic(score=present[0], offset=present[1]),
+        background=background,
         scenes=(),
     )
     return models.model_copy(update={"scenes": conformal_scenes(asked, models, (1, 2))})
@@ -128,8 +135,8 @@ def conformal_scenes(
 
 def nonconformities(question: Asked, models: ScoreCalibration) -> F64:
     """float64 [N + 1], see `candidates`."""
-    entry = entry_probability(question.scores, models.entry)
-    return candidates(entry, float(present_probability(question.scores, entry, models.present)))
+    entry = entry_probability(question.scores, models)
+    return candidates(entry, float(present_probability(question.scores, entry, models)))
 
 
 def acceptable(question: Asked) -> set[int]:
@@ -143,7 +150,7 @@ def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
     judges = [question for question in scored if question.scene % 4 == 3]
     accepted, entry_p, top_right, top_p, here, here_p = [], [], [], [], [], []
     for question in judges:
-        entry = entry_probability(question.scores, found.entry)
+        entry = entry_probability(question.scores, found)
         judged = [row for row in range(len(entry)) if row not in question.also]
         accepted += [row in question.first for row in judged]
         entry_p += entry[judged].tolist()
@@ -151,7 +158,7 @@ def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
         top_right.append(top in question.first)
         top_p.append(float(entry[top]))
         here.append(bool(question.first))
-        here_p.append(float(present_probability(question.scores, entry, found.present)))
+        here_p.append(float(present_probability(question.scores, entry, found)))
     figures: dict[str, Any] = {
         "scenes": len({question.scene for question in scored}),
         "questions": len(scored),
@@ -183,7 +190,7 @@ def _listed(scored: Sequence[Asked], found: ScoreCalibration, share: float, name
     present = [question for question in scored if question.first]
     absent = [question for question in scored if not question.first]
     lists = {
-        id(question): related_rows(question.scores, entry_probability(question.scores, found.entry), found, share)
+        id(question): related_rows(question.scores, entry_probability(question.scores, found), found, share)
         for question in scored
     }
     shown = [(row, question) for question in present for row in np.flatnonzero(lists[id(question)]).tolist()]

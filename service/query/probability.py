@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 F64 = NDArray[np.float64]
 
 LEAD_LIMIT = 0.3
-"""A lead beyond this says no more: an entry that stands alone in its dictionary has this one."""
+"""A lead beyond this says no more."""
 
 
 class Logistic(BaseModel):
@@ -33,6 +33,7 @@ class ScoreCalibration(BaseModel):
         exact: from here on it is the thing itself.
         entry: probability that who asks accepts the entry.
         present: probability that anything in the dictionary answers, of its best score.
+        background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.
         scenes: for each calibration scene its questions' nonconformities, for `nonconformity_bound`.
     """
 
@@ -42,33 +43,35 @@ class ScoreCalibration(BaseModel):
     exact: float
     entry: Logistic
     present: Logistic
+    background: float
     scenes: tuple[tuple[float, ...], ...]
 
 
-def leads(scores: F64) -> F64:
-    """[..., N] of scores [..., N]: how far each entry is above the best of the others (negative for all but the first),
-    clipped to ±`LEAD_LIMIT`."""
-    if scores.shape[-1] < 2:
-        return np.full(scores.shape, LEAD_LIMIT)
-    first = scores.argmax(axis=-1)[..., None]
-    best = np.take_along_axis(scores, first, axis=-1)
-    rest = scores.copy()
-    np.put_along_axis(rest, first, -np.inf, axis=-1)
-    others = np.broadcast_to(best, scores.shape).copy()
-    np.put_along_axis(others, first, rest.max(axis=-1, keepdims=True), axis=-1)
+def leads(scores: F64, background: float) -> F64:
+    """[..., N] of scores [..., N]: how far each entry is above the best of the others (negative for all but the first)
+    and above the background, which stands in where there are no others; clipped to ±`LEAD_LIMIT`."""
+    others = np.full(scores.shape, background)
+    if scores.shape[-1] > 1:
+        first = scores.argmax(axis=-1)[..., None]
+        rest = scores.copy()
+        np.put_along_axis(rest, first, -np.inf, axis=-1)
+        np.maximum(others, np.take_along_axis(scores, first, axis=-1), out=others)
+        np.put_along_axis(others, first, np.maximum(rest.max(axis=-1, keepdims=True), background), axis=-1)
     return np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT)
 
 
-def entry_probability(scores: F64, model: Logistic) -> F64:
+def entry_probability(scores: F64, found: ScoreCalibration) -> F64:
     """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
-    return _sigmoid(model.score * scores + model.lead * leads(scores) + model.offset)
+    model = found.entry
+    return _sigmoid(model.score * scores + model.lead * leads(scores, found.background) + model.offset)
 
 
-def present_probability(scores: F64, entry: F64, model: Logistic) -> F64:
+def present_probability(scores: F64, entry: F64, found: ScoreCalibration) -> F64:
     """[...] of scores [..., N] and their `entry_probability`: that anything here answers; 0 without entries. Never
     below the best entry's own probability, of which it is a consequence."""
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
+    model = found.present
     return np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1))
 
 

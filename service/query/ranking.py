@@ -127,12 +127,12 @@ class Ranker:
         relevancy: F64,
     ) -> Answer:
         measured = prompted.measured
-        likely = None if measured is None else entry_probability(primary, measured.entry)
+        likely = None if measured is None else entry_probability(primary, measured)
         judged = self._judge(text, prompted, primary, likely)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.chosen))
         probability, labels = None, ()
         if measured is not None and likely is not None:
-            present = float(present_probability(primary, likely, measured.present))
+            present = float(present_probability(primary, likely, measured))
             if judged.named is None:
                 bound = nonconformity_bound(measured.scenes, coverage)
                 labels = label_set(candidates(likely, present), bound)

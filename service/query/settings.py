@@ -37,7 +37,7 @@ class QuerySettings(BaseModel):
     score is the margin d·q − max_j d·c_j, which is 0 where the relevancy is 0.5, at any temperature."""
     exact_threshold: float | None = None
     """From this score an entry counts as the thing itself; None takes the encoder's calibrated threshold."""
-    related_probability: Annotated[float, Field(ge=0, le=1)] = 0.2
+    related_probability: Annotated[float, Field(ge=0, le=1)] = 0.15
     """A related entry other than the leading one is spoken of from this calibrated probability on. Measured by
     benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
     coverage: Annotated[float, Field(ge=0, le=1)] = 0.9

@@ -26,8 +26,8 @@ def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64)
     """For each object (rows of Gaussians) the names of at most five cameras, best first.
 
     A Gaussian counts with its area over its squared distance, in pixels, if it lies inside the image and no more than
-    8 % behind the nearest opaque Gaussian of its cell and the cells around it, 64 cells to the longer side. The cost is bounded: 64 views
-    spread evenly, 65,536 occluders, 256 Gaussians an object.
+    8 % behind the nearest opaque Gaussian of its cell and the cells around it, 64 cells to the longer side. The cost is
+    bounded: 64 views spread evenly, 65,536 occluders, 256 Gaussians an object.
 
     Args:
         scene: its cameras and Gaussians.

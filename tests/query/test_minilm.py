@@ -7,27 +7,51 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.stats import binom
 
-from benchmarks.calibration.calibrate import measure
+from benchmarks.calibration.calibrate import acceptable, ask_scenes, measure, nonconformities
 from service.common.dictionary import dictionary_of
+from service.evaluation.absence import measure_absence
+from service.evaluation.absent import absent_nouns
 from service.perception.text import TextEncoder, open_text_encoder
 from service.query import Answer, QuerySettings, SceneIndex, embed_labels
 from service.query.calibration import calibration_for
+from service.query.embeddings import TextCache
+from service.query.probability import label_set, nonconformity_bound
 from service.scene import Scene
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.
 KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")
 LIVING_ROOM = ("couch", "chair", "vase", "tvmonitor", "pottedplant", "diningtable")
+TABLETOP = (
+    *("table", "floor", "wall", "utensil holder", "screwdriver", "red scissors", "can opener", "magnifying glass"),
+    *("headset", "frying pan", "ramekin", "banana", "mug", "orange", "cereal box", "soda can", "bread"),
+)
 FRUIT_TABLE = ("apple", "pottedplant", "vase", "chair", "bowl")
 ABSENT = ("dinosaur", "umbrella", "bicycle", "trombone", "submarine", "giraffe")
 
 Ask = Callable[..., Answer]
 
 
+class Remembering:
+    """An encoder that reads every sentence once in a test run."""
+
+    def __init__(self, inner: TextEncoder) -> None:
+        self.name, self.sha256, self._inner = inner.name, inner.sha256, inner
+        self._known: dict[str, np.ndarray] = {}
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        new = [text for text in dict.fromkeys(texts) if text not in self._known]
+        if new:
+            self._known |= dict(zip(new, self._inner.encode(new), strict=True))
+        return np.stack([self._known[text] for text in texts])
+
+
 @pytest.fixture(scope="session")
 def encoder(models_dir: Path) -> TextEncoder:
-    return open_text_encoder("minilm_l6_int8", models_dir, threads=1)
+    return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))  # type: ignore[return-value]
 
 
 @pytest.fixture
@@ -44,39 +68,66 @@ def relevant(answer: Answer) -> list[str]:
     return [match.label for match in answer.matches if match.relevant]
 
 
+def without(labels: Sequence[str], *gone: str) -> list[str]:
+    return [label for label in labels if label not in gone]
+
+
 @pytest.mark.parametrize(
     ("labels", "text", "first"),
     [
-        (KITCHEN, "coffee", ["coffee machine"]),
-        (KITCHEN, "tea", ["kettle", "coffee machine"]),
-        ([label for label in KITCHEN if label != "kettle"][:4], "tea", ["coffee machine"]),
-        (KITCHEN, "cooking pot", ["kettle"]),
-        (KITCHEN, "fork", ["spoon"]),
-        (KITCHEN, "water", ["bottle"]),
-        (LIVING_ROOM, "cup", ["vase"]),
-        (FRUIT_TABLE, "fruit", ["apple", "pottedplant"]),
+        (KITCHEN, "coffee", "coffee machine"),
+        (KITCHEN, "tea", "kettle"),
+        (without(KITCHEN, "kettle", "spoon"), "tea", "coffee machine"),
+        (KITCHEN, "cooking pot", "kettle"),
+        (KITCHEN, "fork", "spoon"),
+        (KITCHEN, "water", "bottle"),
+        (LIVING_ROOM, "cup", "vase"),
+        (FRUIT_TABLE, "fruit", "apple"),
     ],
 )
-def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, first: list[str]) -> None:
+def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, first: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "related"
-    assert answer.matches[0].label in first
-    assert answer.matches[0].label in answer.explanation
+    assert answer.verdict == "related" and answer.decided_by == "score"
+    assert answer.matches[0].label == first == relevant(answer)[0]
+    for why in (
+        f'No "{text}" here',
+        f'"{first}"',
+        f'"{answer.matches[0].nearest_negative}"',
+        f"{answer.threshold:.2f}",
+    ):
+        assert why in answer.explanation
+    assert answer.probability == answer.matches[0].probability
+    assert answer.coverage == 0.9 and answer.matches[0].label_id in answer.label_set
 
 
-def test_a_fork_is_a_spoon_rather_than_a_knife(ask: Ask) -> None:
+def test_a_fork_is_a_spoon_before_it_is_a_knife(ask: Ask) -> None:
     assert relevant(ask(KITCHEN, "fork")) == ["spoon", "knife"]
+    assert relevant(ask((*KITCHEN, "cooking spoon"), "fork"))[:2] == ["spoon", "knife"]
 
 
 def test_water_is_in_the_bottle_and_the_kettle(ask: Ask) -> None:
-    # The paper's encoder names the coffee machine third; MiniLM prefers the sink, and leaves the machine out.
+    # The paper's encoder names the coffee machine before the kettle; MiniLM prefers the sink, and leaves it out.
     assert relevant(ask(KITCHEN, "water")) == ["bottle", "sink", "kettle"]
+
+
+def test_minilm_takes_tea_for_a_spoon_before_a_coffee_machine(ask: Ask) -> None:
+    # The paper's kitchen answers "coffee machine" where there is no kettle. MiniLM thinks of teaspoons first.
+    assert [match.label for match in ask(without(KITCHEN, "kettle"), "tea").matches[:2]] == ["spoon", "coffee machine"]
+
+
+def test_minilm_looks_for_fruit_in_the_vase_rather_than_on_the_plant(ask: Ask) -> None:
+    # The paper's library answers "pottedplant". MiniLM puts the vase first (and the plant second), not surely: the set
+    # that holds the right answer nine times in ten says "perhaps nothing here" too.
+    answer = ask(LIVING_ROOM, "fruit")
+    assert [match.label for match in answer.matches[:2]] == ["vase", "pottedplant"]
+    assert 0 in answer.label_set and (answer.probability or 0) < 0.7
 
 
 def test_minilm_calls_a_cooking_pot_a_cooking_spoon(ask: Ask) -> None:
     # A known weakness of the encoder: it goes by the shared word. The kettle comes second.
     answer = ask((*KITCHEN, "cooking spoon"), "cooking pot")
     assert [match.label for match in answer.matches[:2]] == ["cooking spoon", "kettle"]
+    assert relevant(answer) == ["cooking spoon", "kettle"] and set(answer.label_set) >= {10, 1}
 
 
 @pytest.mark.parametrize(("text", "first"), [("fork", "sink"), ("water", "kettle")])
@@ -118,6 +169,62 @@ def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Call
     assert answers[0] == answers[1]
 
 
+def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEncoder, make_scene: Any) -> None:
+    index = SceneIndex(make_scene(KITCHEN, code=2), encoder, QuerySettings())
+    (usual,) = index.ask(["fork"])
+    (against,) = index.ask(["fork"], negatives=["cutlery"])
+    assert against.matches[0].nearest_negative == "cutlery"
+    assert against.matches[0].relevancy < usual.matches[0].relevancy
+    # Likeness to negatives decides nothing by the default score, so that what was calibrated still holds.
+    assert [match.probability for match in against.matches] == [match.probability for match in usual.matches]
+    (bare,) = index.ask(["fork"], templates=["{}"])
+    assert (
+        bare.probability is None
+        and bare.coverage is None
+        and bare.label_set == ()
+        and "not calibrated" in (bare.explanation)
+    )
+    assert index.ask(["fork"], templates=QuerySettings().templates)[0] == usual
+    sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)]
+    assert [len(chosen) for chosen in sets] == sorted(len(chosen) for chosen in sets)
+    assert len(sets[0]) == 1 and sorted(sets[-1]) == list(range(len(KITCHEN) + 1))
+    assert index.ask(["fork"])[0] == usual
+
+
+def test_a_name_is_certain(ask: Ask) -> None:
+    answer = ask(KITCHEN, "the knives")
+    assert answer.probability == 1.0 == answer.matches[0].probability
+    assert answer.label_set == (8,) and answer.threshold is None and answer.decided_by == "name"
+
+
+def test_what_is_absent_is_so_with_a_probability(ask: Ask) -> None:
+    answer = ask(KITCHEN, "dinosaur")
+    assert answer.verdict == "absent" and (answer.probability or 0) > 0.8 and answer.label_set[0] == 0
+    assert (answer.threshold or 0) > answer.matches[0].similarity
+
+
+@pytest.mark.parametrize(
+    ("labels", "synonyms"),
+    [
+        (
+            TABLETOP,
+            ["headphones", "drink can", "coffee cup", "skillet", "loaf", "tin opener", "magnifier", "cornflakes"],
+        ),
+        (("skull",), ["cranium", "skeleton head"]),
+    ],
+    ids=["tabletop", "skull"],
+)
+def test_what_is_there_stands_out_from_a_hundred_nouns_that_are_not(
+    encoder: TextEncoder, make_scene: Any, labels: Sequence[str], synonyms: list[str]
+) -> None:
+    index = SceneIndex(make_scene(labels, code=2), encoder, QuerySettings())
+    absent = absent_nouns(labels)
+    assert len(absent) >= 100
+    for present in (list(labels), synonyms):
+        found = measure_absence(index, present, absent)
+        assert found is not None and found.auroc >= 0.95 and found.said_absent > 0.8 and found.said_present == 1
+
+
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
 def test_the_default_encoder_is_calibrated_for_the_default_prompts(encoder: TextEncoder, score: str) -> None:
     settings = QuerySettings()
@@ -136,3 +243,30 @@ def test_the_committed_calibration_is_what_its_script_measures(encoder: TextEnco
         assert committed.related == pytest.approx(measured.related, abs=0.02)
         assert committed.exact == pytest.approx(measured.exact, abs=0.02)
         assert figures["auroc_related_against_absent"] > 0.97
+        for kind, error in (("entry", 0.02), ("leading_entry", 0.1), ("present", 0.08)):
+            assert figures[f"{kind}_ece"] < error
+            assert figures[f"{kind}_brier"] < 0.4 * figures[f"{kind}_brier_of_base_rate"]
+        # The rule for what is spoken of loses no answer, and says half as much beside the point.
+        before, after = figures["listed_by_threshold"], figures["listed"]
+        for kept in ("found", "named_rightly", "rightly_absent"):
+            assert before[kept] == after[kept]
+        assert 1 - after["precision"] < 0.6 * (1 - before["precision"]) and after["recall"] > before["recall"] - 0.1
+
+
+@pytest.mark.parametrize("score", ["similarity", "relevancy"])
+def test_label_sets_cover_what_they_say_on_scenes_they_never_saw(encoder: TextEncoder, score: Any) -> None:
+    settings = QuerySettings()
+    cache = TextCache(encoder, settings.templates, 10_000)
+    found = calibration_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
+    assert found is not None
+    asked = [question for question in ask_scenes(score, cache, cache.embed(settings.negatives)) if not question.named]
+    judges = [question for question in asked if question.scene % 4 == 3]
+    assert len(judges) >= 100
+    sizes = []
+    for coverage in (0.5, 0.8, 0.9, 0.95):
+        bound = nonconformity_bound(found.scenes, coverage)
+        sets = [label_set(nonconformities(question, found), bound) for question in judges]
+        hits = sum(bool(acceptable(question) & set(chosen)) for question, chosen in zip(judges, sets, strict=True))
+        assert hits >= binom.ppf(0.001, len(judges), coverage)
+        sizes.append(sum(map(len, sets)))
+    assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
