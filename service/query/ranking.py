@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.errors import InvalidInputError, ModelUnavailableError
+from service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from service.query.calibration import calibration_for
 from service.query.embeddings import TextCache, embed_labels
 from service.query.explain import explain
@@ -199,12 +199,23 @@ class Ranker:
             if key in self._prompted:
                 self._prompted.move_to_end(key)
                 return self._prompted[key]
+        self._check_sentences(templates)
         made = self._prepare(negatives, templates)
         with self._lock:
             self._prompted[key] = made
             while len(self._prompted) > _KEPT_PROMPTS:
                 self._prompted.popitem(last=False)
         return made
+
+    def _check_sentences(self, templates: tuple[str, ...]) -> None:
+        count, limit = len(self._names) * len(templates), self._settings.max_sentences
+        if templates != self._settings.templates and count > limit:
+            raise LimitExceededError(
+                f"{len(self._names)} labels in {len(templates)} templates",
+                field="templates",
+                limit=f"{limit} sentences (FASTSPLAT_QUERY__MAX_SENTENCES)",
+                hint="Send fewer templates.",
+            )
 
     def _prepare(self, negatives: tuple[str, ...], templates: tuple[str, ...]) -> _Prompted:
         against = self._cache.embed(negatives, templates)

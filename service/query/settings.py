@@ -45,6 +45,8 @@ class QuerySettings(BaseModel):
     max_text_chars: int = 1_000
     max_prompts: Annotated[int, Field(ge=1)] = 64
     """Templates, and canonical negatives, that one request may bring."""
+    max_sentences: Annotated[int, Field(ge=0)] = 8_192
+    """Labels times templates that one request may have embedded anew."""
     max_texts: int = 64
     max_poses: int = 64
     cached_texts: Annotated[int, Field(ge=0)] = 4_096

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from service.common.camera import PosedCamera
-from service.common.dictionary import Dictionary, DictionaryEntry
+from service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from service.query import QuerySettings, SceneIndex
 from service.query.labels import most_probable_class
@@ -190,6 +190,84 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
     named, near = index.ask(["mug", "tumbler"])
     assert named.verdict == "exact"
     assert near.verdict == "absent" and "not calibrated" in near.explanation and '"mug"' in near.explanation
+    for answer in (named, near):
+        assert answer.probability is None and answer.coverage is None and answer.label_set == ()
+        assert answer.threshold is None and all(match.probability is None for match in answer.matches)
+
+
+def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: SceneIndex) -> None:
+    for answer in index.ask(["tumbler", "cup", "cloud"]):
+        assert answer.probability is None and answer.decided_by == "score"
+        assert answer.threshold == (0.95 if answer.verdict == "exact" else 0.5)
+        assert f"{answer.threshold:.2f}" in answer.explanation
+
+
+def test_labels_that_nearly_are_the_same_are_told_apart(
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
+) -> None:
+    labels = ["cup", "cup holder", "cups and plates", "Cup.", "ＣＵＰ ２", "c u p"]
+    leaning = {label: [1.0, i * 1e-3] for i, label in enumerate([*labels, "beaker"])}
+    index = SceneIndex(make_scene(labels), drawn_encoder(leaning), plain)
+    for i, label in enumerate(labels):
+        assert index.ask([label])[0].relevant_ids == (i + 1,)
+    assert index.ask(["CUPS"])[0].relevant_ids == (1,)  # the hash table's name, not the nearest embedding
+    (answer,) = index.ask(["beaker"])
+    assert answer.verdict == "exact" and sorted(answer.relevant_ids) == [1, 2, 3, 4, 5, 6]
+
+
+def test_duplicate_labels_are_one_entry() -> None:
+    assert len(dictionary_of(["cup", "Cups", "CUP", "ｃｕｐ"])) == 1
+
+
+def test_negatives_of_ones_own(index: SceneIndex) -> None:
+    (usual,), (own,) = index.ask(["cup"]), index.ask(["cup"], negatives=["mug", "bed"])
+    by_id = {match.label_id: match for match in own.matches}
+    assert [by_id[i].nearest_negative for i in (1, 3)] == ["mug", "bed"]
+    assert by_id[1].relevancy < 0.5  # "mug" is nearer to the negative "mug" than to "cup"
+    assert own.verdict == usual.verdict and own.relevant_ids == usual.relevant_ids
+    assert index.ask(["cup"]) == (usual,)
+
+
+def test_templates_of_ones_own_embed_the_labels_once(
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
+) -> None:
+    encoder = drawn_encoder(LEANING)
+    index = SceneIndex(make_scene(), encoder, plain)
+    encoder.seen.clear()
+    first = index.ask(["cup"], templates=["my {}"])
+    assert "my mug" in encoder.seen and "my cup" in encoder.seen and "my object" in encoder.seen
+    encoder.seen.clear()
+    assert index.ask(["cup"], templates=("my {}",)) == first and encoder.seen == []
+    few = SceneIndex(make_scene(), drawn_encoder(), plain.model_copy(update={"max_sentences": 5}))
+    assert few.ask(["cup"], templates=["my {}"])
+    with pytest.raises(LimitExceededError, match="3 labels in 2 templates"):
+        few.ask(["cup"], templates=["my {}", "your {}"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "field"),
+    [
+        ({"negatives": []}, InvalidInputError, "negatives"),
+        ({"negatives": "object"}, InvalidInputError, "negatives"),
+        ({"negatives": [" "]}, InvalidInputError, "negatives"),
+        ({"negatives": [3]}, InvalidInputError, "negatives"),
+        ({"negatives": ["x"] * 65}, LimitExceededError, "negatives"),
+        ({"negatives": ["x" * 1001]}, LimitExceededError, "negatives"),
+        ({"templates": []}, InvalidInputError, "templates"),
+        ({"templates": ["a photo"]}, InvalidInputError, "templates"),
+        ({"templates": ["{} and {}"]}, InvalidInputError, "templates"),
+        ({"templates": ["{}\x00"]}, InvalidInputError, "templates"),
+        ({"templates": ["a {}"] * 65}, LimitExceededError, "templates"),
+        ({"coverage": -0.1}, InvalidInputError, "coverage"),
+        ({"coverage": 1.1}, InvalidInputError, "coverage"),
+        ({"coverage": np.nan}, InvalidInputError, "coverage"),
+        ({"coverage": "0.9"}, InvalidInputError, "coverage"),
+    ],
+)
+def test_wrong_prompts_are_refused(index: SceneIndex, wrong: dict[str, Any], error: type, field: str) -> None:
+    with pytest.raises(error) as caught:
+        index.ask(["cup"], **wrong)
+    assert caught.value.field == field and caught.value.hint
 
 
 def test_stored_label_embeddings_serve_their_own_encoder_and_templates(
