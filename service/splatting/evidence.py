@@ -13,7 +13,7 @@ from service.common.dictionary import UNDETECTED
 from service.common.errors import InvalidInputError
 from service.scene.evidence import UNIT, evidence_of, merged, no_evidence
 from service.scene.types import Evidence, Gaussians
-from service.splatting.raster import Backend, Splats, label_sums
+from service.splatting.raster import Backend, Splats, device_of, label_sums
 from service.splatting.views import TrainingView
 
 
@@ -50,7 +50,9 @@ def view_evidence(
     if valid is not None:
         image[~valid] = -1
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
-    sums = label_sums(_activated(gaussians), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend)
+    sums = label_sums(
+        _activated(gaussians, backend), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend
+    )
     rows = np.repeat(np.arange(len(gaussians)), np.diff(sums.starts.cpu().numpy()))
     names = sums.labels.cpu().numpy()
     pixels = sums.sums.cpu().numpy() * np.where(names == UNDETECTED, undetected_weight, 1.0)
@@ -78,14 +80,14 @@ def views_evidence(
     for view in views:
         frame = view.frames[-1]
         if frame.labels is not None:
-            world_from_camera = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
+            world_from_camera = np.linalg.inv(view.viewmat.cpu().numpy().astype(np.float64))
             posed = PosedCamera(frame.camera, world_from_camera, view.name)
-            valid = None if frame.valid is None else frame.valid.numpy()
+            valid = None if frame.valid is None else frame.valid.cpu().numpy()
             parts.append(
                 view_evidence(
                     gaussians,
                     posed,
-                    frame.labels.numpy(),
+                    frame.labels.cpu().numpy(),
                     classes,
                     valid=valid,
                     undetected_weight=undetected_weight,
@@ -95,14 +97,16 @@ def views_evidence(
     return merged(parts)
 
 
-def _activated(gaussians: Gaussians) -> Splats:
+def _activated(gaussians: Gaussians, backend: Backend) -> Splats:
+    device = device_of(backend)
+
     def tensor(array: NDArray[np.float32]) -> torch.Tensor:
-        return torch.tensor(np.asarray(array), dtype=torch.float32)
+        return torch.tensor(np.asarray(array), dtype=torch.float32, device=device)
 
     return Splats(
         tensor(gaussians.means),
         tensor(gaussians.quats),
         tensor(gaussians.log_scales).exp_(),
         tensor(gaussians.logit_opacities).sigmoid_(),
-        torch.zeros(len(gaussians), 0),
+        torch.zeros(len(gaussians), 0, device=device),
     )

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from service.scene.types import Gaussians
-from service.splatting.raster import Backend, Splats, blend_sums
+from service.splatting.raster import Backend, Splats, blend_sums, device_of
 from service.splatting.views import TrainingView
 
 JUDGES = 8
@@ -43,18 +43,19 @@ class Thrift:
 def seen_weight(gaussians: Gaussians, views: tuple[TrainingView, ...], backend: Backend = "cpu") -> NDArray[np.float64]:
     """[G]: Σ_views Σ_pixels w, the pixels that a Gaussian fills in the views' smallest size (Mini-Splatting, Fang and
     Wang 2024, ranks by it); what fills none is never seen."""
+    device = device_of(backend)
     splats = Splats(
-        torch.from_numpy(gaussians.means),
-        torch.from_numpy(gaussians.quats),
-        torch.exp(torch.from_numpy(gaussians.log_scales)),
-        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
-        torch.zeros(len(gaussians), 1),
+        torch.from_numpy(gaussians.means).to(device),
+        torch.from_numpy(gaussians.quats).to(device),
+        torch.exp(torch.from_numpy(gaussians.log_scales)).to(device),
+        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)).to(device),
+        torch.zeros(len(gaussians), 1, device=device),
     )
     total = np.zeros(len(gaussians))
     for view in views:
         camera = view.frames[0].camera
-        ones = torch.ones(camera.height, camera.width, 1)
-        total += blend_sums(splats, view.viewmat, camera, ones, backend=backend)[:, 0].double().numpy()
+        ones = torch.ones(camera.height, camera.width, 1, device=device)
+        total += blend_sums(splats, view.viewmat, camera, ones, backend=backend)[:, 0].double().cpu().numpy()
     return total
 
 

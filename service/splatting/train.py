@@ -26,7 +26,7 @@ from service.splatting.initial import scene_extent, start_gaussians, start_point
 from service.splatting.losses import image_loss, semantic_loss
 from service.splatting.memory import release_free_memory
 from service.splatting.quality import psnr, ssim
-from service.splatting.raster import Splats, rasterize, sh_to_rgb
+from service.splatting.raster import Splats, device_of, rasterize, sh_to_rgb
 from service.splatting.result import color_parameters, final_scene, ghosts_of
 from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
 from service.splatting.semantics import (
@@ -64,7 +64,8 @@ def train(
             the run is bounded by iterations alone.
 
     Raises:
-        InvalidInputError: no views, points that are not finite, images that contradict their cameras, backend cuda.
+        InvalidInputError: no views, points that are not finite, images that contradict their cameras.
+        ModelUnavailableError: backend cuda without an NVIDIA GPU or gsplat.
         ConflictError: the checkpoint belongs to another run.
         TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
     """
@@ -74,10 +75,7 @@ def train(
         raise InvalidInputError(
             f"{len(labelling.label_maps)} label maps for {len(capture.views)} views", field="labelling.label_maps"
         )
-    if settings.backend == "cuda":
-        raise InvalidInputError(
-            "training does not run on the cuda backend yet", field="training.backend", hint="Use cpu."
-        )
+    device_of(settings.backend)  # at once, not after the images have been read
     with _one_torch_thread():
         return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
 
@@ -117,7 +115,8 @@ class _Run:
         self.labels = len(labelling.dictionary) if labelling.label_maps else 0
         self.label_mode: LabelMode = "evidence" if settings.label_mode == "evidence" else "codes"
         self.undetected_weight = 1.0 if labelling.exact else settings.undetected_weight
-        self.class_weights = class_weights(self.labels + 1, self.undetected_weight)
+        self.device = device_of(settings.backend)
+        self.class_weights = class_weights(self.labels + 1, self.undetected_weight).to(self.device)
         start = start_points(capture.points, capture.point_colors, self.views, settings.max_gaussians, settings.seed)
         self.random_points = start.random
         self.start_count = len(start.points)
@@ -131,7 +130,7 @@ class _Run:
         found = read_checkpoint(checkpoint_dir, self.fingerprint) if checkpoint_dir else None
         self.elapsed = found.elapsed_s if found else 0.0
         if found:
-            self.state = restored_state(found.tensors, found.iteration)
+            self.state = restored_state(found.tensors, found.iteration, self.device)
         else:
             gaussians = start_gaussians(start, self.extent)
             size = code_size(self.labels, settings.code_size) if self.label_mode == "codes" else 0
@@ -149,8 +148,12 @@ class _Run:
                     "codes": start_codes(gaussians.means, self.views, class_codes),
                     "weight": weight,
                     "bias": bias,
-                }
+                },
+                self.device,
             )
+        if self.device.type != "cpu":
+            self.views = tuple(view.to(self.device) for view in self.views)
+            self.held_out = tuple(view.to(self.device) for view in self.held_out)
         self.losses: deque[float] = deque(maxlen=50)
         self.latest = math.nan
         self.speed = 0.0
@@ -249,7 +252,7 @@ class _Run:
         self.losses.append(value)
         del image, rgb, codes  # the backward pass needs the room, not them
         loss.backward()  # type: ignore[no-untyped-call]
-        adam_step(self.state, learning_rates(share, self.extent, settings))
+        adam_step(self.state, learning_rates(share, self.extent, settings), settings.backend)
 
     def _render(
         self,
@@ -271,7 +274,7 @@ class _Run:
         if semantic:
             features = torch.cat([features, parameters["codes"]], dim=1)
             if background is not None:
-                background = torch.cat([background, torch.zeros(features.shape[1] - 3)])
+                background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
         splats = Splats(parameters["means"], parameters["quats"], scales, opacities, features)
         rendering = rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)
         return rendering.image, rendering.culled_non_finite
@@ -286,7 +289,7 @@ class _Run:
         if self.settings.background == "black":
             return None
         generator = np.random.default_rng((self.settings.seed, 3, self.state.iteration))
-        return torch.from_numpy(generator.uniform(size=3).astype(np.float32))
+        return torch.from_numpy(generator.uniform(size=3).astype(np.float32)).to(self.device)
 
     def _densify(self, share: float) -> None:
         settings = self.settings
@@ -316,6 +319,7 @@ class _Run:
     @torch.no_grad()
     def _measure(self, parameters: Mapping[str, Tensor], views: tuple[TrainingView, ...]) -> _Measured:
         degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
+        parameters = {name: value.to(self.device) for name, value in parameters.items()}
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
         results = []
         for view in views:

@@ -39,6 +39,11 @@ class Frame:
         """float32 [H, W, 3], 0..1."""
         return self.rgb.to(torch.float32).mul_(1 / 255)
 
+    def to(self, device: torch.device) -> Frame:
+        """The same frame with its tensors on `device`."""
+        labels = None if self.labels is None else self.labels.to(device)
+        return Frame(self.camera, self.rgb.to(device), labels, None if self.valid is None else self.valid.to(device))
+
 
 @dataclass(frozen=True)
 class TrainingView:
@@ -55,6 +60,11 @@ class TrainingView:
     viewmat: Tensor
     position: Tensor
     frames: tuple[Frame, ...]
+
+    def to(self, device: torch.device) -> TrainingView:
+        """The same view with its tensors on `device`."""
+        frames = tuple(frame.to(device) for frame in self.frames)
+        return TrainingView(self.name, self.viewmat.to(device), self.position.to(device), frames)
 
 
 def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -220,8 +220,6 @@ def test_bad_captures_are_named(world, quick) -> None:
         train(dataclasses.replace(capture, views=()), labelling, quick(), silent)
     with pytest.raises(InvalidInputError, match="11 label maps for 12"):
         train(capture, Labelling(labelling.dictionary, labelling.label_maps[1:]), quick(), silent)
-    with pytest.raises(InvalidInputError, match="cuda"):
-        train(capture, labelling, quick(backend="cuda"), silent)
     wrong = (labelling.label_maps[0][:-1], *labelling.label_maps[1:])
     with pytest.raises(InvalidInputError, match=r"label map of image 000\.png has 64×47"):
         train(capture, Labelling(labelling.dictionary, wrong), quick(), silent)

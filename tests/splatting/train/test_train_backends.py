@@ -1,0 +1,71 @@
+"""One trainer for all backends: the same code, the same picture, on whatever device the backend wants."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from service.common.errors import CancelledError, ModelUnavailableError
+from service.common.progress import ProgressEvent, silent
+from service.splatting.raster import cuda
+from service.splatting.train import train
+
+_GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
+
+
+@pytest.fixture(params=["reference", "gsplat stand-in", "GPU"])
+def backend(request: pytest.FixtureRequest) -> str:
+    """`gsplat stand-in` is backend `cuda` on the CPU with gsplat's own kernels replaced."""
+    if request.param == "GPU" and not _GPU:
+        pytest.skip("no NVIDIA GPU")
+    if request.param == "gsplat stand-in":
+        request.getfixturevalue("gsplat_on_cpu")
+    return "reference" if request.param == "reference" else "cuda"
+
+
+def test_every_backend_learns_what_cpu_learns(world, quick, backend: str) -> None:
+    changes = {"iterations": 24, "max_gaussians": 160, "background": "random"}
+    wanted = train(*world, quick(**changes), silent)
+    found = train(*world, quick(**changes, backend=backend), silent)
+    assert found.quality["psnr"] == pytest.approx(wanted.quality["psnr"], abs=0.2)
+    assert found.quality["loss"] == pytest.approx(wanted.quality["loss"], rel=0.02)
+    assert len(found.gaussians) == pytest.approx(len(wanted.gaussians), abs=2)
+    assert isinstance(found.gaussians.means, np.ndarray) and found.gaussians.codes.shape[1] > 0
+
+
+def test_a_run_goes_on_from_its_checkpoint(world, quick, backend: str, tmp_path: Path) -> None:
+    settings = quick(iterations=8, max_gaussians=120, backend=backend, checkpoint_every_s=0.0)
+
+    def stop(event: ProgressEvent) -> None:
+        if event.metrics.get("iteration", 0) >= 4:
+            raise CancelledError("enough")
+
+    with pytest.raises(CancelledError):
+        train(*world, settings.model_copy(update={"evaluations": 4}), stop, tmp_path)
+    assert (tmp_path / "training.safetensors").exists()
+    assert train(*world, settings.model_copy(update={"evaluations": 4}), silent, tmp_path).quality["iterations"] == 8
+
+
+def test_masked_pixels_and_scenes_without_labels_train(make_world, quick, backend: str) -> None:
+    capture, labelling = make_world()
+    found = train(capture, type(labelling)(labelling.dictionary, ()), quick(iterations=3, backend=backend), silent)
+    assert found.gaussians.codes.shape[1] == 0
+
+
+def test_a_run_for_evidence_gathers_it(world, quick, backend: str) -> None:
+    settings = quick(iterations=3, max_gaussians=120, label_mode="evidence", backend=backend)
+    found = train(*world, settings, silent)
+    assert found.evidence is not None and len(found.evidence.starts) == len(found.gaussians) + 1
+    assert found.evidence.counts.sum() > 0
+
+
+def test_without_a_gpu_training_on_cuda_is_refused_at_once(world, quick, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert cuda.DEVICE == "cuda"
+    with pytest.raises(ModelUnavailableError, match="GPU") as error:
+        train(*world, quick(backend="cuda"), silent)
+    assert error.value.field == "backend"
