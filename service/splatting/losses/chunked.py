@@ -25,7 +25,7 @@ class SemanticLoss(torch.autograd.Function):
         shares = pixel_weights / torch.where(total > 0, total, 1.0)
         d_codes = torch.empty_like(codes)
         d_weight, d_bias = torch.zeros_like(weight), torch.zeros_like(bias)
-        loss = codes.new_zeros(())
+        loss: Tensor = codes.new_zeros(())
         step = max(1, _LOGITS // len(bias))
         for start in range(0, len(codes), step):
             piece = slice(start, start + step)
