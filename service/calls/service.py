@@ -353,7 +353,7 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
 
     Args:
         settings: the operator's.
-        admit: what checks an upload before it is acknowledged; by default `service.capture.admit_upload`.
+        admit: what checks an upload before it is acknowledged; by default `service.capture.admission.admit_isolated`.
 
     Raises:
         InvalidInputError: the database URL cannot be read.
@@ -363,9 +363,9 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
 
 
 def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
-    from service.capture import admit_upload  # image codecs load with the first upload, not with the server
+    from service.capture.admission import admit_isolated  # loads with the first upload, not with the server
 
-    return admit_upload(folder, settings)
+    return admit_isolated(folder, settings)
 
 
 def _new_id() -> str:

@@ -21,8 +21,9 @@ def main(task: str, folder: Path) -> None:
     """Read `request.json`, run the task below its memory limit, write `result.json`."""
     _die_with_parent()
     request: dict[str, Any] = json.loads((folder / "request.json").read_text())
-    limit = int(request.pop("memory_bytes"))
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    limit, told_limit, what = int(request.pop("memory_bytes")), request.pop("memory_limit"), request.pop("what")
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)  # stays: a task may start a child of its own with another limit
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
         result = _run(task, request, folder)
@@ -31,8 +32,8 @@ def main(task: str, folder: Path) -> None:
         result = {"error": {"type": type(error).__name__, **details}}
     except MemoryError:
         details = {
-            "message": "finding camera poses needs more memory than it may have",
-            "limit": f"{limit} bytes (FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES)",
+            "message": f"{what} needs more memory than it may have",
+            "limit": told_limit,
             "hint": "Send fewer or smaller images, or raise the limit.",
         }
         result = {"error": {"type": ResourceError.__name__, **details}}
@@ -43,6 +44,9 @@ def main(task: str, folder: Path) -> None:
 
 def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
     # Imported only now, below the memory limit, and only what the task needs.
+    if task == "admit":
+        admission = importlib.import_module("service.capture.admission")
+        return dict(admission.run(request))
     if task in ("probe", "frames"):
         video = importlib.import_module("service.capture.video")
         result: dict[str, Any] = video.probe(request) if task == "probe" else video.extract(request, _tell)

@@ -1,4 +1,4 @@
-"""Runs work on strangers' data that third-party C++ does, in a child process with a memory limit.
+"""Runs the parsers of strangers' data in a child process with limits on memory and time.
 
 What dies there is one request, not the service. The child tells its progress line by line and leaves its result as a
 file; see `service.capture.child` for the other side.
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +21,7 @@ from service.capture.settings import CaptureSettings
 from service.common import errors
 from service.common.errors import FastSplatError, ReconstructionError, ResourceError
 
-Task = Literal["probe", "frames", "reconstruct", "triangulate"]
+Task = Literal["admit", "probe", "frames", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]
 """Receives the share of the task that is done, and a line for people; may raise to stop it."""
 
@@ -30,7 +31,24 @@ _ENVIRONMENT = {
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
 }
 _HEARTBEAT_S = 2.0
-_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror")
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """What a task may use, and how errors speak of it."""
+
+    what: str
+    memory_bytes: int
+    memory_setting: str
+    seconds: int
+    seconds_setting: str
+
+    @property
+    def memory_limit(self) -> str:
+        return f"{self.memory_bytes} bytes ({self.memory_setting})"
+
+
+_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror", "failed to map")
 
 
 def run_isolated(
@@ -41,10 +59,12 @@ def run_isolated(
     Raises:
         FastSplatError: the typed error that the task raised.
         ResourceError: it hit its memory limit or time limit, or crashed, which is what C++ without memory does.
-        ReconstructionError: the child failed of something else.
+        ReconstructionError: the child failed of something else; for "admit", where nothing else is to be expected, a
+            RuntimeError.
         CancelledError: whatever `listen` raised; the child is gone by then.
     """
-    limits = {"memory_bytes": settings.sfm_memory_bytes}
+    bounds = _bounds(task, settings)
+    limits = {"memory_bytes": bounds.memory_bytes, "memory_limit": bounds.memory_limit, "what": bounds.what}
     (folder / "request.json").write_text(json.dumps({**request, **limits}))
     with (folder / "log.txt").open("wb") as log:
         process = subprocess.Popen(
@@ -59,7 +79,7 @@ def run_isolated(
             },
         )
     try:
-        _follow(process, settings, listen)
+        _follow(process, bounds, listen)
         status = process.wait()
     finally:
         if process.poll() is None:
@@ -67,13 +87,31 @@ def run_isolated(
             process.wait()
         if process.stdout is not None:
             process.stdout.close()
-    return _result(task, status, folder, settings)
+    return _result(task, status, folder, bounds)
 
 
-def _follow(process: subprocess.Popen[bytes], settings: CaptureSettings, listen: Listener) -> None:
+def _bounds(task: Task, settings: CaptureSettings) -> _Bounds:
+    if task == "admit":
+        return _Bounds(
+            "looking into the upload",
+            settings.admit_memory_bytes,
+            "FASTSPLAT_CAPTURE__ADMIT_MEMORY_BYTES",
+            settings.admit_seconds,
+            "FASTSPLAT_CAPTURE__ADMIT_SECONDS",
+        )
+    return _Bounds(
+        "finding camera poses",
+        settings.sfm_memory_bytes,
+        "FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES",
+        settings.sfm_seconds,
+        "FASTSPLAT_CAPTURE__SFM_SECONDS",
+    )
+
+
+def _follow(process: subprocess.Popen[bytes], bounds: _Bounds, listen: Listener) -> None:
     """Pass progress on until the child closes its output; repeat the last when it is silent, so that one can cancel."""
     assert process.stdout is not None
-    deadline = time.monotonic() + settings.sfm_seconds
+    deadline = time.monotonic() + bounds.seconds
     descriptor = process.stdout.fileno()
     waiting, last = b"", (0.0, "starting")
     with selectors.DefaultSelector() as selector:
@@ -81,8 +119,8 @@ def _follow(process: subprocess.Popen[bytes], settings: CaptureSettings, listen:
         while True:
             if time.monotonic() > deadline:
                 raise ResourceError(
-                    "finding camera poses took too long",
-                    limit=f"{settings.sfm_seconds} s (FASTSPLAT_CAPTURE__SFM_SECONDS)",
+                    f"{bounds.what} took too long",
+                    limit=f"{bounds.seconds} s ({bounds.seconds_setting})",
                     hint="Send fewer images.",
                 )
             if selector.select(_HEARTBEAT_S):
@@ -98,7 +136,7 @@ def _follow(process: subprocess.Popen[bytes], settings: CaptureSettings, listen:
                 listen(*last)
 
 
-def _result(task: Task, status: int, folder: Path, settings: CaptureSettings) -> dict[str, Any]:
+def _result(task: Task, status: int, folder: Path, bounds: _Bounds) -> dict[str, Any]:
     path = folder / "result.json"
     if status == 0 and path.is_file():
         result: dict[str, Any] = json.loads(path.read_text())
@@ -112,11 +150,13 @@ def _result(task: Task, status: int, folder: Path, settings: CaptureSettings) ->
     if status < 0 or any(sign in " ".join(log[-8:]).lower() for sign in _MEMORY_SIGNS):
         # C++ that gets no memory does not always say so: some of it writes through the null pointer.
         raise ResourceError(
-            f"finding camera poses ended by {f'signal {-status}' if status < 0 else 'an error'}, "
+            f"{bounds.what} ended by {f'signal {-status}' if status < 0 else 'an error'}, "
             "as it does when it runs out of memory",
-            limit=f"{settings.sfm_memory_bytes} bytes (FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES)",
+            limit=bounds.memory_limit,
             hint="Send fewer or smaller images, or raise the limit.",
         )
+    if task == "admit":
+        raise RuntimeError(f"the child that looks into uploads ended with status {status}: {' | '.join(log[-8:])}")
     raise ReconstructionError(
         f"the {task} process ended with status {status}: {log[-1][:300] if log else 'no message'}",
         hint="Leave out images that are unlike the others, and try again.",

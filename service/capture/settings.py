@@ -26,6 +26,11 @@ class CaptureSettings(BaseModel):
     video_frames: int = 80
     """Frames kept of a video: the sharpest of so many equal intervals."""
 
+    admit_memory_bytes: int = 6 * 2**30
+    """Address space of the child process that looks into an upload before it is acknowledged."""
+    admit_seconds: int = 900
+    """How long it may look."""
+
     sfm_memory_bytes: int = 8 * 2**30
     """Address space of the child process that runs structure from motion."""
     sfm_seconds: int = 4 * 3600
