@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ _IMAGES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
 
 
 class CaptureFiles:
-    """A folder of photos, or one archive or video. A context manager: its files are open inside.
+    """The photos of a folder; none of a file, which travels on its own. A context manager: they are open inside.
 
     Raises:
         InvalidInputError: there is no such file or folder, or no image in it.
     """
 
     def __init__(self, capture: Path) -> None:
-        self._parts = list(_parts(capture))
+        self._images = list(_images(capture))
         self._opened = ExitStack()
 
     def __enter__(self) -> CaptureFiles:
@@ -29,19 +29,18 @@ class CaptureFiles:
     def __exit__(self, *exception: object) -> None:
         self._opened.close()
 
-    def parts(self) -> dict[str, Any]:
-        """httpx's `files`, from the first byte on; call it anew for each try."""
+    def form(self, fields: Sequence[tuple[str, str]]) -> list[tuple[str, Any]]:
+        """httpx's `files` of a form with these fields and the photos, from the first byte on; call it for each try."""
         self._opened.close()
-        opened = (
-            (field, (name, self._opened.enter_context(path.open("rb")), "application/octet-stream"))
-            for field, name, path in self._parts
-        )
-        return {"files": list(opened)}
+        photos = [
+            ("images", (name, self._opened.enter_context(path.open("rb")), "application/octet-stream"))
+            for name, path in self._images
+        ]
+        return [*((field, (None, value)) for field, value in fields), *photos]
 
 
-def _parts(capture: Path) -> Iterator[tuple[str, str, Path]]:
+def _images(capture: Path) -> Iterator[tuple[str, Path]]:
     if capture.is_file():
-        yield "capture", capture.name, capture
         return
     if not capture.is_dir():
         raise InvalidInputError(f"there is no {capture}", field="capture")
@@ -51,4 +50,4 @@ def _parts(capture: Path) -> Iterator[tuple[str, str, Path]]:
             f"{capture} holds no images", field="capture", hint=f"These count: {', '.join(sorted(_IMAGES))}."
         )
     for path in images:
-        yield "images", path.relative_to(capture).as_posix(), path
+        yield path.relative_to(capture).as_posix(), path

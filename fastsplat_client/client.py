@@ -18,6 +18,7 @@ from fastsplat_client import parse
 from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError
 from fastsplat_client.events import events_of
+from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import PoseAnswer, StandingQuestion, stream_query
 from fastsplat_client.transport import Retry, Transport
 from service.calls import types
@@ -40,6 +41,7 @@ class Client:
         ca: PEM certificates to trust in place of the system's, for both interfaces.
         timeout_s: of a call that names none, retries included.
         retry: see `Retry`.
+        piece_bytes: of a large upload; a connection that breaks costs no more.
 
     All calls raise the `FastSplatError` that the server raised, `UnreachableError` or `DeadlineExceededError`.
     """
@@ -53,11 +55,13 @@ class Client:
         ca: Path | None = None,
         timeout_s: float = 60.0,
         retry: Retry = _USUAL,
+        piece_bytes: int = PIECE_BYTES,
     ) -> None:
         self._transport = Transport(url, key, ca, timeout_s, retry)
         self._key, self._ca, self._secure = key, ca, urlsplit(url).scheme == "https"
         self._grpc_target = grpc_target or f"{urlsplit(url).hostname}:8001"
         self._retry = retry
+        self._piece_bytes = piece_bytes
 
     def __enter__(self) -> Self:
         return self
@@ -78,16 +82,23 @@ class Client:
         request_id: str = "",
         timeout_s: float = 3600.0,
     ) -> types.Operation:
-        """Upload a folder of photos, an archive or a video; its training is queued, durably, on return."""
+        """Upload a folder of photos, an archive or a video; its training is queued, durably, on return.
+
+        A folder travels as one form. An archive or a video goes piece by piece, and a connection that breaks is taken
+        up where it was.
+        """
         chosen = options or types.SceneOptions()
-        fields: dict[str, Any] = {"name": name, "request_id": request_id or uuid.uuid4().hex}
-        fields |= {"labels": list(chosen.labels), "preset": chosen.preset or "", "priority": str(chosen.priority)}
-        for field in ("time_budget_s", "max_gaussians"):
+        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(chosen.priority))]
+        fields += [("labels", label) for label in chosen.labels]
+        for field in ("time_budget_s", "max_gaussians", "preset"):
             if (value := getattr(chosen, field)) is not None:
-                fields[field] = str(value)
+                fields.append((field, str(value)))
+        if capture.is_file():
+            sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
+            fields.append(("uploads", sent))
         with CaptureFiles(capture) as files:
             response = self._transport.call(
-                "POST", "/v1/scenes", content=lambda: {**files.parts(), "data": fields}, timeout_s=timeout_s
+                "POST", "/v1/scenes", content=lambda: {"files": files.form(fields)}, timeout_s=timeout_s
             )
         return parse.operation_from(response.json())
 

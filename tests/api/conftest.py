@@ -13,6 +13,7 @@ from service.perception.settings import PerceptionSettings
 from service.query.settings import QuerySettings
 from service.settings import Settings
 from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.pem import write_pem
 from tests.api.served import Faces, served
 
 MAX_UPLOAD_BYTES = 3_000_000
@@ -54,3 +55,11 @@ def faces(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
     """REST and gRPC over the same service."""
     with served(service, api_settings) as running:
         yield running
+
+
+@pytest.fixture(scope="session")
+def pem(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Certificates, see `write_pem`."""
+    folder = tmp_path_factory.mktemp("pem")
+    write_pem(folder)
+    return folder

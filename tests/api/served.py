@@ -30,7 +30,7 @@ class Faces:
 
 
 @contextmanager
-def served(service: Any, settings: Settings) -> Iterator[Faces]:
+def serving(service: Any, settings: Settings) -> Iterator[Ports]:
     """Serve `service` until the block ends."""
     ready = threading.Event()
     state: dict[str, Any] = {}
@@ -47,17 +47,23 @@ def served(service: Any, settings: Settings) -> Iterator[Faces]:
     thread = threading.Thread(target=lambda: asyncio.run(main()))
     thread.start()
     assert ready.wait(30)
-    ports = state["ports"]
     try:
-        with (
-            httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=60) as rest,
-            grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel,
-        ):
-            yield Faces(rest, rpc.SceneServiceStub(channel), channel, ports)
+        yield state["ports"]
     finally:
         state["loop"].call_soon_threadsafe(state["stop"].set)
         thread.join(60)
         assert not thread.is_alive(), "the server did not stop"
+
+
+@contextmanager
+def served(service: Any, settings: Settings) -> Iterator[Faces]:
+    """The same, with clients."""
+    with (
+        serving(service, settings) as ports,
+        httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=60) as rest,
+        grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel,
+    ):
+        yield Faces(rest, rpc.SceneServiceStub(channel), channel, ports)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,201 @@
+"""The typed client and a real server: uploads, keys, TLS, and work that stops when nobody waits for it."""
+
+from __future__ import annotations
+
+import io
+import socket
+import threading
+import time
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
+from fastsplat_client.messages import query_message
+from service.calls.service import SceneService
+from service.calls.types import QueryAnswer, QueryRequest, SceneOptions
+from service.common.cancellation import check_cancelled
+from service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
+from service.settings import Settings
+from tests.api.clients import client_of
+from tests.api.made_scene import add_scene, turned
+from tests.api.served import Faces, served, serving
+
+
+def _photo(seed: int) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (240, 320, 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
+    return buffer.getvalue()
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The same three photos as a folder and as an archive."""
+    folder = tmp_path_factory.mktemp("capture")
+    (folder / "photos").mkdir()
+    with zipfile.ZipFile(folder / "photos ü.zip", "w") as archive:
+        for number in range(3):
+            (folder / "photos" / f"{number}.jpg").write_bytes(_photo(number))
+            archive.writestr(f"{number}.jpg", _photo(number))
+    return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
+
+
+_OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3)
+
+
+@pytest.mark.parametrize("kind", ["folder", "archive"])
+def test_a_capture_arrives_whole_with_its_options(
+    faces: Faces, service: SceneService, captures: dict[str, Path], kind: str
+) -> None:
+    with client_of(faces, piece_bytes=100_000) as client:
+        operation = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
+        again = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
+        assert again.id == operation.id
+        record = service._store.rows.operation(operation.id)
+        stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+        photos = sorted(path for path in stored.rglob("*.jpg"))
+        assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
+        assert record.priority == 3 and record.options["preset"] == "draft"
+        assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
+        client.delete_scene(operation.scene_id)
+
+
+@pytest.mark.parametrize(("options", "field"), [({"preset": "huge"}, "preset"), ({"priority": 101}, "priority")])
+def test_an_impossible_choice_is_refused(
+    faces: Faces, captures: dict[str, Path], options: dict[str, Any], field: str
+) -> None:
+    with client_of(faces) as client, pytest.raises(Exception, match=field) as caught:
+        client.create_scene(captures["folder"], options=SceneOptions(**options))
+    assert caught.value.field == field  # type: ignore[attr-defined]
+
+
+@contextmanager
+def _flaky(port: int, after: int) -> Iterator[tuple[str, list[int]]]:
+    """A way to the server on which every connection breaks after so many bytes from the client."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    carried: list[int] = []
+
+    def carry(near: socket.socket) -> None:
+        with near, socket.create_connection(("127.0.0.1", port)) as far:
+            back = threading.Thread(target=_pump, args=(far, near, 1 << 40))
+            back.start()
+            carried.append(_pump(near, far, after))
+            for end in (near, far):
+                end.shutdown(socket.SHUT_RDWR)
+            back.join()
+
+    def accept() -> None:
+        while True:
+            try:
+                near, _ = listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=carry, args=(near,), daemon=True).start()
+
+    accepting = threading.Thread(target=accept)
+    accepting.start()
+    yield f"http://127.0.0.1:{listener.getsockname()[1]}", carried
+    listener.shutdown(socket.SHUT_RDWR)
+    listener.close()
+    accepting.join()
+
+
+def _pump(source: socket.socket, sink: socket.socket, most: int) -> int:
+    total = 0
+    try:
+        while total < most and (data := source.recv(min(4096, most - total))):
+            sink.sendall(data)
+            total += len(data)
+    except OSError:
+        pass
+    return total
+
+
+def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
+    faces: Faces, service: SceneService, captures: dict[str, Path]
+) -> None:
+    size = captures["archive"].stat().st_size
+    with _flaky(faces.ports.http, after=size // 3) as (url, carried):
+        retry = Retry(tries=20, first_s=0.01, most_s=0.05)
+        with Client(url, retry=retry, piece_bytes=size // 5) as client:
+            operation = client.create_scene(captures["archive"])
+    assert len(carried) > 2
+    record = service._store.rows.operation(operation.id)
+    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
+    service.delete_scene(operation.scene_id)
+
+
+def test_keys_and_tls_reach_both_ports(
+    api_settings: Settings, tmp_path: Path, pem: Path, service: SceneService, scene_id: str
+) -> None:
+    settings = api_settings.model_copy(
+        update={"auth": "on", "tls_cert": pem / "server.pem", "tls_key": pem / "server.key"}
+    )
+    read, write = (service.admin.keys.create(kind, kind)[1] for kind in ("read", "write"))
+    with serving(service, settings) as ports:
+        url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
+        with Client(url, key=read, grpc_target=target, ca=pem / "ca.pem") as client:
+            assert client.query(scene_id, "mug")[0].answer.verdict == "exact"
+            question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
+            (found,) = client.stream_query(question, [turned(0.0)])
+            assert found.answers[0].masks[0].area > 0
+            with pytest.raises(PermissionDeniedError):
+                client.delete_scene(scene_id)
+        with Client(url, key="wrong", grpc_target=target, ca=pem / "ca.pem") as client:
+            with pytest.raises(UnauthenticatedError):
+                client.scene(scene_id)
+            with pytest.raises(UnauthenticatedError):
+                list(client.stream_query(question, [turned(0.0)]))
+        doomed = add_scene(service, api_settings, "doomed")
+        with Client(url, key=write, ca=pem / "ca.pem") as client:
+            client.delete_scene(doomed)
+
+
+class _Endless:
+    """A service whose questions go on until nobody waits for them."""
+
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+        self.begun, self.stopped = threading.Event(), threading.Event()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service, name)
+
+    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+        self.begun.set()
+        try:
+            while True:
+                check_cancelled()
+                time.sleep(0.01)
+        finally:
+            self.stopped.set()
+
+
+@pytest.mark.parametrize("way", ["REST", "gRPC"])
+def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_settings: Settings, way: str) -> None:
+    endless = _Endless(service)
+    with served(endless, api_settings) as faces:
+        if way == "REST":
+            with client_of(faces) as client, pytest.raises(DeadlineExceededError):
+                client.query("any", "mug", timeout_s=0.5)
+        else:
+            call = faces.rpc.Query(query_message(QueryRequest("any", ("mug",))))
+            assert endless.begun.wait(10)
+            call.cancel()
+        assert endless.stopped.wait(10)
+
+
+def test_a_bare_file_or_folder_that_is_none_is_said_before_anything_is_sent(faces: Faces, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with client_of(faces) as client:
+        for path in (tmp_path / "none", tmp_path / "empty"):
+            with pytest.raises(InvalidInputError):
+                client.create_scene(path)
