@@ -80,6 +80,7 @@ def evaluate(
         if scene:
             artefact = _artefact(scene, settings)
             trained = read_scene(artefact)
+            known = {"seconds": trained.quality.get("stage_seconds", {})}
         else:
             trial = train_on(dataset, settings, labels, Path(work), tell)
             trained, artefact = trial.scene, keep or Path(work) / "artefact"

@@ -22,8 +22,7 @@ from service.evaluation.guard import check_unseen
 from service.evaluation.masks import MaskCounts
 from service.evaluation.report import Report
 from service.evaluation.scoring import ViewScore, score_view, texts_of
-from service.evaluation.segmentation import Confusion
-from service.evaluation.solid import TrueSurface, gaussian_truth, mask3d_confusion
+from service.evaluation.solid import TrueSurface, gaussian_truth, mask3d_counts
 from service.query import SceneIndex
 from service.scene.types import Scene
 
@@ -87,8 +86,8 @@ def evaluate_scene(
         "localization_peak_in_box": figures["localization"],
         "boundary_iou_per_class": _by_label(_pooled(scores, "boundary").iou(), labels),
         "miou_threshold_per_class": _by_label(_pooled(scores, "threshold").iou(), labels),
-        "mask3d_iou_per_class": {} if solid is None else _by_label(solid.masks().iou(), labels),
-        "mask3d_gaussians": 0 if solid is None else int(solid.counts.sum()),
+        "mask3d_iou_per_class": {} if solid is None else _by_label(solid.iou(), labels),
+        "mask3d_gaussians": 0 if solid is None else int(solid.counts[:, 1].sum()),
         "mask3d_truth": solid_truth,
         "absent": _absence(far),
         "absent_household": _absence(near),
@@ -117,7 +116,7 @@ def evaluate_scene(
     return Report(
         **{name: figures[name] for name in _MAIN},
         miou_per_class=_by_label(_pooled(scores, "closed").iou(), labels),
-        mask3d_iou=_NAN if solid is None else solid.masks().macro_iou(),
+        mask3d_iou=_NAN if solid is None else solid.macro_iou(),
         absent_auroc=_NAN if far is None else far.auroc,
         gaussians=len(index.scene.gaussians),
         bytes=scene_bytes or scene_size(index.scene),
@@ -205,7 +204,7 @@ def _ids_in(scene: Scene, dataset: Dataset) -> NDArray[np.int32]:
 
 def _mask3d(
     index: SceneIndex, dataset: Dataset, to_truth: NDArray[np.int32], labels: int
-) -> tuple[Confusion | None, str]:
+) -> tuple[MaskCounts | None, str]:
     seen = [view for view in dataset.test if view.posed is not None and view.labels is not None]
     if not seen:
         return None, "none: no test view has a label map"
@@ -220,7 +219,7 @@ def _mask3d(
     source = "true depth" if true_depth else "the scene's own depth"
     predicted = to_truth[index.gaussian_classes]
     return (
-        mask3d_confusion(predicted, truth, labels),
+        mask3d_counts(predicted, truth, labels),
         f"Gaussians whose centre lies within 2 % of {source} in a test view, labelled by the test views' label maps",
     )
 
@@ -240,7 +239,9 @@ def _view(score: ViewScore) -> dict[str, Any]:
     return own
 
 
-def _reasons(dataset: Dataset, figures: Mapping[str, float], solid: Confusion | None, peak_mb: float) -> dict[str, str]:
+def _reasons(
+    dataset: Dataset, figures: Mapping[str, float], solid: MaskCounts | None, peak_mb: float
+) -> dict[str, str]:
     """Why figures are missing."""
     without_maps = f"no test view of {dataset.folder.name} has a label map"
     found = {

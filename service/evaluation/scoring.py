@@ -16,7 +16,7 @@ from service.evaluation.depth import DepthErrors, depth_errors
 from service.evaluation.ghosts import GhostCounts, ghost_counts
 from service.evaluation.localization import box_of, peak_in_box, peak_in_mask
 from service.evaluation.masks import MaskCounts
-from service.evaluation.segmentation import confusion
+from service.evaluation.segmentation import mask_counts
 from service.query import Answer, SceneIndex
 from service.splatting.quality import psnr, ssim
 
@@ -104,7 +104,7 @@ def score_view(
     closed, threshold, boundary = (np.zeros((labels + 1, 3), np.int64) for _ in range(3))
     ghosts = None
     if view.labels is not None:
-        closed += confusion(predicted, view.labels, labels, view.valid).masks().counts
+        closed += mask_counts(predicted, view.labels, labels, view.valid).counts
         boundary += boundary_counts(predicted, view.labels, labels, view.valid, diagonal_share=diagonal_share).counts
         ghosts = ghost_counts(predicted, view.labels, labels, view.valid)
     queries = []

@@ -51,6 +51,17 @@ def confusion(
     return Confusion(flat.reshape(labels + 1, labels + 1).astype(np.int64))
 
 
+def mask_counts(
+    predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int, valid: NDArray[np.bool_] | None = None
+) -> MaskCounts:
+    """As `confusion(...).masks()`, in memory that grows with the labels and not with their square."""
+    check_maps(predicted, truth, labels)
+    chosen = np.ones(truth.shape, np.bool_) if valid is None else valid
+    true, found = truth[chosen].astype(np.int64), predicted[chosen].astype(np.int64)
+    columns = (true[true == found], true, found)
+    return MaskCounts(np.stack([np.bincount(column, minlength=labels + 1) for column in columns], axis=1))
+
+
 def check_maps(predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int) -> None:
     """Raise `InvalidInputError` unless both are [H, W] maps of one shape with classes 0..labels."""
     if predicted.shape != truth.shape:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.common.camera import PosedCamera
-from service.evaluation.segmentation import Confusion
+from service.evaluation.masks import MaskCounts
+from service.evaluation.segmentation import mask_counts
 
 NO_TRUTH = -1
 _RELATIVE_TOLERANCE = 0.02
@@ -47,7 +48,7 @@ def gaussian_truth(
         surfaces: the views.
         labels: N.
     """
-    votes = np.zeros((len(means), labels + 1), np.int32)
+    votes = [np.zeros(0, np.int64)]  # Gaussian · (N + 1) + class, one a view that sees it
     points = np.asarray(means, np.float64)
     for surface in surfaces:
         camera = surface.posed.camera
@@ -60,12 +61,17 @@ def gaussian_truth(
         rows, columns, seen = row[inside].astype(np.intp), column[inside].astype(np.intp), front[inside]
         true_z = surface.depth[rows, columns]
         near = (true_z > 0) & (np.abs(z[seen] - true_z) <= relative_tolerance * true_z)
-        votes[seen[near], surface.labels[rows[near], columns[near]]] += 1
-    return np.where(votes.any(axis=1), votes.argmax(axis=1), NO_TRUTH).astype(np.int32)
+        found = surface.labels[rows[near], columns[near]].astype(np.int64)
+        votes.append(seen[near] * (labels + 1) + found)
+    pairs, counts = np.unique(np.concatenate(votes), return_counts=True)
+    gaussian, label = np.divmod(pairs, labels + 1)
+    best_last = np.lexsort((-label, counts, gaussian))
+    truth = np.full(len(means), NO_TRUTH, np.int32)
+    truth[gaussian[best_last]] = label[best_last]  # of several values for one row, the last stays
+    return truth
 
 
-def mask3d_confusion(predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int) -> Confusion:
-    """Counts of Gaussians [G] whose truth is known; its masks' `iou` is the 3D mask IoU of each label."""
+def mask3d_counts(predicted: NDArray[np.integer], truth: NDArray[np.integer], labels: int) -> MaskCounts:
+    """Counts of Gaussians [G] whose truth is known; `iou` is the 3D mask IoU of each label."""
     known = truth != NO_TRUTH
-    flat = np.bincount(truth[known].astype(np.int64) * (labels + 1) + predicted[known], minlength=(labels + 1) ** 2)
-    return Confusion(flat.reshape(labels + 1, labels + 1).astype(np.int64))
+    return mask_counts(predicted[known], truth[known], labels)

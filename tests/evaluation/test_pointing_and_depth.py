@@ -15,7 +15,7 @@ from service.evaluation.bootstrap import bootstrap_interval
 from service.evaluation.depth import depth_errors
 from service.evaluation.detection import auroc, false_positive_rate_at
 from service.evaluation.localization import box_of, peak, peak_in_box, peak_in_mask
-from service.evaluation.solid import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_confusion
+from service.evaluation.solid import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
 from tests.evaluation import naive
 
 FEW = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=12)
@@ -97,15 +97,17 @@ def test_centres_on_the_true_surface_get_its_label_and_others_none() -> None:
     assert truth.tolist() == [1, 2, NO_TRUTH, NO_TRUTH, NO_TRUTH]
     moved = [TrueSurface(PosedCamera(camera, pose), np.full((20, 40), 2.0), labels)]
     assert gaussian_truth(means + np.array([1.5, 0, 0]), moved, 2).tolist() == truth.tolist()
-    result = mask3d_confusion(np.array([1, 1, 2, 2, 2]), truth, 2)
-    assert result.masks().iou()[1:] == pytest.approx([0.5, 0])
-    assert mask3d_confusion(np.array([1, 2, 0, 0, 0]), truth, 2).masks().macro_iou() == 1
+    result = mask3d_counts(np.array([1, 1, 2, 2, 2]), truth, 2)
+    assert result.iou()[1:] == pytest.approx([0.5, 0])
+    assert mask3d_counts(np.array([1, 2, 0, 0, 0]), truth, 2).macro_iou() == 1
 
 
 def test_views_vote_about_a_gaussian() -> None:
     posed = PosedCamera(Camera(4, 4, 4, 4, 2, 2), np.eye(4))
     views = [TrueSurface(posed, np.ones((4, 4)), np.full((4, 4), label)) for label in (2, 1, 2)]
     assert gaussian_truth(np.array([[0, 0, 1.0]]), views, 2).tolist() == [2]
+    assert gaussian_truth(np.array([[0, 0, 1.0]]), views[:2], 2).tolist() == [1]  # a tie
+    assert gaussian_truth(np.zeros((0, 3)), views, 2).tolist() == []
 
 
 @given(present=FEW, absent=FEW)

@@ -7,6 +7,7 @@ import pytest
 
 from service.common.errors import InvalidInputError
 from service.evaluation import confusion
+from service.evaluation.segmentation import mask_counts
 
 
 def test_a_perfect_map_scores_one_and_absent_labels_do_not_count() -> None:
@@ -71,3 +72,15 @@ def test_a_missing_prediction_counts_as_zero() -> None:
     whole = confusion(truth, truth, 2)
     both = (whole + confusion(np.zeros_like(truth), truth, 2)).masks()
     assert both.macro_iou() == 0.5 == both.micro_iou()
+
+
+def test_masks_are_counted_alike_with_and_without_the_whole_table() -> None:
+    random = np.random.default_rng(1)
+    truth, predicted = random.integers(0, 6, (2, 9, 7))
+    valid = random.random((9, 7)) < 0.7
+    for mask in (None, valid):
+        assert (
+            mask_counts(predicted, truth, 5, mask).counts == confusion(predicted, truth, 5, mask).masks().counts
+        ).all()
+    many = mask_counts(predicted, truth, 60_000)
+    assert many.counts.shape == (60_001, 3) and many.macro_iou() == mask_counts(predicted, truth, 5).macro_iou()
