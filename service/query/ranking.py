@@ -78,7 +78,7 @@ class Ranker:
         self._names = [entry.label for entry in scene.dictionary.entries]
         self._prompted: OrderedDict[tuple[tuple[str, ...], tuple[str, ...]], _Prompted] = OrderedDict()
         self._lock = threading.Lock()
-        self._usual = self._prepare(settings.negatives, settings.templates)
+        self._usual = self._prepare(settings.negatives, settings.templates, self._embed_labels(settings.templates))
 
     @property
     def calibrated(self) -> bool:
@@ -199,8 +199,12 @@ class Ranker:
             if key in self._prompted:
                 self._prompted.move_to_end(key)
                 return self._prompted[key]
-        self._check_sentences(templates)
-        made = self._prepare(negatives, templates)
+        if templates == self._settings.templates:
+            labels = self._usual.entries.labels
+        else:
+            self._check_sentences(templates)
+            labels = self._embed_labels(templates)
+        made = self._prepare(negatives, templates, labels)
         with self._lock:
             self._prompted[key] = made
             while len(self._prompted) > _KEPT_PROMPTS:
@@ -209,7 +213,7 @@ class Ranker:
 
     def _check_sentences(self, templates: tuple[str, ...]) -> None:
         count, limit = len(self._names) * len(templates), self._settings.max_sentences
-        if templates != self._settings.templates and count > limit:
+        if count > limit:
             raise LimitExceededError(
                 f"{len(self._names)} labels in {len(templates)} templates",
                 field="templates",
@@ -217,11 +221,16 @@ class Ranker:
                 hint="Send fewer templates.",
             )
 
-    def _prepare(self, negatives: tuple[str, ...], templates: tuple[str, ...]) -> _Prompted:
-        against = self._cache.embed(negatives, templates)
-        scene, encoder, chosen = self._scene, self._encoder, self._settings
+    def _embed_labels(self, templates: tuple[str, ...]) -> NDArray[np.float32]:
+        scene, encoder = self._scene, self._encoder
         same = scene.text_encoder == (encoder.name, encoder.sha256) and scene.label_templates == templates
-        labels = scene.label_embeddings if same else embed_labels(scene.dictionary, encoder, templates)
+        return scene.label_embeddings if same else embed_labels(scene.dictionary, encoder, templates)
+
+    def _prepare(
+        self, negatives: tuple[str, ...], templates: tuple[str, ...], labels: NDArray[np.float32]
+    ) -> _Prompted:
+        encoder, chosen = self._encoder, self._settings
+        against = self._cache.embed(negatives, templates)
         if len(labels) and labels.shape[1] != against.shape[1]:
             raise ModelUnavailableError(
                 f"text encoder {encoder.name} gives {against.shape[1]} numbers, not {labels.shape[1]}",
