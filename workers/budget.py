@@ -71,7 +71,7 @@ def plan_training(job: Job, capture: Capture, labels: int, started: float) -> Tr
         wanted = _wanted(job)
         speed = machine_speed(wanted.backend)
         spent = stage_seconds(job, "perception") + time.monotonic() - started
-        tail = _export_seconds(labels) / speed
+        tail = _export_seconds(labels) / speed.serial
         found = plan(wanted, scene_size(capture, labels), budget, speed=speed, spent_s=spent, tail_s=tail)
         _keep(job, TrainingPlan(found.settings, found.given_up))
     return kept_plan(job)

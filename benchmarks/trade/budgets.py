@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.trade.__main__ import machine
-from service.calls import open_service
+from service.calls.service import open_service
 from service.calls.types import SceneOptions
 from service.settings import Settings
 

@@ -2,8 +2,8 @@
 
 The optimisation itself stops by the clock (`TrainingSettings.time_budget_s`), so what must be foreseen to the second is
 only what comes before and after it; how fast a step is decides what is worth optimising in the time. All figures are
-for the reference machine (2 CPU threads with AVX-512) and are divided by `speed`, which
-`service.splatting.probe` measures.
+for the reference machine (2 CPU threads with AVX-512) and are divided by its `Speed`, which `service.splatting.probe`
+measures.
 """
 
 from __future__ import annotations
@@ -22,12 +22,25 @@ from service.splatting.thrift import JUDGES, MEASURES
 from service.splatting.views import split_views
 
 _SHARES = 40  # points at which the cost of a step is taken along a run
-_STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 25, 500, 1_200
-_SMALLEST_SIDE, _FEWEST_GAUSSIANS = 64, 1_000
+_STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
+_SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_RUNG, _GAUSSIANS_RUNG, _RUNGS = 0.84, 0.72, 14
 _FLAT_FROM_RUNG = 4
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 4
 _LEAST_SHARE = 0.1  # of the budget is optimised, however little is left beside loading and writing
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Of a machine, in times the reference machine's: 0.5 takes twice as long.
+
+    Attributes:
+        steps: at drawing and differentiating, on all threads.
+        serial: at everything else, which is done on one thread.
+    """
+
+    steps: float = 1.0
+    serial: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,9 @@ class SceneSize:
     height: int
     points: int
     labels: int
+
+
+_REFERENCE = Speed()
 
 
 @dataclass(frozen=True)
@@ -104,7 +120,7 @@ def plan(
     scene: SceneSize,
     time_budget_s: float,
     *,
-    speed: float = 1.0,
+    speed: Speed = _REFERENCE,
     spent_s: float = 0.0,
     tail_s: float = 0.0,
 ) -> Plan:
@@ -118,14 +134,14 @@ def plan(
         settings: what is wanted: a preset, or the operator's own.
         scene: what is trained.
         time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
-        speed: of this machine, as `service.splatting.probe.machine_speed` measures it; 1 is the reference machine.
+        speed: of this machine, as `service.splatting.probe.machine_speed` measures it.
         spent_s: seconds of the budget that are gone.
         tail_s: seconds that the caller needs after the run, on this machine.
 
     Raises:
         InvalidInputError: a budget or speed that is not positive, or negative seconds.
     """
-    for name, value in (("time_budget_s", time_budget_s), ("speed", speed)):
+    for name, value in (("time_budget_s", time_budget_s), ("steps", speed.steps), ("serial", speed.serial)):
         if not 0 < value < float("inf"):
             raise InvalidInputError(f"{name} of {value}", field=name, hint="Give a number above 0.")
     for name, value in (("spent_s", spent_s), ("tail_s", tail_s)):
@@ -134,9 +150,10 @@ def plan(
     wanted = min(settings.iterations, max(_FEWEST_STEPS, min(_ENOUGH_STEPS, _STEPS_A_VIEW * scene.views)))
     for rung in range(_RUNGS):
         chosen = _on_rung(settings, scene, rung)
-        load, finish = load_seconds(chosen, scene) / speed, finish_seconds(chosen, scene) / speed
+        load = load_seconds(scene) / speed.serial
+        finish = judge_seconds(chosen, scene) / speed.steps + write_seconds(chosen) / speed.serial
         left = time_budget_s - spent_s - load - finish - tail_s
-        rate = steps_per_second(chosen, scene) * speed
+        rate = steps_per_second(chosen, scene) * speed.steps
         if rate * left >= wanted:
             break
     optimise = max(left, _LEAST_SHARE * time_budget_s)
@@ -176,14 +193,19 @@ def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
     return sum(rates) / len(rates)
 
 
-def load_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
+def load_seconds(scene: SceneSize) -> float:
     """Everything before the first step: images decoded and reduced, Gaussians placed, codes spread."""
     pixels = scene.width * scene.height
     return 0.1 + scene.views * (0.002 + 2.5e-8 * pixels) + 2e-6 * scene.points + (0.2 if scene.labels else 0.0)
 
 
-def finish_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Everything after the last step: thrift, evidence, the held-out views measured, the result written."""
+def write_seconds(settings: TrainingSettings) -> float:
+    """The last checkpoint and the result, gathered and written."""
+    return 0.1 + 5e-6 * settings.max_gaussians
+
+
+def judge_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
+    """What is drawn after the last step: for thrift, for evidence, and the held-out views to be measured."""
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
@@ -193,7 +215,7 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
         small = round(width * height * image_scales(settings)[0] ** 2)
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
         thrift = weighed + MEASURES * min(held_out, JUDGES) * measured
-    return 0.1 + 5e-6 * settings.max_gaussians + held_out * measured + thrift + evidence
+    return held_out * measured + thrift + evidence
 
 
 def _on_rung(settings: TrainingSettings, scene: SceneSize, rung: int) -> TrainingSettings:

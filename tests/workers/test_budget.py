@@ -15,6 +15,7 @@ from service.capture.types import Capture, CaptureReport, View
 from service.common.camera import Camera, PosedCamera
 from service.common.progress import silent
 from service.settings import Settings
+from service.splatting.plan import Speed
 from service.splatting.presets import PERCEPTION_PRESETS, PRESETS
 from service.splatting.settings import TrainingSettings
 from workers.budget import kept_plan, plan_perception, plan_training
@@ -24,7 +25,7 @@ from workers.protocol import Job
 @pytest.fixture(autouse=True)
 def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """How busy the machine is while tests run must not decide what they see."""
-    monkeypatch.setattr("workers.budget.machine_speed", lambda backend: 1.0)
+    monkeypatch.setattr("workers.budget.machine_speed", lambda backend: Speed())
 
 
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:

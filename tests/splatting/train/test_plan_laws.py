@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from service.common.errors import InvalidInputError
-from service.splatting.plan import SceneSize, plan, plan_views, scene_size, step_seconds, steps_per_second
+from service.splatting.plan import SceneSize, Speed, plan, plan_views, scene_size, step_seconds, steps_per_second
 from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
 from service.splatting.probe import machine_speed
 from service.splatting.settings import TrainingSettings
@@ -24,7 +24,7 @@ scenes = st.builds(
     points=st.integers(0, 200_000),
     labels=st.integers(0, 200),
 )
-speeds = st.floats(0.05, 50)
+speeds = st.builds(Speed, st.floats(0.05, 50), st.floats(0.05, 50))
 budgets = st.floats(0.01, 5_000)
 wishes = st.builds(
     TrainingSettings,
@@ -39,7 +39,7 @@ wishes = st.builds(
 
 @settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds, st.floats(0, 20))
-@example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, 1.0, 0.0)
+@example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, Speed(), 0.0)
 def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(wanted, scene, budget, speed, tail) -> None:
     found = plan(wanted, scene, budget, speed=speed, spent_s=tail / 2, tail_s=tail)
     assert found.seconds == pytest.approx(sum(found.parts.values()))
@@ -69,10 +69,11 @@ def test_a_plan_never_asks_for_more_than_was_wanted_and_names_every_loss(wanted,
 
 @settings(deadline=None, max_examples=60)
 @given(st.floats(5, 500), st.floats(1.0, 8.0), st.floats(0.2, 4))
-def test_more_time_and_a_faster_machine_never_give_up_more(budget, more, speed) -> None:
+def test_more_time_and_a_faster_machine_never_give_up_more(budget, more, factor) -> None:
     wanted = TrainingSettings()
+    speed, faster = Speed(factor, factor), Speed(factor * more, factor * more)
     poor = plan(wanted, TABLE, budget, speed=speed)
-    for rich in (plan(wanted, TABLE, budget * more, speed=speed), plan(wanted, TABLE, budget, speed=speed * more)):
+    for rich in (plan(wanted, TABLE, budget * more, speed=speed), plan(wanted, TABLE, budget, speed=faster)):
         assert rich.settings.max_gaussians >= poor.settings.max_gaussians
         assert rich.settings.max_side >= poor.settings.max_side
         assert rich.settings.max_sh_degree >= poor.settings.max_sh_degree
@@ -86,7 +87,7 @@ def test_a_budget_larger_than_needed_gives_up_nothing_and_ends_with_the_steps() 
 
 
 def test_a_second_is_too_little_and_the_plan_says_so_but_still_trains() -> None:
-    found = plan(TrainingSettings(), TABLE, 1.0, speed=0.2, tail_s=1.0)
+    found = plan(TrainingSettings(), TABLE, 1.0, speed=Speed(0.2, 0.2), tail_s=1.0)
     assert found.settings.time_budget_s == pytest.approx(0.1)
     assert found.given_up[-1].startswith("the time budget itself: 1 s")
     assert found.settings.max_gaussians < 5_000 and found.settings.max_sh_degree == 0
@@ -111,8 +112,9 @@ def test_perception_keeps_to_its_share_of_the_budget_or_to_four_views(wanted, vi
 def test_impossible_budgets_are_refused_by_name(budget: float) -> None:
     with pytest.raises(InvalidInputError, match="time_budget_s"):
         plan(TrainingSettings(), TABLE, budget)
-    with pytest.raises(InvalidInputError, match="speed"):
-        plan(TrainingSettings(), TABLE, 10.0, speed=budget)
+    for slow in (Speed(budget, 1.0), Speed(1.0, budget)):
+        with pytest.raises(InvalidInputError, match=r"steps|serial"):
+            plan(TrainingSettings(), TABLE, 10.0, speed=slow)
 
 
 @settings(deadline=None, max_examples=60)
@@ -154,4 +156,5 @@ def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:
 
 
 def test_the_probe_finds_a_speed() -> None:
-    assert 0.001 < machine_speed() < 1_000
+    found = machine_speed()
+    assert 0.001 < found.steps < 1_000 and 0.001 < found.serial < 1_000
