@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import contextvars
 import os
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -59,7 +60,8 @@ class Threads:
         """
         loop = asyncio.get_running_loop()
         feed = _Feed(loop, stream)
-        future = loop.run_in_executor(self._uploads, lambda: function(feed))
+        context = contextvars.copy_context()  # the thread knows who calls
+        future = loop.run_in_executor(self._uploads, lambda: context.run(function, feed))
         try:
             return await asyncio.shield(future)
         except asyncio.CancelledError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from api.auth import caller_id
 from api.uploads import scene_options
 from fastsplat.v1 import fastsplat_pb2 as pb
 from service.calls.service import SceneService
@@ -30,7 +31,7 @@ def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneReques
         header.preset,
         header.priority,
     )
-    with service.new_upload() as upload:
+    with service.new_upload(caller_id()) as upload:
         files = _Files(messages)
         while (file := files.next()) is not None:
             size = upload.write(file.name, files.chunks())

@@ -124,7 +124,7 @@ def _receive(
     texts: dict[str, list[str]] = {}
     text_bytes = 0
     captures = 0
-    with service.new_upload() as upload:
+    with service.new_upload(owner) as upload:
         for part in read_parts(content_type, body, settings.capture.max_entries + _MAX_TEXT_PARTS):
             if part.filename is None:
                 value = _text(part, _MAX_TEXT_BYTES - text_bytes)

@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Literal
 
+from service.calls.quotas import Quotas
 from service.calls.uploads import disk_error, safe_parts
 from service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
 from service.store.blobs import Blobs, remove, sync_folder
@@ -87,8 +88,9 @@ class _Info:
 class ResumableUploads:
     """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
 
-    def __init__(self, blobs: Blobs, max_bytes: int, lifetime_s: float) -> None:
+    def __init__(self, blobs: Blobs, max_bytes: int, lifetime_s: float, quotas: Quotas | None = None) -> None:
         self._blobs = blobs
+        self._quotas = quotas
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
 
@@ -104,6 +106,7 @@ class ResumableUploads:
         Raises:
             InvalidInputError: an unsafe name, or a negative length.
             LimitExceededError: longer than `max_bytes`.
+            QuotaError: the key holds all that it may.
             ResourceError: the disk is full.
         """
         safe_parts(name)
@@ -116,6 +119,8 @@ class ResumableUploads:
                 limit=f"{self.max_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
                 hint="Send fewer or smaller images.",
             )
+        if self._quotas is not None and self._quotas.bounded:
+            self._quotas.check_room(owner, length + self._pending_bytes(owner))
         upload_id = uuid.uuid4().hex
         folder = self._blobs.upload(upload_id)
         try:
@@ -209,6 +214,16 @@ class ResumableUploads:
                 hint="Send the rest first.",
             )
         return found.name, self._blobs.upload(upload_id) / _DATA
+
+    def _pending_bytes(self, owner: str) -> int:
+        """What this key's unfinished uploads will weigh."""
+        total = 0
+        for upload_id in self._blobs.ids("uploads"):
+            try:
+                total += self._find(owner, upload_id)[1].length
+            except NotFoundError:
+                continue
+        return total
 
     def _find(self, owner: str, upload_id: str) -> tuple[Path, _Info]:
         try:

@@ -11,6 +11,7 @@ from service.calls.admin import Admin
 from service.calls.answers import Answers
 from service.calls.cameras import camera_file
 from service.calls.paging import page_of, read_page_token, write_page_token
+from service.calls.quotas import Quotas
 from service.calls.resumable import ResumableUploads
 from service.calls.scenes import OpenScenes
 from service.calls.translate import label_of, operation_of, scene_of
@@ -57,8 +58,9 @@ class SceneService:
         self._scenes = OpenScenes(store, settings)
         self._answers = Answers(store, settings, self._scenes)
         self._versions = Versions(store, settings, self._scenes)
+        self._quotas = Quotas(store.holdings, settings.quotas)
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, settings.store.abandoned_upload_s
+            store.blobs, settings.capture.max_upload_bytes, settings.store.abandoned_upload_s, self._quotas
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
@@ -80,10 +82,19 @@ class SceneService:
         """A standing question says that it lives after so long a silence, if it does not choose."""
         return self._settings.calls.heartbeat_s
 
-    def new_upload(self) -> UploadSession:
-        """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all."""
+    def new_upload(self, owner: str = "") -> UploadSession:
+        """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all.
+
+        Args:
+            owner: the key whose quotas count.
+
+        Raises:
+            QuotaError: the key holds all that it may.
+        """
+        self._quotas.check_room(owner, 0)
         upload_id = _new_id()
-        return UploadSession(upload_id, self._store.blobs.upload(upload_id), self._settings.capture, self._admit)
+        folder = self._store.blobs.upload(upload_id)
+        return UploadSession(upload_id, folder, self._settings.capture, self._admit, owner)
 
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.
@@ -342,7 +353,9 @@ class SceneService:
             },
             priority=options.priority,
         )
-        record, new = self._store.rows.admit(job)
+        record, new = self._store.rows.admit(
+            job, lambda connection: self._quotas.take(connection, upload.owner, job.scene_id, upload.bytes)
+        )
         if not new:
             remove(upload.folder)
         return operation_of(record)

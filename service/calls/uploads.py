@@ -36,8 +36,10 @@ class UploadSession:
         folder: Path,
         settings: CaptureSettings,
         admit: Callable[[UploadSession, str, str, SceneOptions], Operation],
+        owner: str = "",
     ) -> None:
         self.id = upload_id
+        self.owner = owner
         self.folder = folder
         self.raw = folder / "raw"
         self._settings = settings
@@ -154,6 +156,11 @@ class UploadSession:
             raise
         finally:
             self._open = False
+
+    @property
+    def bytes(self) -> int:
+        """What the files weigh that have come."""
+        return self._bytes
 
     def abort(self) -> None:
         """Forget all that came. Does nothing after a commit."""

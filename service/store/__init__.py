@@ -10,6 +10,7 @@ from sqlalchemy import Engine
 from service.common.errors import ResourceError
 from service.store.blobs import Blobs
 from service.store.engine import open_engine, resolve_url
+from service.store.holdings import HoldingRows
 from service.store.jobs import JobRows
 from service.store.keys import KeyRows
 from service.store.rows import Rows
@@ -18,12 +19,13 @@ from service.store.versions import VersionRows
 
 @dataclass(frozen=True)
 class Store:
-    """All that is durable: `rows`, `versions` and `keys` for the faces, `jobs` for the workers, `blobs` for both."""
+    """All that is durable: `jobs` for the workers, `blobs` for all, the others for the faces."""
 
     rows: Rows
     versions: VersionRows
     jobs: JobRows
     keys: KeyRows
+    holdings: HoldingRows
     blobs: Blobs
     engine: Engine
 
@@ -48,4 +50,12 @@ def open_store(data_dir: Path, database_url: str = "") -> Store:
             hint="Point FASTSPLAT_DATA_DIR at a writable folder.",
         ) from error
     engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
-    return Store(Rows(engine), VersionRows(engine), JobRows(engine), KeyRows(engine), Blobs(data_dir.resolve()), engine)
+    return Store(
+        Rows(engine),
+        VersionRows(engine),
+        JobRows(engine),
+        KeyRows(engine),
+        HoldingRows(engine),
+        Blobs(data_dir.resolve()),
+        engine,
+    )

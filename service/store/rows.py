@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -30,8 +30,14 @@ class Rows:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
-    def admit(self, job: NewJob) -> tuple[OperationRecord, bool]:
+    def admit(
+        self, job: NewJob, within: Callable[[Connection], None] = lambda connection: None
+    ) -> tuple[OperationRecord, bool]:
         """Make a scene and its queued operation, or find the one that this request id made before.
+
+        Args:
+            job: what to make.
+            within: called in the transaction once both are there; what it raises unmakes them.
 
         Returns:
             The operation, and whether it is new.
@@ -54,6 +60,7 @@ class Rows:
             with self._writing() as connection:
                 connection.execute(insert(operations).values(operation))
                 connection.execute(insert(scenes).values(scene))
+                within(connection)
                 return _operation(connection, job.operation_id), True
         except IntegrityError:
             earlier = self.find_request(job.request_id, job.request_digest)
