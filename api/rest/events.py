@@ -12,6 +12,16 @@ from starlette.responses import Response, StreamingResponse
 from api.rest.models import Operation
 
 MEDIA_TYPE = "text/event-stream"
+EVENT_SCHEMA = {
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "description": "send it as Last-Event-ID to continue after this event"},
+        "event": {"const": "operation"},
+        "data": {"type": "string", "description": "an Operation as JSON"},
+    },
+    "required": ["id", "event", "data"],
+}
+"""What OpenAPI says of one event."""
 _POLL_S = 0.25
 _COMMENT_S = 15.0
 

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from api.rest import models
-from api.rest.calls import PROBLEMS, answered, called, file_response
-from api.rest.events import MEDIA_TYPE, operation_events
+from api.rest.calls import PROBLEMS, answered, called
+from api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from api.rest.translate import edits_in, object_out, operation_out, scene_out, summary_out, version_out
 from api.rest.upload import BODY_SCHEMA, receive_scene
 from api.threads import Threads
@@ -95,7 +95,15 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     @router.get(
         "/scenes/{scene_id}/cameras",
         response_class=Response,
-        responses=file_response(*dict.fromkeys(MEDIA_TYPES.values()), description="the file"),
+        responses={
+            200: {
+                "content": {
+                    "application/json": {"schema": {"type": "object"}},
+                    "application/zip": {"schema": {"type": "string", "format": "binary"}},
+                },
+                "description": "the file",
+            }
+        },
     )
     async def cameras(
         request: Request,
@@ -179,7 +187,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         "/operations/{operation_id}/events",
         response_class=Response,
         responses={
-            **file_response(MEDIA_TYPE, description="server-sent events, each with an Operation as its data"),
+            200: {"content": {MEDIA_TYPE: {"schema": EVENT_SCHEMA}}, "description": "server-sent events"},
             204: {"description": "the operation is done, and Last-Event-ID says that this is known"},
         },
     )
