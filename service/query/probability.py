@@ -57,7 +57,7 @@ def leads(scores: F64, background: float) -> F64:
         np.put_along_axis(rest, first, -np.inf, axis=-1)
         np.maximum(others, np.take_along_axis(scores, first, axis=-1), out=others)
         np.put_along_axis(others, first, np.maximum(rest.max(axis=-1, keepdims=True), background), axis=-1)
-    return np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT)
+    return np.asarray(np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT))
 
 
 def entry_probability(scores: F64, found: ScoreCalibration) -> F64:
@@ -72,7 +72,7 @@ def present_probability(scores: F64, entry: F64, found: ScoreCalibration) -> F64
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
     model = found.present
-    return np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1))
+    return np.asarray(np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
 
 
 def candidates(entry: F64, present: float) -> F64:

@@ -130,7 +130,8 @@ class Ranker:
         likely = None if measured is None else entry_probability(primary, measured)
         judged = self._judge(text, prompted, primary, likely)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.chosen))
-        probability, labels = None, ()
+        probability: float | None = None
+        labels: tuple[int, ...] = ()
         if measured is not None and likely is not None:
             present = float(present_probability(primary, likely, measured))
             if judged.named is None:
@@ -238,8 +239,10 @@ class Ranker:
                 hint="Put back the encoder that the scene was made with.",
             )
         measured = calibration_for(encoder.name, encoder.sha256, chosen.score, templates, negatives)
-        related = chosen.threshold if chosen.threshold is not None else measured and measured.related
-        exact = chosen.exact_threshold if chosen.exact_threshold is not None else measured and measured.exact
+        related, exact = chosen.threshold, chosen.exact_threshold
+        if measured is not None:
+            related = measured.related if related is None else related
+            exact = measured.exact if exact is None else exact
         return _Prompted(
             entries(np.ascontiguousarray(labels), against),
             negatives,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
+from scipy.ndimage import minimum_filter  # type: ignore[import-untyped]
 
 from service.common.camera import PosedCamera
 from service.scene.types import Scene
@@ -66,7 +66,7 @@ def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: 
     cell, depth, inside = _cells(posed, points, step, columns)
     seen = depth <= nearest[cell] * (1 + _SLACK)
     pixels = areas[inside] * camera.fx * camera.fy / depth**2
-    return np.bincount(owner[inside], weights=pixels * seen, minlength=count)
+    return np.bincount(owner[inside], weights=pixels * seen, minlength=count).astype(np.float64)
 
 
 def _cells(
