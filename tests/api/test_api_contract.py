@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -12,10 +13,16 @@ from hypothesis import strategies as st
 
 from api.grpc.messages import CHUNK_BYTES, messages_of
 from api.grpc.server import MAX_MESSAGE_BYTES
+from api.grpc.translate import scene_out
 from api.rest import openapi
-from fastsplat_client.messages import joined
-from service.calls.types import QueryAnswer, RleMask, ViewMask
+from fastsplat.v1 import fastsplat_pb2
+from fastsplat_client.messages import answers_of
+from service.calls.settings import CallSettings
+from service.calls.translate import camera_to_json, scene_of
+from service.calls.types import Box, Pose, QueryAnswer, RleMask, SceneObject, ViewMask
 from service.query.types import Answer, Match
+from service.store.records import SceneRecord
+from tests.api.made_scene import turned
 
 _PROTOS = Path(__file__).resolve().parents[2] / "protos"
 
@@ -51,19 +58,102 @@ def test_every_operation_documents_its_problems() -> None:
             assert operation["description"]
 
 
-@settings(max_examples=15, deadline=None)
-@given(st.lists(st.integers(0, 3 * CHUNK_BYTES), max_size=4), st.integers(0, 3 * CHUNK_BYTES))
-def test_answers_of_any_size_fit_in_messages_and_come_together_again(sizes: list[int], gaussian_bytes: int) -> None:
-    match = Match(1, "mug", 0.75, 0.5, "things", 60, True)
-    masks = tuple(
-        ViewMask("", index, size, RleMask(4, 5, "".join(map(chr, range(48, 112))) * (size // 64)))
-        for index, size in enumerate(sizes)
+_TWINS = {
+    "POST /v1/scenes": "CreateScene",
+    "GET /v1/scenes": "ListScenes",
+    "GET /v1/scenes/{scene_id}": "GetScene",
+    "DELETE /v1/scenes/{scene_id}": "DeleteScene",
+    "GET /v1/scenes/{scene_id}/labels": "ListLabels",
+    "GET /v1/scenes/{scene_id}/objects": "ListObjects",
+    "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
+    "GET /v1/scenes/{scene_id}/versions": "ListVersions",
+    "POST /v1/scenes/{scene_id}:edit": "EditScene",
+    "POST /v1/scenes/{scene_id}:undo": "UndoEdit",
+    "GET /v1/operations": "ListOperations",
+    "GET /v1/operations/{operation_id}": "GetOperation",
+    "GET /v1/operations/{operation_id}:wait": "WaitOperation",
+    "GET /v1/operations/{operation_id}/events": "WatchOperation",
+    "POST /v1/operations/{operation_id}:cancel": "CancelOperation",
+    "GET /query": "Query",
+    "POST /v1/scenes/{scene_id}:query": "Query",
+    "GET /v1/scenes/{scene_id}/mask3d.bin": "Query",
+    "GET /v1/scenes/{scene_id}/{kind}.png": "RenderView",
+    "GET /v1/scenes/{scene_id}/{kind}.npy": "RenderView",
+    "POST /v1/scenes/{scene_id}:render": "RenderView",
+    "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
+    "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
+}
+
+
+def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone() -> None:
+    """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC."""
+    routes = {f"{method.upper()} {path}" for path, methods in openapi.describe()["paths"].items() for method in methods}
+    elsewhere = {"GET /livez", "GET /readyz"} | {route for route in routes if "/v1/uploads" in route}
+    assert set(_TWINS) == routes - elsewhere
+    rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
+    assert rpcs - set(_TWINS.values()) == {"StreamQuery"}
+
+
+_THING = SceneObject(
+    "1-1",
+    1,
+    "mug",
+    0.5,
+    (1.0, 2.0, 3.0),
+    Box(Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (1.0, 1.0, 1.0)),
+    60,
+    True,
+    (),
+)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    sizes=st.lists(st.integers(0, 3 * CHUNK_BYTES), max_size=3),
+    pictures=st.lists(st.integers(1, 3 * CHUNK_BYTES), max_size=2),
+    mask3d_bytes=st.integers(0, 3 * CHUNK_BYTES),
+    labels=st.sampled_from([0, 1, 100, 30_000]),
+    things=st.sampled_from([0, 1, 20_000]),
+)
+def test_answers_of_any_size_fit_in_messages_and_come_together_again(
+    sizes: list[int], pictures: list[int], mask3d_bytes: int, labels: int, things: int
+) -> None:
+    letters = "".join(map(chr, range(48, 112)))
+    masks = tuple(ViewMask("", n, size, RleMask(4, 5, letters * (size // 64))) for n, size in enumerate(sizes))
+    masks += tuple(ViewMask(f"view {size}", 0, size, None, bytes(size)) for size in pictures)
+    matches = tuple(Match(n, f"{'x' * 150} {n}", 0.75, 0.5, "things", 60, True, None) for n in range(1, labels + 1))
+    answer = QueryAnswer(
+        "scene",
+        "1",
+        Answer("mug", "exact", matches, "Here.", 0.25, tuple(range(labels)), 0.9, "score", 0.5),
+        match_count=labels,
+        gaussians=9,
+        masks=masks,
+        mask3d=bytes(range(256)) * (mask3d_bytes // 256),
+        objects=(_THING,) * things,
     )
-    mask3d = bytes(range(256)) * (gaussian_bytes // 256)
-    messages = list(messages_of(QueryAnswer("s", "1", Answer("mug", "exact", (match,), "Here."), 1, 9, masks, mask3d)))
-    assert all(message.ByteSize() < MAX_MESSAGE_BYTES for message in messages)
-    (whole,) = joined(messages)
-    assert whole.mask3d == mask3d and whole.answer.matches[0].relevancy == 0.75
-    assert [(m.camera_index, m.segmentation.counts, m.area) for m in whole.masks] == [
-        (m.camera_index, m.rle.counts, m.area) for m in masks
-    ]
+    messages = list(messages_of(answer))
+    assert all(message.ByteSize() < MAX_MESSAGE_BYTES / 2 for message in messages)
+    assert list(answers_of(messages)) == [answer]
+
+
+def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:
+    most = CallSettings().max_listed
+    label = {"label": "x" * 200, "aliases": [], "pixels": 10**9, "views": 10**6, "gaussian_count": 10**9}
+    record = SceneRecord(
+        id="s",
+        name="n" * 200,
+        operation_id="o",
+        state="READY",
+        version="1",
+        created_at=0.0,
+        gaussians=10**9,
+        scale="METRIC",
+        dictionary=[{**label, "label_id": n} for n in range(1, 60_001)],
+        cameras=[camera_to_json(replace(turned(0.1), name="x" * 100))] * 20_000,
+        quality={},
+    )
+    scene = scene_of(record, most)
+    assert (scene.label_count, scene.camera_count) == (60_000, 20_000)
+    assert len(scene.dictionary) == len(scene.cameras) == most
+    assert scene_out(scene, full=True).ByteSize() < MAX_MESSAGE_BYTES
