@@ -26,18 +26,17 @@ def rasterize(
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Rendering:
-    """Render one view; differentiable in means, quats, scales, opacities, features and background.
+    """Render one view; differentiable in means, quats, scales, opacities, features, background and viewmat.
 
     On `cpu`, a signal handler that raises (Ctrl-C) ends even a long call within a fraction of a second.
 
     Args:
         splats: G Gaussians with C channels; any C.
-        viewmat: [4, 4], camera from world (OpenCV axes), a rigid transform.
+        viewmat: [4, 4], camera from world (OpenCV axes), rigid; its gradient is that of twelve free numbers.
         camera: intrinsics and image size.
         background: [C], composited behind; None is zero.
         settings: cut-offs, the same forward and backward.
-        backend: `reference` computes in float64 and differentiates `viewmat` as well; `cpu` and `cuda` compute in
-            float32.
+        backend: `reference` computes in float64, `cpu` and `cuda` in float32.
 
     Raises:
         InvalidInputError: shapes, devices or settings that do not fit together, or a viewmat with NaN or Inf.

@@ -72,10 +72,6 @@ def rasterize_with_frame(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> tuple[Rendering, Any]:
     """As `rasterize`, and the kernels' own record of the call: visible, pairs, milliseconds of each stage."""
-    if viewmat.requires_grad:
-        raise InvalidInputError(
-            "the cpu backend does not differentiate the viewmat", field="viewmat", hint="Use backend='reference'."
-        )
     dtype = splats.means.dtype
     parts = [_float32(part) for part in _parts(splats)]
     back = torch.zeros(parts[4].shape[1]) if background is None else _float32(background)
@@ -224,7 +220,7 @@ class _Rasterize(torch.autograd.Function):
         ctx.set_materialize_grads(False)
         ctx.mark_non_differentiable(median, radii)
         ctx.save_for_backward(*tensors, alpha)
-        ctx.frame, ctx.settings = frame, settings
+        ctx.frame, ctx.settings, ctx.pose_dtype = frame, settings, viewmat.dtype
         info["frame"] = frame
         return image, alpha, depth, median, radii
 
@@ -235,6 +231,7 @@ class _Rasterize(torch.autograd.Function):
         outputs = [None if grad is None else grad.contiguous().numpy() for grad in grads[:3]]
         parts = [tensor.detach() for tensor in tensors[:5]]
         gradients = [torch.empty_like(part) for part in parts]
+        pose = torch.empty(12, dtype=torch.float64) if ctx.needs_input_grad[6] else None
         _guard(
             ctx.settings,
             ctx.frame.backward,
@@ -242,13 +239,19 @@ class _Rasterize(torch.autograd.Function):
             tensors[5].detach().numpy(),
             *outputs,
             *(gradient.numpy() for gradient in gradients),
+            None if pose is None else pose.numpy(),
             thread_count(),
             instruction_set(),
         )
         back = None
         if ctx.needs_input_grad[5] and grads[0] is not None:
             back = ((1.0 - alpha)[..., None] * grads[0]).sum(dim=(0, 1))
-        return (*gradients, back, None, None, None, None)
+        d_viewmat = None
+        if pose is not None:
+            d_viewmat = torch.zeros(4, 4, dtype=torch.float64)
+            d_viewmat[:3, :3], d_viewmat[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
+            d_viewmat = d_viewmat.to(ctx.pose_dtype)
+        return (*gradients, back, d_viewmat, None, None, None)
 
 
 class _Harmonics(torch.autograd.Function):

@@ -31,6 +31,40 @@ def test_image_and_all_gradients(isa: str, seed: int, channels: int) -> None:
     assert torch.equal(ours.radii, truth.radii)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gradient_of_the_camera(isa: str, seed: int) -> None:
+    view = crowded(seed, count=4200 if seed == 2 else 60)
+    results = []
+    for backend, dtype in (("reference", torch.float64), ("cpu", torch.float32)):
+        viewmat = view.viewmat.clone().requires_grad_()
+        parts = [getattr(view.splats, name).to(dtype) for name in NAMES]
+        out = rasterize(Splats(*parts), viewmat, view.camera, backend=backend)  # type: ignore[arg-type]
+        scalar = (out.image * view.grad_image.to(dtype)).sum() + (out.alpha * view.grad_alpha.to(dtype)).sum()
+        (scalar + (out.depth * view.grad_depth.to(dtype)).sum()).backward()
+        assert viewmat.grad is not None and viewmat.grad.dtype == torch.float64
+        results.append(viewmat.grad)
+    truth, ours = results
+    assert float(ours[3].abs().max()) == 0.0
+    assert relative(ours[:3, :3], truth[:3, :3]) < 1e-4 and relative(ours[:3, 3], truth[:3, 3]) < 1e-4
+
+
+def test_a_camera_that_was_moved_finds_back() -> None:
+    view = crowded(3, count=200, channels=3)
+    goal = render(view, "cpu")
+    moved = view.viewmat.float().clone()
+    moved[:3, 3] += torch.tensor([0.03, -0.02, 0.03])
+    place = moved[:3, 3].clone().requires_grad_()
+    optimiser = torch.optim.Adam([place], lr=4e-3)
+    for _ in range(40):
+        pose = torch.cat((torch.cat((moved[:3, :3], place[:, None]), dim=1), moved[3:]))
+        out = rasterize(view.splats, pose, view.camera, background=view.background)
+        optimiser.zero_grad()
+        ((out.image - goal.image) ** 2).mean().backward()
+        optimiser.step()
+    start = float((moved[:3, 3] - view.viewmat[:3, 3]).norm())
+    assert float((place.detach() - view.viewmat[:3, 3]).norm()) < 0.3 * start
+
+
 def test_reference_gradients_are_the_derivative_of_the_reference_image() -> None:
     g = torch.Generator().manual_seed(3)
     means = torch.randn(8, 3, generator=g, dtype=torch.float64) * 0.5
@@ -91,10 +125,13 @@ def test_missing_gradients_count_as_zero(isa: str) -> None:
 @pytest.mark.parametrize("threads", ["1", "2", "3", "5"])
 def test_bits_do_not_depend_on_threads(isa: str, threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
     view = crowded(7, count=9000, width=90, height=70)
+    view.viewmat.requires_grad_()
     monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", "1")
     first, wanted = render_with_gradients(view, "cpu", torch.float32)
+    pose, view.viewmat.grad = view.viewmat.grad, None
     monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", threads)
     second, gradients = render_with_gradients(view, "cpu", torch.float32)
+    assert pose is not None and view.viewmat.grad is not None and torch.equal(pose, view.viewmat.grad)
     for name in ("image", "alpha", "depth", "median_depth", "radii"):
         assert torch.equal(getattr(first, name), getattr(second, name)), name
     for name in NAMES:

@@ -26,9 +26,10 @@ static inline float bounded(double x) {
   return (float)(x > limit ? limit : x < -limit ? -limit : x);
 }
 
-// vd in, vd out: gradients of mean, quat, scale from m = moments [6], dz.
+// vd in, vd out: gradients of mean, quat, scale from m = moments [6], dz; and, if d_pose, of camera-from-world: rotation
+// [9], translation [3].
 static inline void chain(const View& view, const Geometry& s, const vd* m, vd grad_depth, vd* d_mean, vd* d_quat,
-                         vd* d_scale) {
+                         vd* d_scale, vd* d_pose) {
   const double k2 = WHITEN * WHITEN;
   const vd root = 1.0 / vsqrt(s.c * s.det);
   const vd l11 = WHITEN * s.c * root, l21 = -WHITEN * s.b * root, l22 = WHITEN / vsqrt(s.c);
@@ -77,6 +78,14 @@ static inline void chain(const View& view, const Geometry& s, const vd* m, vd gr
   const vd dz = grad_depth - (dtx * s.x + dty * s.y) * rz * rz -
                 rz * (s.j00 * dj00 + s.j02 * dj02 + s.j11 * dj11 + s.j12 * dj12);
   for (int i = 0; i < 3; i++) d_mean[i] = r[i] * dx + r[3 + i] * dy + r[6 + i] * dz;
+  if (!d_pose) return;
+  const vd point[3] = {dx, dy, dz};
+  for (int i = 0; i < 3; i++) {
+    d_pose[9 + i] = point[i];
+    for (int j = 0; j < 3; j++)
+      d_pose[i * 3 + j] = point[i] * s.mean[j] + db[i * 3] * s.axes[j * 3] + db[i * 3 + 1] * s.axes[j * 3 + 1] +
+                          db[i * 3 + 2] * s.axes[j * 3 + 2];
+  }
 }
 
 void finish(const FinishJob& job, int64_t begin, int64_t end, int64_t physical, int64_t visible) {
@@ -107,14 +116,15 @@ void finish(const FinishJob& job, int64_t begin, int64_t end, int64_t physical, 
       depth[l] = total[l][MOMENTS];
     }
     project_geometry(job.view, s);
-    vd d_mean[3], d_quat[4], d_scale[3];
-    chain(job.view, s, m, depth, d_mean, d_quat, d_scale);
+    vd d_mean[3], d_quat[4], d_scale[3], d_pose[12];
+    chain(job.view, s, m, depth, d_mean, d_quat, d_scale, job.pose ? d_pose : nullptr);
     for (int l = 0; l < lanes; l++) {
       const int64_t g = ids[l];
       for (int i = 0; i < 3; i++) job.out.means[g * 3 + i] = bounded(d_mean[i][l]);
       for (int i = 0; i < 4; i++) job.out.quats[g * 4 + i] = bounded(d_quat[i][l]);
       for (int i = 0; i < 3; i++) job.out.scales[g * 3 + i] = bounded(d_scale[i][l]);
       job.out.opacities[g] = bounded(m[0][l] / (double)job.in.opacities[g]);
+      for (int i = 0; i < 12 && job.pose; i++) job.pose[i] += d_pose[i][l];
     }
   }
 }

@@ -24,6 +24,7 @@ struct Inputs {  // [G, ...], contiguous
 
 struct Gradients {  // same shapes as Inputs
   float *means, *quats, *scales, *opacities, *features;
+  double* pose;  // of camera-from-world: rotation [9], translation [3]; may be null
 };
 
 // A projected, visible Gaussian. Whitened offsets: u = a·dx + b·dy, v = c·dy and alpha = 2^(log_opacity − u² − v²), a
@@ -79,6 +80,7 @@ struct FinishJob {
   const int64_t* slot_start;    // [ranks + 1]
   const float* sums;
   int64_t sum_stride;
+  double* pose;  // as Gradients::pose, of these rows alone; added to
 };
 
 struct HarmonicsJob {

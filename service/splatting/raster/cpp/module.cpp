@@ -143,7 +143,8 @@ void forward(Held& held, const In& background, const Out& image, const Out& alph
 void backward(Held& held, const In& means, const In& quats, const In& scales, const In& opacities, const In& features,
               const In& background, const std::optional<In>& grad_image, const std::optional<In>& grad_alpha,
               const std::optional<In>& grad_depth, const Out& d_means, const Out& d_quats, const Out& d_scales,
-              const Out& d_opacities, const Out& d_features, int threads, const std::string& isa) {
+              const Out& d_opacities, const Out& d_features, const std::optional<OutDouble>& d_pose, int threads,
+              const std::string& isa) {
   const fs::Inputs in = inputs_of(means, quats, scales, opacities, features);
   const size_t pixels = (size_t)held.view.width * held.view.height;
   if (grad_image) expect(*grad_image, pixels * in.channels, "grad_image");
@@ -154,7 +155,9 @@ void backward(Held& held, const In& means, const In& quats, const In& scales, co
   expect(d_scales, scales.size(), "d_scales");
   expect(d_opacities, opacities.size(), "d_opacities");
   expect(d_features, features.size(), "d_features");
-  const fs::Gradients out{d_means.data(), d_quats.data(), d_scales.data(), d_opacities.data(), d_features.data()};
+  if (d_pose) expect(*d_pose, 12, "d_pose");
+  const fs::Gradients out{d_means.data(), d_quats.data(), d_scales.data(), d_opacities.data(), d_features.data(),
+                          d_pose ? d_pose->data() : nullptr};
   const Call call{&fs::kernels(isa), threads, signals()};
   nb::gil_scoped_release release;
   check(held.frame.backward(call, in, background.data(), grad_image ? grad_image->data() : nullptr,

@@ -331,12 +331,17 @@ Status Frame::backward(const Call& call, const Inputs& in, const float* backgrou
   if (!done) return Status::cancelled;
   Timer timer(milliseconds[FINISH]);
   FinishJob finish{view_, in, out, space_->projected.data<Projected>(), space_->rank_of.data<uint32_t>(),
-                   space_->slot_start.data<int64_t>(), job.sums, job.sum_stride};
+                   space_->slot_start.data<int64_t>(), job.sums, job.sum_stride, nullptr};
   const int64_t* visible_in = space_->visible_in_chunk.data<int64_t>();
+  std::vector<double> poses(out.pose ? chunks_ * 12 : 0, 0.0);
   done = run(call.threads, chunks_, [&](int64_t c) {
     const int64_t begin = c * CHUNK, end = begin + CHUNK < count_ ? begin + CHUNK : count_;
-    kernels_->finish(finish, begin, end, begin, visible_in[c]);
+    FinishJob mine = finish;
+    if (out.pose) mine.pose = poses.data() + c * 12;
+    kernels_->finish(mine, begin, end, begin, visible_in[c]);
   }, call.poll);
+  if (out.pose) std::memset(out.pose, 0, 12 * sizeof(double));
+  for (size_t i = 0; i < poses.size(); i++) out.pose[i % 12] += poses[i];
   return done ? Status::done : Status::cancelled;
 }
 
