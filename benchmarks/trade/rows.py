@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from benchmarks.trade.data import HELD_OUT_EVERY
 from service.splatting.plan import SceneSize, steps_per_second
+from service.splatting.presets import PRESETS, PresetName
 from service.splatting.settings import TrainingSettings
 
 BASE: dict[str, Any] = {
@@ -32,6 +33,10 @@ _YOLO = {
 }
 
 
+Data = Literal["tabletop", "sample"]
+DATA: tuple[Data, ...] = ("tabletop", "sample")
+
+
 @dataclass(frozen=True)
 class Row:
     """One measurement.
@@ -44,7 +49,7 @@ class Row:
         query: "stride", "alpha_min", "transmittance_min" at which the kept base scene is drawn; None trains.
     """
 
-    data: Literal["tabletop", "sample"]
+    data: Data
     factor: str
     value: str
     training: dict[str, Any] = field(default_factory=dict)
@@ -69,10 +74,16 @@ def all_rows() -> list[Row]:
     rows += _detected()
     rows += _queries()
     rows += _sweeps("sample", short=True)
+    rows += [Row(data, "preset", name, _preset(name)) for name in PRESETS for data in DATA]
     return rows
 
 
-def _sweeps(data: Literal["tabletop", "sample"], *, short: bool) -> Iterator[Row]:
+def _preset(name: PresetName) -> dict[str, Any]:
+    """Bounded by time, so that the result depends on the machine and on what else it does."""
+    return {"iterations": TrainingSettings.model_fields["iterations"].default, **PRESETS[name]}
+
+
+def _sweeps(data: Data, *, short: bool) -> Iterator[Row]:
     recipe = {"max_gaussians": 200_000, "max_sh_degree": 3, "code_size": 16}
     yield Row(data, "label mode", "evidence", {"label_mode": "evidence"})
     yield Row(data, "code size", "3", {"code_size": 3})

@@ -9,10 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from service.common.errors import InvalidInputError
+from service.common.progress import silent
 from service.splatting.plan import SceneSize, Speed, plan, plan_views, scene_size, step_seconds, steps_per_second
 from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
 from service.splatting.probe import machine_speed
 from service.splatting.settings import TrainingSettings
+from service.splatting.train import train
 
 TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)
 
@@ -153,6 +155,15 @@ def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:
     capture, labelling = world
     assert scene_size(capture, len(labelling.dictionary)) == SceneSize(12, 64, 48, len(capture.points), 3)
     assert scene_size(dataclasses.replace(capture, views=()), 0).width == 0
+
+
+@pytest.mark.parametrize(("views", "gaussians"), [(1, 1), (1, 300), (12, 1)])
+def test_the_smallest_plans_train_to_a_whole_scene(make_world, views: int, gaussians: int) -> None:
+    capture, labelling = make_world(views)
+    wanted = TrainingSettings(max_gaussians=gaussians, surplus_loss_db=0.05)
+    found = plan(wanted, scene_size(capture, 3), 1.0)
+    trained = train(capture, labelling, found.settings.model_copy(update={"iterations": 30}), silent)
+    assert 1 <= len(trained.gaussians) <= gaussians and trained.quality["iterations"] <= 30
 
 
 def test_the_probe_finds_a_speed() -> None:
