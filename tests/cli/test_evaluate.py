@@ -9,8 +9,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from cli.main import app
-from service.common.errors import FastSplatError, InvalidInputError, NotFoundError
-from service.settings import load_settings
+from service.calls.service import open_service
+from service.calls.types import SceneOptions
+from service.capture.types import AdmittedUpload
+from service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from service.scene import write_scene
+from service.settings import Settings, load_settings
+from service.store import open_store
+from service.store.records import SceneSummary
 from tests.evaluation import made_data
 from tests.evaluation.test_scene_report import KEYS
 
@@ -57,6 +63,33 @@ def test_a_run_trains_scores_draws_and_its_scene_can_be_scored_again(run, tmp_pa
     assert second["peak_mb"] is None and "trained" in second["reasons"]["peak_mb"]
     for key in ("miou", "miou_per_class", "ghost_rate", "psnr", "depth_error", "absent_auroc", "intervals", "bytes"):
         assert second[key] == written[key]
+
+
+def test_a_scene_of_the_data_folder_is_found_by_its_id_once_it_is_ready(run, tmp_path: Path) -> None:
+    folder = made_data.nerfstudio(tmp_path / "made", 6, (1, 4))
+    scene_id, operation_id = _posted(tmp_path / "data")
+    assert isinstance(_raised(run(folder, "--scene", scene_id)), NotReadyError)
+    store = open_store(tmp_path / "data")
+    claim = store.jobs.claim(operation_id)
+    assert claim is not None
+    write_scene(made_data.scene(), store.blobs.job(operation_id) / "artefact")
+    store.blobs.publish(store.blobs.job(operation_id), scene_id, "v1")
+    store.jobs.succeed(claim, SceneSummary("v1", 3, "METRIC", [], [], {}))
+    store.close()
+    result = run(folder, "--scene", scene_id, "--json", tmp_path / "figures.json")
+    assert result.exit_code == 0, result.output
+    written = json.loads((tmp_path / "figures.json").read_text())
+    assert written["miou"] == 1 == written["localization"] and written["gaussians"] == 3
+
+
+def _posted(data_dir: Path) -> tuple[str, str]:
+    """Scene and operation id of an upload that nobody has looked at."""
+    settings = Settings(data_dir=data_dir)
+    with open_service(settings, lambda folder, limits: AdmittedUpload(folder, "images", 1)) as service:
+        with service.new_upload() as upload:
+            upload.write("a.jpg", [b"picture"])
+            operation = upload.commit("a place", "", SceneOptions())
+        return operation.scene_id, operation.id
 
 
 def test_masks_without_labels_for_training_are_asked_for(run, tmp_path: Path) -> None:
