@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from api.auth import Doorkeeper, Principal, Rule
-from api.limits import Limiter
+from api.limits import Entry, Limiter
 from api.metrics import Metrics
 from service.calls.admin import Admin
 from service.calls.keys import KeyRing
@@ -45,15 +45,10 @@ class Doors:
         with self.refusals_counted():
             return await self.keeper.admit(key, rule)
 
-    @contextmanager
-    def entered(self, principal: Principal, rule: Rule) -> Iterator[None]:
-        """See `Limiter.entered`."""
+    def enter(self, principal: Principal, rule: Rule) -> Entry:
+        """See `Limiter.enter`."""
         with self.refusals_counted():
-            entry = self.limiter.enter(principal, rule)
-        try:
-            yield
-        finally:
-            entry.leave()
+            return self.limiter.enter(principal, rule)
 
 
 def open_doors(settings: Settings, admin: Admin | None, metrics: Metrics | None = None) -> Doors:

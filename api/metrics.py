@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
@@ -25,6 +27,20 @@ current_route: ContextVar[str] = ContextVar("current_route", default="other")
 _log = logging.getLogger(__name__)
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
 _STAGE_SECONDS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
+
+
+@dataclass(frozen=True)
+class _Meters:
+    """The figures of one route: to look them up by label at every step would cost more than to count."""
+
+    waited: Histogram
+    computed: Histogram
+    answered: Histogram
+    in_flight: Gauge
+    outcome: Callable[[str], Counter]
+
+    def count(self, status: str) -> None:
+        self.outcome(status).inc()
 
 
 class Metrics:
@@ -48,6 +64,7 @@ class Metrics:
         )
         self._outcomes = Counter("fastsplat_requests", "Answers by status", ["route", "status"], registry=here)
         self._in_flight = Gauge("fastsplat_in_flight", "Requests under way", ["route"], registry=here)
+        self._routes: dict[str, _Meters] = {}
         self._waiting = Gauge("fastsplat_queued_calls", "Calls that wait for a thread", registry=here)
         self._computing = Gauge("fastsplat_running_calls", "Calls on a thread", registry=here)
         self._refused = Counter("fastsplat_rejected", "Refused before any work", ["reason"], registry=here)
@@ -62,14 +79,27 @@ class Metrics:
     @contextmanager
     def request(self, route: str) -> Iterator[Callable[[str], None]]:
         """Watch one request; call what this yields with its status, e.g. "200" or "OK"."""
+        meters = self._of(route)
         started = time.perf_counter()
-        self._in_flight.labels(route).inc()
+        meters.in_flight.inc()
         current_route.set(route)  # every request runs in a task of its own
         try:
-            yield lambda status: self._outcomes.labels(route, status).inc()
+            yield meters.count
         finally:
-            self._in_flight.labels(route).dec()
-            self._answered.labels(route).observe(time.perf_counter() - started)
+            meters.in_flight.dec()
+            meters.answered.observe(time.perf_counter() - started)
+
+    def _of(self, route: str) -> _Meters:
+        meters = self._routes.get(route)
+        if meters is None:
+            meters = self._routes[route] = _Meters(
+                self._waited.labels(route),
+                self._computed.labels(route),
+                self._answered.labels(route),
+                self._in_flight.labels(route),
+                cache(lambda status: self._outcomes.labels(route, status)),
+            )
+        return meters
 
     def refused(self, reason: str) -> None:
         """Count a request that was turned away: UNAUTHENTICATED, RATE_LIMITED, OVERLOADED, ..."""
@@ -89,11 +119,11 @@ class Metrics:
     def _begun(self, call: Call) -> None:
         self._waiting.dec()
         self._computing.inc()
-        self._waited.labels(call.route).observe(time.perf_counter() - call.at)
+        self._of(call.route).waited.observe(time.perf_counter() - call.at)
 
     def _ended(self, call: Call) -> None:
         self._computing.dec()
-        self._computed.labels(call.route).observe(time.perf_counter() - call.at)
+        self._of(call.route).computed.observe(time.perf_counter() - call.at)
 
     def watch_jobs(self, figures: Figures) -> None:
         """Tell of jobs and scenes too, as the database has them at each look."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any, TypeAlias
 
 import grpc
@@ -12,6 +11,7 @@ from grpc import aio
 from api.auth import Principal, Rule, current_principal, decided, rule_of, sent_key
 from api.doors import Doors
 from api.grpc.guard import Context, guarded
+from api.limits import Entry
 from service.common.errors import FastSplatError
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
@@ -51,26 +51,37 @@ class AccessInterceptor(aio.ServerInterceptor):
 def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, doors: Doors) -> Handler:
     inner = _behaviour(handler)
 
-    @asynccontextmanager
-    async def inside(context: Context) -> AsyncIterator[None]:
+    async def entry(context: Context) -> Entry:
         current_principal.set(principal)
+        try:
+            return doors.enter(principal, rule)
+        except FastSplatError as error:
+            async with guarded(context, route):  # aborts with the error's status
+                raise error
+            raise AssertionError from error
+
+    async def one(request: Any, context: Context) -> Any:
         with doors.metrics.request(route) as ended:
             try:
-                async with AsyncExitStack() as stack:
-                    async with guarded(context, route, quiet=True):
-                        stack.enter_context(doors.entered(principal, rule))
-                    yield
+                came_in = await entry(context)
+                try:
+                    return await inner(request, context)
+                finally:
+                    came_in.leave()
             finally:
                 ended(_status(context))
 
-    async def one(request: Any, context: Context) -> Any:
-        async with inside(context):
-            return await inner(request, context)
-
     async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-        async with inside(context):
-            async for response in inner(request, context):
-                yield response
+        with doors.metrics.request(route) as ended:
+            try:
+                came_in = await entry(context)
+                try:
+                    async for response in inner(request, context):
+                        yield response
+                finally:
+                    came_in.leave()
+            finally:
+                ended(_status(context))
 
     return _like(handler, many if handler.response_streaming else one)
 

@@ -22,8 +22,8 @@ _KEY = "x-request-id"
 
 
 @asynccontextmanager
-async def guarded(context: Context, rpc: str, *, quiet: bool = False) -> AsyncIterator[None]:
-    """Run an RPC's body; whatever it raises becomes the RPC's status with its details. `quiet` logs failures only."""
+async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
+    """Run an RPC's body; whatever it raises becomes the RPC's status with its details."""
     metadata = dict(context.invocation_metadata() or ())
     request_id = accepted_request_id(str(metadata.get(_KEY, "")))
     context.set_trailing_metadata(((_KEY, request_id),))
@@ -39,5 +39,4 @@ async def guarded(context: Context, rpc: str, *, quiet: bool = False) -> AsyncIt
         outcome = problem.status.grpc.name
         await context.abort_with_status(rpc_status.to_status(problem.as_rpc_status()))
     finally:
-        if not quiet or outcome != "OK":
-            log_request(_log, request_id, "gRPC", rpc, outcome, started)
+        log_request(_log, request_id, "gRPC", rpc, outcome, started)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 from fastapi import FastAPI
 from fastapi.routing import APIRoute, RouteContext, iter_route_contexts
 from starlette.datastructures import Headers
-from starlette.routing import Match, Mount
+from starlette.routing import Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.auth import UNMATCHED, Principal, Rule, current_principal, is_loopback, rule_of, sent_key
@@ -30,7 +32,7 @@ class AccessLayer:
         self._app = app
         self._routed = routed
         self._doors = doors
-        self._routes: tuple[RouteContext, ...] = ()
+        self._routes: tuple[_Route, ...] = ()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request.
@@ -56,8 +58,11 @@ class AccessLayer:
                 if principal is None:
                     await self._app(scope, receive, counted_send)
                     return
-                with self._doors.entered(principal, rule):
+                entry = self._doors.enter(principal, rule)
+                try:
                     await self._app(scope, receive, counted_send)
+                finally:
+                    entry.leave()
             except Exception as error:  # answered by the layer outside
                 ended(str(status_of(error).http if isinstance(error, FastSplatError) else 500))
                 raise
@@ -65,10 +70,11 @@ class AccessLayer:
     def matched_route(self, scope: Scope) -> str:
         """The route that the router will choose, as the table of rules names it; `NO_ROUTE` if it has none."""
         if not self._routes:
-            self._routes = tuple(iter_route_contexts(self._routed.routes))
-        for context in self._routes:
-            if _matches(context, scope):
-                return route_name(context, scope["method"])
+            self._routes = tuple(map(_Route, iter_route_contexts(self._routed.routes)))
+        method, path = scope["method"], scope["path"]
+        for route in self._routes:
+            if route.matches(method, path):
+                return route.names.get(method, route.name)
         return NO_ROUTE
 
     async def _admitted(self, headers: Headers, rule: Rule) -> Principal | None:
@@ -87,10 +93,23 @@ def route_name(context: RouteContext, method: str) -> str:
     return f"{method} {context.path}"
 
 
-def _matches(context: RouteContext, scope: Scope) -> bool:
-    own = isinstance(context.original_route, APIRoute) or context.original_route is not context.route
-    match, _ = context.matches(scope) if own else context.route.matches(scope)
-    return match is Match.FULL
+class _Route:
+    """One route of the router, with what its own `matches` looks at, and no more: every request passes all of them."""
+
+    def __init__(self, context: RouteContext) -> None:
+        methods = context.methods
+        self._fits = (context if _own(context) else cast(Any, context.route)).path_regex.match
+        self._methods = frozenset(methods) if methods is not None else None
+        self.names = {method: route_name(context, method) for method in methods or ()}
+        self.name = route_name(context, "")
+
+    def matches(self, method: str, path: str) -> bool:
+        """Whether the router would take this route: there is no root path, so the scope's path is the route's."""
+        return (self._methods is None or method in self._methods) and self._fits(path) is not None
+
+
+def _own(context: RouteContext) -> bool:
+    return isinstance(context.original_route, APIRoute) or context.original_route is not context.route
 
 
 def _check_local(headers: Headers) -> None:
