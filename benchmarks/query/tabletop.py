@@ -1,0 +1,110 @@
+"""Objects of a trained scene against the truth of a data set with id masks and depth.
+
+    python -m benchmarks.query.tabletop DATA --scene ARTEFACT [--out FILE]
+
+DATA is laid out like the tabletop: `transforms.json` with `labels`, `mask_path` and `depth_path`. A label's truth is
+the surface that the images show, every patch of 3 mm once. ARTEFACT is a scene's folder as the service stores it.
+Writes benchmarks/results/objects_NAME.json: by label how many objects there are (every label is one thing), and how far
+the largest one's centroid, box centre and box edges are off, in metres.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from service.query.boxes import oriented_box, vertical_axis
+from service.query.fields import label_field
+from service.query.objects import find_objects
+from service.scene import Scene, read_scene
+
+_RESULTS = Path(__file__).parents[1] / "results"
+_PATCH = 0.003
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--scene", type=Path, required=True, help="artefact folder")
+    parser.add_argument("--background", nargs="*", default=["table", "floor", "wall"], help="labels that are no things")
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    name = arguments.data.resolve().name
+    report = measure(read_scene(arguments.scene), arguments.data, set(arguments.background))
+    report = {"command": f"python -m benchmarks.query.tabletop {name} --scene ARTEFACT", **report}
+    out = arguments.out or _RESULTS / f"objects_{name}.json"
+    out.write_text(json.dumps(report, indent=1) + "\n")
+    print(json.dumps(report, indent=1))
+
+
+def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
+    """The report; labels of the scene are looked up by name."""
+    start, field = time.process_time(), label_field(scene)
+    find_objects(scene, field)  # libraries load
+    start = time.process_time()
+    objects = find_objects(scene, field)
+    seconds = time.process_time() - start
+    up = vertical_axis(scene.cameras)
+    rows: dict[str, Any] = {}
+    for label, points in _surfaces(data).items():
+        if label in background:
+            continue
+        label_id = scene.dictionary.id_of(label)
+        found = [thing for thing in objects if thing.label_id == label_id]
+        rows[label] = {"objects": len(found)}
+        if found:
+            truth = oriented_box(points, np.ones(len(points)), up)
+            rows[label] |= {
+                "centroid_off": round(float(np.linalg.norm(found[0].centroid - points.mean(axis=0))), 4),
+                "box_centre_off": round(float(np.linalg.norm(found[0].box_center - truth.center)), 4),
+                "box_size_off": round(float(np.abs(found[0].box_size - truth.size).max()), 4),
+                "size": truth.size.round(3).tolist(),
+                "gaussians": found[0].gaussian_count,
+                "best_views": list(found[0].best_views),
+            }
+    off = {key: [row[key] for row in rows.values() if key in row] for key in ("centroid_off", "box_centre_off")}
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "gaussians": len(scene.gaussians),
+        "label_mode": scene.label_mode,
+        "cpu_seconds": round(seconds, 3),
+        "things": len(rows),
+        "found_once": sum(row["objects"] == 1 for row in rows.values()),
+        **{f"mean_{key}": round(float(np.mean(values)), 4) for key, values in off.items()},
+        **{f"largest_{key}": round(float(np.max(values)), 4) for key, values in off.items()},
+        "labels": rows,
+    }
+
+
+def _surfaces(data: Path) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+    """By label float64 [K, 3], the seen surface in world coordinates."""
+    document = json.loads((data / "transforms.json").read_text())
+    fx, fy, cx, cy = (document[key] for key in ("fl_x", "fl_y", "cx", "cy"))
+    parts: dict[int, list[np.ndarray]] = {}  # type: ignore[type-arg]
+    for frame in document["frames"]:
+        pose = np.array(frame["transform_matrix"], np.float64)
+        pose[:3, 1:3] *= -1  # OpenGL's axes to OpenCV's
+        ids = np.asarray(Image.open(data / frame["mask_path"]))
+        z = np.asarray(Image.open(data / frame["depth_path"])).astype(np.float64) * 1e-4
+        v, u = np.indices(ids.shape) + 0.5
+        points = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z], axis=-1) @ pose[:3, :3].T + pose[:3, 3]
+        for label_id in np.unique(ids[ids > 0]).tolist():
+            parts.setdefault(label_id, []).append(points[ids == label_id])
+    found = {}
+    for label, label_id in document["labels"].items():
+        points = np.concatenate(parts[label_id])
+        first = np.unique((points / _PATCH).astype(np.int64), axis=0, return_index=True)[1]
+        found[label] = points[first]
+    return found
+
+
+if __name__ == "__main__":
+    main()
