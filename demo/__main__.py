@@ -8,21 +8,20 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from demo import rpc
 from demo.process import running_service
 from demo.questions import SAMPLE_QUESTIONS, questions_for
 from demo.report import print_report, report_of, save_evidence, write_report
-from demo.rest import Rest
+from fastsplat_client import Client
+from service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
+from service.common.errors import FastSplatError
 
 _ROOT = Path(__file__).parent.parent
 _SAMPLE = _ROOT / "demo" / "sample" / "images"
-_SCORE_TOLERANCE = 1e-6
 _FIGURES = ("loss", "psnr", "iterations_per_second", "seconds_left")
 
 
@@ -41,48 +40,52 @@ def main() -> None:
     )
     started = time.monotonic()
     ports = {"http_port": options.http_port, "grpc_port": options.grpc_port}
-    with running_service(data_dir=output / "service", models=models, log=output / "service.log", **ports) as key:
-        rest = Rest(options.http_port, key)
+    with (
+        running_service(data_dir=output / "service", models=models, log=output / "service.log", **ports) as key,
+        Client(
+            f"http://127.0.0.1:{options.http_port}",
+            key=key,
+            grpc_target=f"127.0.0.1:{options.grpc_port}",
+            timeout_s=120.0,
+        ) as client,
+    ):
         try:
-            _run(rest, key, options, console, output)
-        finally:
-            rest.close()
+            _run(client, options, console, output)
+        except FastSplatError as refused:
+            raise SystemExit(f"{refused.reason}: {refused.message} {refused.details()}") from refused
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
 
 
-def _run(rest: Rest, key: str, options: argparse.Namespace, console: Console, output: Path) -> None:
+def _run(client: Client, options: argparse.Namespace, console: Console, output: Path) -> None:
     capture: Path = options.photos or _SAMPLE
-    fields = {"time_budget_s": str(options.train_seconds)} if options.train_seconds else {}
-    operation = rest.post_capture(capture, name=capture.stem, fields=fields)
-    console.print(f"posted {capture}: operation {operation['id']}, scene {operation['scene_id']}")
-    operation = rest.follow(operation["id"], _Progress(console))
-    if operation["state"] != "SUCCEEDED":
-        raise SystemExit(f"the job ended as {operation['state']}: {operation['error']}\nsee {output}/service.log")
-    scene = rest.scene(operation["scene_id"])
+    wanted = SceneOptions(time_budget_s=options.train_seconds)
+    posted = client.create_scene(capture, name=capture.stem, options=wanted)
+    console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
+    show = _Progress(console)
+    for operation in client.watch(posted.id):
+        show(operation)
+    if operation.state != "SUCCEEDED":
+        raise SystemExit(f"the job ended as {operation.state}: {operation.error}\nsee {output}/service.log")
+    scene = client.scene(operation.scene_id)
     texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
-    answers = [rest.query(scene["id"], text) for text in texts]
-    for answer in answers:
-        _require_same(answer, rpc.query(options.grpc_port, key, scene["id"], answer["text"]))
+    answers = [_asked(client, scene.id, text) for text in texts]
     report = report_of(scene, operation, answers)
     write_report(report, output)
-    save_evidence(rest, scene, answers, output)
+    save_evidence(client, scene, answers, output)
     print_report(report, console)
 
 
-def _labels(scene: Mapping[str, Any]) -> Sequence[str]:
-    rows = sorted(scene["dictionary"], key=lambda row: -row["gaussian_count"])
-    return [row["label"] for row in rows]
+def _labels(scene: SceneInfo) -> Sequence[str]:
+    return [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
 
 
-def _require_same(rest_answer: Mapping[str, Any], grpc_answer: Mapping[str, Any]) -> None:
-    """Both protocols answer from one service layer; the demonstration holds them to it."""
-    pairs = list(zip(rest_answer["matches"], grpc_answer["results"], strict=True))
-    same = rest_answer["verdict"] == grpc_answer["verdict"] and all(
-        one["label"] == other["label"] and abs(one["relevancy"] - other["relevancy"]) <= _SCORE_TOLERANCE
-        for one, other in pairs
-    )
-    if not same:
-        raise SystemExit(f"REST and gRPC disagree:\n{rest_answer}\n{grpc_answer}")
+def _asked(client: Client, scene_id: str, text: str) -> QueryAnswer:
+    """The answer, which is the same over REST and over gRPC: the demonstration holds the service to it."""
+    request = QueryRequest(scene_id, (text,), outputs=frozenset({"objects"}), max_matches=-1)
+    (rest,), (grpc,) = client.ask(request), client.ask(request, protocol="gRPC")
+    if rest != grpc:
+        raise SystemExit(f"REST and gRPC disagree:\n{rest}\n{grpc}")
+    return rest
 
 
 class _Progress:
@@ -92,16 +95,16 @@ class _Progress:
         self._console = console
         self._last = ""
 
-    def __call__(self, operation: Mapping[str, Any]) -> None:
-        if not operation["stages"]:
+    def __call__(self, operation: Operation) -> None:
+        if not operation.stages:
             return
-        stage = operation["stages"][-1]
-        figures = ", ".join(f"{name} {stage['metrics'][name]:.4g}" for name in _FIGURES if name in stage["metrics"])
+        stage = operation.stages[-1]
+        figures = ", ".join(f"{name} {stage.metrics[name]:.4g}" for name in _FIGURES if name in stage.metrics)
         # Tenths of a stage are enough for a log; the message changes more often than anybody reads.
-        step = f"{stage['stage']} {int(stage['fraction'] * 10)}"
+        step = f"{stage.stage} {int(stage.fraction * 10)}"
         if step != self._last:
             self._last = step
-            line = f"{stage['stage']:<11}{stage['fraction']:>5.0%} {stage['seconds']:>6.1f} s  {stage['message']}"
+            line = f"{stage.stage:<11}{stage.fraction:>5.0%} {stage.seconds:>6.1f} s  {stage.message}"
             self._console.print(f"{line}  {figures}".rstrip(), soft_wrap=True, highlight=False)
 
 

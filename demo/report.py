@@ -11,58 +11,64 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from demo.rest import Rest
 from demo.sheet import caption_of, write_sheet
+from fastsplat_client import Client
+from service.calls.types import Operation, PictureKind, QueryAnswer, SceneInfo
 
 _SHOWN = 4
+_SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
-def report_of(
-    scene: Mapping[str, Any], operation: Mapping[str, Any], answers: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
+def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAnswer]) -> dict[str, Any]:
     """The figures of one run, from what the server said."""
-    quality = scene["quality"]
+    quality = scene.quality
     return {
         "images": quality["images"],
         "registered": quality["registered"],
         "unregistered": quality.get("unregistered", []),
         "warnings": quality.get("warnings", []),
-        "dictionary": [{key: row[key] for key in ("label", "pixels", "views")} for row in scene["dictionary"]],
-        "gaussians": scene["gaussians"],
-        "train_seconds": {stage["stage"]: round(stage["seconds"], 1) for stage in operation["stages"]},
+        "dictionary": [{"label": row.label, "pixels": row.pixels, "views": row.views} for row in scene.dictionary],
+        "gaussians": scene.gaussians,
+        "train_seconds": {stage.stage: round(stage.seconds, 1) for stage in operation.stages},
         "psnr": quality.get("psnr"),
         "ssim": quality.get("ssim"),
         "held_out": quality.get("held_out"),
-        "queries": [
-            {
-                "text": answer["text"],
-                "verdict": answer["verdict"],
-                "explanation": answer.get("explanation", ""),
-                "results": [
-                    {key: match[key] for key in ("label", "relevancy", "gaussian_count", "relevant")}
-                    for match in answer["matches"]
-                ],
-            }
-            for answer in answers
+        "queries": [_query_of(found) for found in answers],
+    }
+
+
+def _query_of(found: QueryAnswer) -> dict[str, Any]:
+    answer = found.answer
+    return {
+        "text": answer.text,
+        "verdict": answer.verdict,
+        "probability": answer.probability,
+        "explanation": answer.explanation,
+        "results": [
+            {name: getattr(match, name) for name in ("label", "relevancy", "gaussian_count", "relevant")}
+            for match in answer.matches
+        ],
+        "objects": [
+            {"id": thing.id, "label": thing.label, "center": thing.box.center.position, "size": thing.box.size}
+            for thing in found.objects
         ],
     }
 
 
-def save_evidence(rest: Rest, scene: Mapping[str, Any], answers: Sequence[Mapping[str, Any]], folder: Path) -> None:
+def save_evidence(client: Client, scene: SceneInfo, answers: Sequence[QueryAnswer], folder: Path) -> None:
     """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
-    scene_id, views = scene["id"], [camera["name"] for camera in scene["cameras"]]
-    middle = views[len(views) // 2]
-    (folder / "view.png").write_bytes(rest.picture(scene_id, "rgb", view=middle))
+    middle = scene.cameras[len(scene.cameras) // 2].name
+    (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", middle))
     panels = [("rendered", folder / "view.png")]
-    for answer in answers:
-        stem = re.sub(r"\W+", "-", answer["text"]).strip("-") or "query"
-        for kind in ("overlay", "relevancy"):
-            picture = rest.picture(scene_id, kind, view=middle, text=answer["text"])
-            (folder / f"{stem}-{kind}.png").write_bytes(picture)
-        panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
-        rest.download(f"/v1/scenes/{scene_id}/mask.ply", {"text": answer["text"]}, folder / f"{stem}-mask.ply")
+    for found in answers:
+        text = found.answer.text
+        stem = re.sub(r"\W+", "-", text).strip("-") or "query"
+        for kind in _SHOWN_KINDS:
+            (folder / f"{stem}-{kind}.png").write_bytes(client.picture(scene.id, kind, middle, text=text))
+        panels.append((caption_of(found.answer), folder / f"{stem}-overlay.png"))
+        (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text))
     write_sheet(panels, folder / "summary.jpg")
-    rest.download(f"/v1/scenes/{scene_id}/scene.ply", {}, folder / "scene.ply")
+    client.download_scene(scene.id, folder / "scene.ply")
 
 
 def write_report(report: Mapping[str, Any], folder: Path) -> None:

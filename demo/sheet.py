@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont
+
+from service.query.types import Answer
 
 _COLUMNS = 3
 _WIDTH = 480
@@ -38,7 +39,7 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
     sheet.save(target, quality=88)
 
 
-def caption_of(answer: Mapping[str, Any]) -> str:
+def caption_of(answer: Answer) -> str:
     """A question and what was found, in one line."""
-    found = [match["label"] for match in answer["matches"] if match["relevant"]]
-    return f"“{answer['text']}” is {answer['verdict']}" + (f": {', '.join(found[:3])}" if found else "")
+    found = [match.label for match in answer.matches if match.relevant]
+    return f"“{answer.text}” is {answer.verdict}" + (f": {', '.join(found[:3])}" if found else "")

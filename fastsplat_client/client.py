@@ -6,9 +6,9 @@ import io
 import json
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 from urllib.parse import quote, urlsplit
 
 import numpy as np
@@ -19,7 +19,7 @@ from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError
 from fastsplat_client.events import events_of
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
-from fastsplat_client.stream import PoseAnswer, StandingQuestion, stream_query
+from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry, Transport
 from service.calls import types
 from service.calls.masks import decode_mask3d
@@ -27,6 +27,7 @@ from service.common.camera import PosedCamera
 from service.common.states import OperationState
 
 _USUAL = Retry()
+_LONG_POLL_S = 20.0
 
 
 class Client:
@@ -58,8 +59,9 @@ class Client:
         piece_bytes: int = PIECE_BYTES,
     ) -> None:
         self._transport = Transport(url, key, ca, timeout_s, retry)
-        self._key, self._ca, self._secure = key, ca, urlsplit(url).scheme == "https"
-        self._grpc_target = grpc_target or f"{urlsplit(url).hostname}:8001"
+        target = grpc_target or f"{urlsplit(url).hostname}:8001"
+        self._grpc = Grpc(target, key, urlsplit(url).scheme == "https", ca)
+        self._timeout_s = timeout_s
         self._retry = retry
         self._piece_bytes = piece_bytes
 
@@ -137,34 +139,22 @@ class Client:
                     raise
                 time.sleep(self._retry.pause(failures - 1))
 
-    def wait(
-        self,
-        operation_id: str,
-        *,
-        timeout_s: float = float("inf"),
-        on_change: Callable[[types.Operation], None] = lambda operation: None,
-    ) -> types.Operation:
+    def wait(self, operation_id: str, *, timeout_s: float = float("inf")) -> types.Operation:
         """The job when it is done, whichever way.
 
         Raises:
             DeadlineExceededError: it is not done after `timeout_s`.
         """
         deadline = time.monotonic() + timeout_s
-        operation = self.operation(operation_id)
-        on_change(operation)
-        while not operation.done:
-            left = deadline - time.monotonic()
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            params = {"timeout_s": min(left, _LONG_POLL_S)}
+            body = self._get(f"/v1/operations/{_in_path(operation_id)}:wait", params, _LONG_POLL_S + 60.0)
+            operation = parse.operation_from(body)
+            if operation.done:
+                return operation
             if left <= 0:
                 raise DeadlineExceededError(f"operation {operation_id} is {operation.state} after {timeout_s:g} s")
-            newer = parse.operation_from(
-                self._get(
-                    f"/v1/operations/{_in_path(operation_id)}:wait", {"timeout_s": min(left, _POLL_S)}, _POLL_S + 60.0
-                )
-            )
-            if newer != operation:
-                on_change(newer)
-            operation = newer
-        return operation
 
     def scene(self, scene_id: str) -> types.SceneInfo:
         """One scene with its dictionary, cameras and quality."""
@@ -230,8 +220,16 @@ class Client:
         request = types.QueryRequest(scene_id, asked, tuple(cameras), tuple(views), frozenset(outputs), **choices)
         return self.ask(request, timeout_s=timeout_s)
 
-    def ask(self, request: types.QueryRequest, *, timeout_s: float | None = None) -> tuple[types.QueryAnswer, ...]:
-        """As `query`, with the request as the service takes it."""
+    def ask(
+        self,
+        request: types.QueryRequest,
+        *,
+        timeout_s: float | None = None,
+        protocol: Literal["REST", "gRPC"] = "REST",
+    ) -> tuple[types.QueryAnswer, ...]:
+        """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
+        if protocol == "gRPC":
+            return self._grpc.ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = parse.query_to(request)
         if request.scene_id:
             path = f"{_scene(request.scene_id)}:query"
@@ -314,7 +312,7 @@ class Client:
             poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
                 before.
         """
-        return stream_query(self._grpc_target, self._key, self._ca, self._secure, question, poses)
+        return self._grpc.stream_query(question, poses)
 
     def _render(
         self,
@@ -341,9 +339,6 @@ class Client:
             yield from page[field]
             if not (token := page["next_page_token"]):
                 return
-
-
-_POLL_S = 20.0
 
 
 def _scene(scene_id: str) -> str:

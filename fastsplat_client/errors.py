@@ -37,7 +37,7 @@ def error_of(
         details: any of field, limit, hint and request_id.
         retry_after_s: when the server said so.
     """
-    raised = next(
+    raised: type[FastSplatError] = next(
         (found for found in _tree(FastSplatError) if found.reason == reason),
         type("RemoteError", (RemoteError,), {"kind": kind, "reason": reason}),
     )

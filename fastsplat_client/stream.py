@@ -1,8 +1,9 @@
-"""Standing questions over gRPC: poses go in, masks and objects come out."""
+"""What goes over gRPC: standing questions, where poses go in and masks and objects come out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,29 +52,55 @@ class PoseAnswer:
     seconds: float
 
 
-def stream_query(
-    target: str,
-    key: str,
-    ca: Path | None,
-    secure: bool,
-    question: StandingQuestion,
-    poses: Iterable[PosedCamera | StandingQuestion],
-) -> Iterator[PoseAnswer]:
-    """See `Client.stream_query`."""
-    if secure:
-        credentials = grpc.ssl_channel_credentials(None if ca is None else ca.read_bytes())
-        channel = grpc.secure_channel(target, credentials)
-    else:
-        channel = grpc.insecure_channel(target)
-    metadata = (("authorization", f"Bearer {key}"),) if key else None
-    with channel:
-        call = rpc.SceneServiceStub(channel).StreamQuery(_requests(question, poses), metadata=metadata)
-        try:
-            yield from _answers(call)
-        except grpc.RpcError as error:
-            raise error_from(error) from error
-        finally:
-            call.cancel()
+@dataclass(frozen=True)
+class Grpc:
+    """Where the gRPC interface is, and how to get in.
+
+    Attributes:
+        target: "host:port".
+        key: an access key, or "".
+        secure: whether it speaks TLS.
+        ca: PEM certificates to trust in place of the system's.
+    """
+
+    target: str
+    key: str
+    secure: bool
+    ca: Path | None
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[rpc.SceneServiceStub, tuple[tuple[str, str], ...]]]:
+        """A stub and the metadata of its calls; what they raise is the service's own.
+
+        Raises:
+            FastSplatError: what the server raised, `UnreachableError` or `DeadlineExceededError`.
+        """
+        if self.secure:
+            credentials = grpc.ssl_channel_credentials(None if self.ca is None else self.ca.read_bytes())
+            channel = grpc.secure_channel(self.target, credentials)
+        else:
+            channel = grpc.insecure_channel(self.target)
+        with channel:
+            try:
+                yield rpc.SceneServiceStub(channel), ((("authorization", f"Bearer {self.key}"),) if self.key else ())
+            except grpc.RpcError as error:
+                raise error_from(error) from error
+
+    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[QueryAnswer, ...]:
+        """See `Client.ask`."""
+        with self.opened() as (stub, metadata):
+            return tuple(answers_of(stub.Query(query_message(request), timeout=timeout_s, metadata=metadata)))
+
+    def stream_query(
+        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+    ) -> Iterator[PoseAnswer]:
+        """See `Client.stream_query`."""
+        with self.opened() as (stub, metadata):
+            call = stub.StreamQuery(_requests(question, poses), metadata=metadata)
+            try:
+                yield from _answers(call)
+            finally:
+                call.cancel()
 
 
 def error_from(error: grpc.RpcError) -> FastSplatError:

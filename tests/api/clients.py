@@ -5,13 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import grpc
 import pytest
 
 from fastsplat_client import Client, Retry
-from fastsplat_client.messages import answers_of, query_message
-from fastsplat_client.stream import error_from
-from service.calls.types import QueryAnswer, QueryRequest
 from service.common.errors import FastSplatError
 from tests.api.served import Faces
 
@@ -23,18 +19,6 @@ def client_of(faces: Faces, **options: Any) -> Client:
         grpc_target=f"127.0.0.1:{faces.ports.grpc}",
         **{"retry": Retry(tries=1), **options},
     )
-
-
-def over_grpc(faces: Faces, request: QueryRequest) -> tuple[QueryAnswer, ...]:
-    """A Query by its RPC.
-
-    Raises:
-        FastSplatError: what the server raised.
-    """
-    try:
-        return tuple(answers_of(faces.rpc.Query(query_message(request))))
-    except grpc.RpcError as error:
-        raise error_from(error) from error
 
 
 def outcome(call: Any) -> Any:

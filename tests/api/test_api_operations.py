@@ -101,10 +101,9 @@ def test_waiting_ends_with_the_job_or_with_the_time(
     assert stands == operation_out(service.get_operation(queued)) and not stands.done
     with pytest.raises(DeadlineExceededError):
         client.wait(queued, timeout_s=0.3)
-    seen: list[str] = []
     threading.Timer(0.5, lambda: service.cancel_operation(queued)).start()
-    done = client.wait(queued, timeout_s=60, on_change=lambda operation: seen.append(operation.state))
-    assert done.state == "CANCELLED" and seen == ["QUEUED", "CANCELLED"]
+    done = client.wait(queued, timeout_s=60)
+    assert done.state == "CANCELLED"
     assert faces.rpc.WaitOperation(pb.WaitOperationRequest(operation_id=queued, timeout_s=60)).done
     for timeout_s in (-1.0, 301.0, float("nan")):
         with pytest.raises(grpc.RpcError) as caught:

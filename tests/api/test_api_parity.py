@@ -17,7 +17,7 @@ from service.calls.service import SceneService
 from service.calls.types import QueryAnswer, QueryRequest
 from service.common.camera import Camera, PosedCamera
 from service.common.errors import FastSplatError
-from tests.api.clients import assert_same, client_of, outcome, over_grpc
+from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import KINDRED, LABELS, STRANGERS, turned
 from tests.api.served import Faces
 
@@ -97,7 +97,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
             truth = outcome(lambda: service.query(request))  # noqa: B023
             if request.scene_id or "mask2d" not in request.outputs:  # GET /query knows no cameras
                 assert_same(outcome(lambda: client.ask(request)), truth)  # noqa: B023
-            assert_same(outcome(lambda: over_grpc(faces, request)), truth)  # noqa: B023
+            assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)  # noqa: B023
             if isinstance(truth[0], QueryAnswer):
                 answered += truth
             else:
@@ -132,7 +132,7 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
 def test_a_pose_that_sees_nothing_gets_an_empty_mask(faces: Faces, scene_id: str) -> None:
     query = QueryRequest(scene_id, ("mug",), cameras=(_AWAY,), outputs=frozenset({"mask2d"}))
     with client_of(faces) as client:
-        for answers in (client.ask(query), over_grpc(faces, query)):
+        for answers in (client.ask(query), client.ask(query, protocol="gRPC")):
             (mask,) = answers[0].masks
             assert (mask.view, mask.camera_index, mask.area) == ("", 0, 0)
             assert mask.array().shape == (36, 48) and not mask.array().any()
