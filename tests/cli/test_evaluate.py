@@ -98,6 +98,18 @@ def test_masks_without_labels_for_training_are_asked_for(run, tmp_path: Path) ->
     assert isinstance(error, InvalidInputError) and "--labels detected" in error.hint
 
 
+def test_detected_labels_leave_the_data_sets_own_maps_alone(run, tmp_path: Path) -> None:
+    folder = made_data.nerfstudio(tmp_path / "made", 4, (1,))
+    assert "red mug" in _raised(run(folder, "--labels", "detected")).message  # the default detector knows COCO's names
+    document = json.loads((folder / "transforms.json").read_text())
+    document["labels"] = {"cup": 1, "spoon": 2, "bed": 3}
+    (folder / "transforms.json").write_text(json.dumps(document))
+    result = run(folder, "--labels", "detected", "--max-gaussians", 200, "--json", tmp_path / "figures.json")
+    assert result.exit_code == 0, result.output
+    written = json.loads((tmp_path / "figures.json").read_text())
+    assert written["miou"] == 0 and written["miou_per_class"] == {"cup": 0, "spoon": 0, "bed": 0}  # balls are no cups
+
+
 def test_what_cannot_be_written_or_found_is_said_before_training(run, tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "made")
     (tmp_path / "file").write_text("")

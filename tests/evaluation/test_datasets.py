@@ -116,6 +116,24 @@ def test_a_colmap_folder_may_have_labels_or_masks_or_neither(tmp_path: Path) -> 
     assert training_capture(labelled, tmp_path / "c", SETTINGS, silent).given_labels is not None
 
 
+def test_the_truth_is_undistorted_and_reduced_exactly_as_training_views_are(tmp_path: Path) -> None:
+    folder = made_data.colmap(tmp_path / "bent", [f"p{number}" for number in range(4)])
+    (folder / "sparse/0/cameras.txt").write_text("1 SIMPLE_RADIAL 64 48 50 32 24 0.2\n")
+    coarse = np.random.default_rng(0).integers(0, 3, (6, 8)).astype(np.uint8)
+    for number in range(4):
+        made_data.save(np.kron(coarse, np.ones((8, 8), np.uint8)), folder / f"labels/p{number}.png")
+    (folder / "labels/labels.json").write_text('["mug", "bed"]')
+    settings = SETTINGS.model_copy(update={"max_side": 48})
+    tested = read_dataset(folder, settings, test_every=2)
+    trained = training_capture(read_dataset(folder, settings, test_every=3), tmp_path / "work", settings, silent)
+    view, twin = tested.test[1], trained.views[1]
+    assert view.name == twin.posed.name == "p2.png" and view.posed.camera == twin.posed.camera
+    assert view.posed.camera.width < 48  # reduced, and cut where the distorted image ends
+    with Image.open(twin.image_path) as image, Image.open(trained.given_labels.map_paths[1]) as label_map:
+        assert (np.asarray(image) == view.rgb).all() and (np.asarray(label_map) == view.labels).all()
+    assert set(np.unique(view.labels)) == {0, 1, 2}
+
+
 @pytest.mark.parametrize("labelme", [False, True])
 def test_lerf_annotations_are_found_by_the_frames_name_not_by_position(tmp_path: Path, labelme: bool) -> None:
     folder = made_data.lerf_ovs(tmp_path, [2, 41, 105, 140], [41, 140], labelme=labelme)
