@@ -100,7 +100,7 @@ async function open(sceneId) {
   asked += 1;
   byId("pictures").replaceChildren();
   byId("verdict").textContent = byId("downloads").textContent = "";
-  byId("matches").hidden = true;
+  byId("matches").hidden = byId("objects").hidden = true;
   await Promise.all([refresh(), listScenes()]);
 }
 
@@ -114,9 +114,9 @@ async function refresh() {
   byId("cancel").hidden = operation.done;
   byId("cancel").onclick = () => attempt(() => call(`/v1/operations/${operation.id}:cancel`, { method: "POST" }));
   drawStages(operation);
-  const key = `${scene.id} ${scene.state}`;
-  if (key === shown) return;
-  shown = key;
+  const drawn = `${scene.id} ${scene.state} ${scene.version}`;
+  if (drawn === shown) return;
+  shown = drawn;
   byId("scene-name").textContent = scene.name || scene.id;
   const labels = scene.dictionary.map((entry) => entry.label).join(", ");
   byId("scene-facts").textContent =
@@ -172,12 +172,14 @@ async function ask(form) {
   const number = ++asked;
   const [text, view] = [form.text.value, form.view.value];
   const scene = encodeURIComponent(current);
-  const { answers } = await call(`/query?${new URLSearchParams({ text, scene: current })}`);
+  const { answers } = await call(`/query?${new URLSearchParams({ text, scene: current, outputs: "objects" })}`);
   if (number !== asked) return;
   const [answer] = answers;
-  byId("verdict").textContent = `${answer.verdict}: ${answer.explanation}`;
+  byId("verdict").textContent = [`${answer.verdict}:`, answer.explanation, ...sureness(answer)].join(" ");
   byId("matches").hidden = false;
   byId("matches").tBodies[0].replaceChildren(...answer.matches.map(matchRow));
+  byId("objects").hidden = answer.objects.length === 0;
+  byId("objects").tBodies[0].replaceChildren(...answer.objects.map(objectRow));
   byId("pictures").replaceChildren(
     ...Object.entries(PICTURES).map(([kind, caption]) => {
       const source = `/v1/scenes/${scene}/${kind}.png?${new URLSearchParams({ text, view })}`;
@@ -195,9 +197,33 @@ async function ask(form) {
   );
 }
 
+/** What a calibrated answer adds: how likely it is right, and which labels hold the right one with which coverage. */
+function sureness(answer) {
+  if (answer.probability === null) return [];
+  const names = new Map(answer.matches.map((match) => [match.label_id, match.label]));
+  const set = answer.label_set.map((id) => (id === 0 ? "nothing here" : (names.get(id) ?? `label ${id}`)));
+  const covered = answer.coverage === null ? [] : [`With ${percent(answer.coverage)} coverage it is among: ${set.join(", ")}.`];
+  return [`(${percent(answer.probability)} sure)`, ...covered];
+}
+
+function percent(share) {
+  return `${(100 * share).toFixed(0)} %`;
+}
+
+function objectRow(thing) {
+  const row = element("tr");
+  const unit = thing.metres ? "m" : "units";
+  const vector = ({ x, y, z }) => [x, y, z].map((value) => value.toFixed(2)).join(", ");
+  const cells = [thing.id, vector(thing.box.center.position), `${vector(thing.box.size)} ${unit}`, thing.gaussian_count];
+  row.append(element("td", thing.label), ...cells.map((cell) => element("td", cell, { class: "number" })));
+  row.append(element("td", thing.best_views[0] ?? ""));
+  return row;
+}
+
 function matchRow(match) {
   const row = element("tr", "", match.relevant ? { class: "relevant" } : {});
-  const figures = [match.relevancy.toFixed(3), match.similarity.toFixed(3), match.gaussian_count];
+  const likely = match.probability === null ? "" : percent(match.probability);
+  const figures = [likely, match.relevancy.toFixed(3), match.similarity.toFixed(3), match.gaussian_count];
   row.append(element("td", match.label), ...figures.map((figure) => element("td", figure, { class: "number" })));
   return row;
 }
