@@ -1,5 +1,8 @@
 """Edits by name: recolour, remove, move or duplicate what a label or an object is. A scene in, another scene out.
 
+An edit takes along what the thing encloses, whatever its label: where two things meet, a Gaussian of the one often has
+the label of the other, and would stay behind as a ghost.
+
 Rows keep their order, so that a mask of the old version tells what became of it: recolouring and moving change no row
 number, removing closes the gaps, duplicates come after all other rows.
 """
@@ -12,11 +15,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from service.common.camera import check_rigid
 from service.common.errors import InvalidInputError, NotFoundError
-from service.query.objects import masses
+from service.query.objects import MIN_OPACITY, masses
 from service.scene.evidence import rows_of
 from service.scene.types import F32, Gaussians, Scene
 
@@ -31,6 +35,8 @@ _SH_C0 = 0.28209479177387814  # Y_00
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
 _DARK = 0.1
 _DIRECTIONS = 64
+_NEIGHBOURS = 12
+_ENCLOSED = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,8 @@ class Edit:
 
     Attributes:
         action: what.
-        label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None.
+        label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None;
+            with it everything of that label is meant, objects and specks.
         object_id: `SceneObject.id`, or None; exactly one of the two.
         colour: RGB 0..1 for `recolour`, the mean colour afterwards; None otherwise.
         transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
@@ -70,7 +77,36 @@ def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
     if edit.action not in actions:
         raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(actions)}.")
     _check_extras(edit)
-    return actions[edit.action](index.scene, _rows(index, edit), edit)
+    return actions[edit.action](index.scene, edited_rows(index, edit), edit)
+
+
+def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
+    """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or object, and those they enclose:
+    of whose twelve nearest visible neighbours they have half the opacity or more.
+
+    Raises:
+        NotFoundError: no such label or object here.
+        InvalidInputError: both or neither of label and object_id.
+    """
+    rows = _named_rows(index, edit)
+    gaussians = index.scene.gaussians
+    if not len(rows):
+        return rows
+    opacities = 1.0 / (1.0 + np.exp(-gaussians.logit_opacities.astype(np.float64)))
+    finite = np.isfinite(gaussians.means).all(axis=1)
+    visible = np.flatnonzero(finite & (opacities >= MIN_OPACITY))
+    taken = np.zeros(len(gaussians), dtype=np.bool_)
+    taken[rows] = True
+    around = gaussians.means[np.intersect1d(rows, visible)]
+    if not len(around):
+        return rows
+    inside = ((gaussians.means >= around.min(axis=0)) & (gaussians.means <= around.max(axis=0))).all(axis=1)
+    asked = np.flatnonzero(inside & finite & ~taken)
+    count = min(_NEIGHBOURS, len(visible))
+    near = visible[cKDTree(gaussians.means[visible]).query(gaussians.means[asked], k=[*range(1, count + 1)])[1]]
+    shares = (opacities[near] * taken[near]).sum(axis=1) / opacities[near].sum(axis=1)
+    taken[asked[shares >= _ENCLOSED]] = True
+    return np.flatnonzero(taken)
 
 
 def _check_extras(edit: Edit) -> None:
@@ -90,7 +126,7 @@ def _check_extras(edit: Edit) -> None:
             raise InvalidInputError(f"a colour of {edit.colour}", field="colour", limit="RGB, 0 to 1 each")
 
 
-def _rows(index: SceneIndex, edit: Edit) -> Rows:
+def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
     if (edit.label is None) == (edit.object_id is None):
         raise InvalidInputError(
             "an edit speaks of a label or of an object", field="label", hint="Send exactly one of label and object_id."

@@ -16,7 +16,8 @@ from service.scene.types import F32, Scene
 
 F64 = NDArray[np.float64]
 
-_MIN_OPACITY = 0.05
+MIN_OPACITY = 0.05
+"""A Gaussian less opaque than this is nothing one sees."""
 _MIN_SHARE = 0.05
 _WIDEST = 4.0
 _LEAST = 1e-6
@@ -69,7 +70,7 @@ def find_objects(scene: Scene, field: LabelField) -> tuple[SceneObject, ...]:
     gaussians = scene.gaussians
     areas = masses(gaussians.log_scales, gaussians.logit_opacities)
     sizes = _sigmoid(gaussians.logit_opacities) * field.confidence
-    solid = (gaussians.logit_opacities >= np.log(_MIN_OPACITY / (1 - _MIN_OPACITY))) & (field.classes > 0)
+    solid = (gaussians.logit_opacities >= np.log(MIN_OPACITY / (1 - MIN_OPACITY))) & (field.classes > 0)
     rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
     if not len(rows):
         return ()

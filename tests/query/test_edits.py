@@ -11,7 +11,7 @@ import pytest
 
 from service.common.errors import FastSplatError, InvalidInputError, NotFoundError
 from service.query import QuerySettings, SceneIndex
-from service.query.edits import Edit, apply_edit
+from service.query.edits import Edit, apply_edit, edited_rows
 from service.query.fields import label_field
 from service.query.objects import masses
 from service.scene import Gaussians, Scene
@@ -55,14 +55,31 @@ def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
 @pytest.mark.parametrize("mode", ["codes", "evidence"])
 def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any) -> None:
     index = opened(replace(scene, label_mode=mode))
-    kept = np.flatnonzero(index.gaussian_classes != 1)
-    after = apply_edit(index, Edit("remove", label="Mugs"))
+    removal = Edit("remove", label="Mugs")
+    kept = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
+    assert not (index.gaussian_classes[kept] == 1).any()
+    after = apply_edit(index, removal)
     assert_same(after.gaussians, rows_of(scene, kept))
     np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[kept])
     np.testing.assert_array_equal(label_field(after).confidence, index.label_field.confidence[kept])
     without = replace(scene, gaussians=rows_of(scene, kept), evidence=None)
     np.testing.assert_array_equal(opened(after).render(FRONT), opened(without).render(FRONT))
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
+
+
+def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened: Open) -> None:
+    strays = np.array([3, 50, 120, 200])
+    scene = scene_of([MUG, replace(BOOK, centre=(0.1, 0.01, 0.04))])  # side by side, 1 cm apart or nearer
+    codes = scene.gaussians.codes.copy()
+    codes[strays] = codes[-1]  # Gaussians of the mug with the book's label, and one that nobody labelled
+    codes[7] = 0
+    index = opened(replace(scene, gaussians=replace(scene.gaussians, codes=codes)))
+    assert set(index.gaussian_classes[strays]) == {2} and index.gaussian_classes[7] == 0
+    rows = edited_rows(index, Edit("remove", label="mug"))
+    assert {*strays.tolist(), 7} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
+    assert len(np.setdiff1d(rows, np.arange(MUG.count))) <= 0.05 * BOOK.count
+    (mug,) = (thing for thing in index.objects if thing.label == "mug")
+    np.testing.assert_array_equal(edited_rows(index, Edit("remove", object_id=mug.id)), rows)
 
 
 def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
@@ -107,8 +124,8 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
 
 def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
     index = opened(replace(scene, label_mode="evidence"))
-    rows, count = np.flatnonzero(index.gaussian_classes == 1), len(scene.gaussians)
-    pose = rigid(5)
+    pose, count = rigid(5), len(scene.gaussians)
+    rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose))
     after = apply_edit(index, Edit("duplicate", label="mug", transform=pose))
     assert len(after.gaussians) == count + len(rows) == len(after.evidence or ())
     assert_same(rows_of(after, np.arange(count)), scene.gaussians)
