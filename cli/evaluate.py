@@ -142,7 +142,7 @@ def _artefact(scene: str, settings: Settings) -> Path:
             field="--scene",
             hint="Name an artefact's folder, or point FASTSPLAT_DATA_DIR at the service's data.",
         )
-    store = open_store(settings.data_dir, settings.database_url)
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         state, version, _ = store.rows.version(scene)
         if state != "READY":

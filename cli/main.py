@@ -17,6 +17,11 @@ from service.common.errors import FastSplatError
 from service.settings import load_settings
 from workers.lifeline import PARENT_VARIABLE, die_with_parent
 
+Devices = Annotated[
+    str, typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: what CUDA shows.')
+]
+Workers = Annotated[int, typer.Option(help="Worker processes a device; without a GPU they share the CPUs evenly.")]
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -34,16 +39,22 @@ def serve(
         bool,
         typer.Option("--no-auth", help="Ask nobody for a key; on loopback alone (as FASTSPLAT_AUTH=off)."),
     ] = False,
+    devices: Devices = "",
+    workers: Workers = 1,
 ) -> None:
-    """Run the API and one worker on this machine until SIGTERM or SIGINT."""
+    """Run the API and one worker a device on this machine until SIGTERM or SIGINT."""
     from api.auth import check_exposure
+    from cli.devices import worker_roles
+    from cli.serve import Role
     from cli.serve import serve as run
 
     log_to_stderr("serve")
     if no_auth:
         os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
-    check_exposure(load_settings())
-    raise typer.Exit(run({role: [sys.executable, "-m", "cli.main", role] for role in ("api", "worker")}))
+    settings = load_settings()
+    check_exposure(settings)
+    roles = {"api": Role([sys.executable, "-m", "cli.main", "api"])}
+    raise typer.Exit(run({**roles, **worker_roles(devices, workers, settings.jobs.threads_per_job)}))
 
 
 @app.command()
@@ -56,8 +67,14 @@ def api() -> None:
 
 
 @app.command()
-def worker() -> None:
-    """Run one worker alone; it finds its jobs in the database."""
+def worker(devices: Devices = "", workers: Workers = 1) -> None:
+    """Run workers alone, one unless told otherwise; they find their jobs in the database."""
+    if devices or workers != 1:
+        from cli.devices import worker_roles
+        from cli.serve import serve
+
+        log_to_stderr("serve")
+        raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
     from workers.main import run
 
     _start("worker")

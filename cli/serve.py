@@ -1,4 +1,4 @@
-"""One supervisor over the API and the worker of one machine."""
+"""One supervisor over the API and the workers of one machine."""
 
 from __future__ import annotations
 
@@ -9,29 +9,45 @@ import subprocess
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from workers.lifeline import PARENT_VARIABLE
+from workers.lifeline import PARENT_VARIABLE, process_state
 
 logger = logging.getLogger(__name__)
 _STEADY_S = 30.0
 _MOST_FAST_FAILURES = 4
 _DRAIN_S = 30.0
 _POLL_S = 0.2
+_FROZEN_S = 10.0
+_LONGEST_PAUSE_S = 10.0
+_AFTER_CRASH_S = 1.0
+_FIRST_CRASH_STATUS = 64  # below it, a program says that it cannot run: a wrong setting, a port that is taken
 
 
-def serve(commands: Mapping[str, Sequence[str]]) -> int:
+@dataclass(frozen=True)
+class Role:
+    """What one process runs, and what its environment says beyond this process's."""
+
+    command: Sequence[str]
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+def serve(roles: Mapping[str, Role]) -> int:
     """Run one process a role until SIGTERM or SIGINT; one that dies is started again.
 
+    So is one that stays stopped, as by SIGSTOP: it may hold the lock that all others wait for.
+
     Args:
-        commands: the command line of each role. Its environment names this process in `PARENT_VARIABLE`.
+        roles: by name. Their environment names this process in `PARENT_VARIABLE`.
 
     Returns:
-        0 after a wanted stop; 1 if a role dies again and again right after its start.
+        0 after a wanted stop; 1 if a role ends again and again right after its start, by its own will. (Crashes end
+        nothing: a job that kills its workers is parked by them.)
     """
     wanted = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: wanted.set())
-    children = [_Child(role, command) for role, command in commands.items()]
+    children = [_Child(name, role) for name, role in roles.items()]
     try:
         while not wanted.wait(_POLL_S):
             if not all(child.keep_alive() for child in children):
@@ -44,39 +60,53 @@ def serve(commands: Mapping[str, Sequence[str]]) -> int:
 class _Child:
     """One role's process, with what its deaths have taught."""
 
-    def __init__(self, role: str, command: Sequence[str]) -> None:
-        self.role = role
-        self._command = command
+    def __init__(self, name: str, role: Role) -> None:
+        self.role = name
+        self._command = role.command
+        self._environment = role.environment
         self._fast_failures = 0
         self._start_at = 0.0
+        self._stopped_at = 0.0
         self._start()
 
     def keep_alive(self) -> bool:
         """Start the process again if it died. False when that has become pointless."""
         status = self.process.poll()
         if status is None:
+            self._kill_frozen()
             return True
         if not self._start_at:
             fast = time.monotonic() - self._started_at < _STEADY_S
-            self._fast_failures = self._fast_failures + 1 if fast else 0
+            crash = not 0 <= status < _FIRST_CRASH_STATUS
+            self._fast_failures = self._fast_failures + 1 if fast and not crash else 0
             logger.warning("%s ended with status %d", self.role, status)
             if self._fast_failures >= _MOST_FAST_FAILURES:
                 logger.error("%s ended %d times right after its start; giving up", self.role, self._fast_failures)
                 return False
-            self._start_at = time.monotonic() + min(0.25 * 2**self._fast_failures, 10.0)
+            pause = _AFTER_CRASH_S if crash and fast else 0.25 * 2**self._fast_failures
+            self._start_at = time.monotonic() + min(pause, _LONGEST_PAUSE_S)
         if time.monotonic() >= self._start_at:
             self._start()
         return True
+
+    def _kill_frozen(self) -> None:
+        if process_state(self.process.pid, float("inf")) != "T":
+            self._stopped_at = 0.0
+            return
+        self._stopped_at = self._stopped_at or time.monotonic()
+        if time.monotonic() - self._stopped_at > _FROZEN_S:
+            logger.warning("%s has been stopped for %.0f s and is killed", self.role, _FROZEN_S)
+            self.process.kill()
 
     def _start(self) -> None:
         # In a session of its own, so that the terminal's Ctrl-C reaches the supervisor alone and stopping has an order.
         self.process = subprocess.Popen(
             self._command,
-            env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+            env={**os.environ, **self._environment, PARENT_VARIABLE: str(os.getpid())},
             start_new_session=True,
         )
         self._started_at = time.monotonic()
-        self._start_at = 0.0
+        self._start_at = self._stopped_at = 0.0
         logger.info("%s runs as process %d", self.role, self.process.pid)
 
 

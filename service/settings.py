@@ -15,6 +15,7 @@ from service.limits import LimitSettings, QuotaSettings
 from service.perception.settings import PerceptionSettings
 from service.query.settings import QuerySettings
 from service.splatting.settings import TrainingSettings
+from service.store.settings import ArtefactSettings
 
 
 class JobSettings(BaseModel):
@@ -27,6 +28,7 @@ class JobSettings(BaseModel):
     progress_s: float = Field(0.5, gt=0, description="a running stage's progress is written at most this often")
     beat_s: float = Field(2.0, gt=0, description="how often a worker says that it lives")
     stale_s: float = Field(10.0, gt=0, description="a worker silent for this long is dead; its jobs go to others")
+    keep_logs_s: float = Field(30 * 24 * 3600.0, gt=0, description="the log of a failed job is removed after this")
     threads_per_job: int = Field(0, ge=0, description="CPU threads of a trainer; 0: all of the machine's")
 
 
@@ -71,6 +73,7 @@ class Settings(BaseSettings):
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     store: StoreSettings = StoreSettings()
+    artefacts: ArtefactSettings = ArtefactSettings()
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()
     quotas: QuotaSettings = QuotaSettings()

@@ -212,4 +212,4 @@ def _sweep(worker: Worker) -> None:
 
 
 def _clean(worker: Worker) -> None:
-    clean(worker.store, worker.settings.store.abandoned_upload_s)
+    clean(worker.store, worker.settings.store.abandoned_upload_s, worker.settings.jobs.keep_logs_s)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from contextlib import suppress
 
 from service.store import Store
-from service.store.blobs import remove
+from service.store.blobs import Blobs, remove
 
 
-def clean(store: Store, abandoned_upload_s: float) -> None:
-    """Remove work folders of ended jobs, deleted scenes, used uploads, and uploads abandoned for so long.
+def clean(store: Store, abandoned_upload_s: float, keep_logs_s: float) -> None:
+    """Remove work folders of ended jobs, deleted scenes, used uploads, uploads abandoned for so long, and old logs.
 
     Folders are listed before rows are read: what came since then has its row and stays.
     """
@@ -19,16 +19,17 @@ def clean(store: Store, abandoned_upload_s: float) -> None:
     for operation_id in store.jobs.over(jobs):
         remove(blobs.job(operation_id))
     for scene_id in store.jobs.unknown_scenes(scenes):
-        remove(blobs.scene(scene_id))
+        blobs.drop_scene(scene_id)
     live, used = store.jobs.uploads()
     for upload_id in uploads:
-        folder = blobs.upload(upload_id)
-        if upload_id in used or (upload_id not in live and _age(folder) > abandoned_upload_s):
-            remove(folder)
+        if upload_id in used or (upload_id not in live and blobs.upload_age(upload_id) > abandoned_upload_s):
+            blobs.drop_upload(upload_id)
+    _remove_old_logs(blobs, keep_logs_s)
+    blobs.tidy(abandoned_upload_s)
 
 
-def _age(folder: Path) -> float:
-    try:
-        return time.time() - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
-    except OSError:  # somebody is changing it right now
-        return 0.0
+def _remove_old_logs(blobs: Blobs, keep_logs_s: float) -> None:
+    for path in (blobs.root / "logs").glob("*.log"):
+        with suppress(FileNotFoundError):  # another worker's janitor was faster
+            if time.time() - path.stat().st_mtime > keep_logs_s:
+                path.unlink()

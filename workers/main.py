@@ -25,7 +25,7 @@ def run(settings: Settings, stages: str = _STAGES) -> None:
     wanted = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: wanted.set())
-    worker = Worker(open_store(settings.data_dir, settings.database_url), settings, stages)
+    worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, stages)
     start(worker)
     logger.info("worker %s is ready", worker.executor_id)
     wanted.wait()

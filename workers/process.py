@@ -92,7 +92,9 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    environment.pop("FASTSPLAT_DATABASE_URL", None)  # a trainer reads strangers' data and needs no database
+    for name in list(environment):  # a trainer reads strangers' data, and needs neither database nor object store
+        if name == "FASTSPLAT_DATABASE_URL" or name.startswith("AWS_"):
+            del environment[name]
     if job.settings.jobs.threads_per_job:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)
     with log.open("ab") as stderr:

@@ -16,7 +16,7 @@ from service.store.blobs import remove, sync_folder, sync_tree
 from workers.protocol import Job
 
 _TIMES = "stage.json"
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def start_stage(job: Job, stage: str) -> Path:
@@ -76,7 +76,7 @@ def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
         error = ResourceError(
             "the trainer ran out of memory", field=stage, hint="Use fewer or smaller images, or a larger machine."
         )
-    if isinstance(error, OSError) and error.errno in _FULL:
+    if isinstance(error, OSError) and error.errno in FULL:
         error = disk_full()
     if isinstance(error, FastSplatError):
         return error_to_json(error, stage)

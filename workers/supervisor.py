@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,19 +19,20 @@ from service.common.progress import STAGES, ProgressEvent
 from service.settings import Settings
 from service.store import Store
 from service.store.blobs import remove
+from service.store.errors import DatabaseError, ObjectStoreError
 from service.store.jobs import Claim, FencedError
 from service.store.records import SceneSummary
 from workers.errors import TrainerCrashedError, WorkerCrashedError
 from workers.process import TrainerProcess
 from workers.protocol import Done, Event, Failed, Job
-from workers.results import error_to_json
+from workers.results import FULL, disk_full, error_to_json
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 DONE: Mapping[str, Any] = {"outcome": "done"}
 CANCELLED: Mapping[str, Any] = {"outcome": "cancelled"}
-_DATABASE_PATIENCE_S = 120.0
+_PATIENCE_S = 600.0
 
 
 class StoppingError(Exception):
@@ -110,26 +112,25 @@ class Supervisor:
         Raises:
             FencedError: somebody else has the job now.
         """
+        jobs, blobs, operation = self._store.jobs, self._store.blobs, self._claim.operation
+        if outcome["outcome"] == "done" and not self._exported():
+            # The stages were recorded, but on a machine whose folder this one does not see.
+            outcome = self.run_stage("export")
         self.kill()
-        jobs, operation = self._store.jobs, self._claim.operation
         if outcome["outcome"] == "done":
-            try:
-                summary = self._publish()
-                self._patiently(lambda: jobs.succeed(self._claim, summary))
-            except FencedError:
-                if not self._patiently(lambda: jobs.check(self._claim)):
-                    raise
-                outcome = CANCELLED
+            outcome = self._succeed()
         if outcome["outcome"] == "cancelled":
             self._patiently(lambda: jobs.cancelled(self._claim))
-            remove(self._store.blobs.scene(operation.scene_id))
         elif outcome["outcome"] == "failed":
             self._patiently(lambda: jobs.fail(self._claim, outcome["error"]))
         logger.info("job %s %s", operation.id, outcome["outcome"])
-        remove(self._store.blobs.job(operation.id))
-        remove(self._store.blobs.upload(operation.upload_id))
+        remove(blobs.job(operation.id))
         if outcome["outcome"] != "failed":
-            remove(self._store.blobs.log(operation.id))
+            remove(blobs.log(operation.id))
+        with suppress(ObjectStoreError):  # the janitor will do it
+            blobs.drop_upload(operation.upload_id)
+            if outcome["outcome"] != "done":
+                blobs.drop_scene(operation.scene_id)
 
     def kill(self) -> None:
         """End the trainer and all it started."""
@@ -205,21 +206,42 @@ class Supervisor:
             return False
 
     def _patiently(self, act: Callable[[], T]) -> T:
-        deadline = time.monotonic() + _DATABASE_PATIENCE_S
+        deadline = time.monotonic() + _PATIENCE_S
         while True:
             try:
                 return act()
-            except DBAPIError:
+            except (DBAPIError, DatabaseError, ObjectStoreError):
                 if time.monotonic() > deadline:
                     raise
                 time.sleep(1.0)
 
+    def _succeed(self) -> Mapping[str, Any]:
+        """Publish the scene and show it; returns how the job ended after all."""
+        try:
+            summary = self._patiently(self._publish)
+            self._patiently(lambda: self._store.jobs.succeed(self._claim, summary))
+        except FencedError:
+            if not self._patiently(lambda: self._store.jobs.check(self._claim)):
+                raise
+            return CANCELLED
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            return {"outcome": "failed", "error": error_to_json(disk_full(), "export")}
+        return DONE
+
+    def _exported(self) -> bool:
+        operation, blobs = self._claim.operation, self._store.blobs
+        return (blobs.job(operation.id) / "export").is_dir() or bool(
+            self._patiently(lambda: blobs.fetch_version(operation.scene_id, operation.id))
+        )
+
     def _publish(self) -> SceneSummary:
         operation, blobs = self._claim.operation, self._store.blobs
         version = operation.id
-        finished, target = self._job().result("export"), blobs.version(operation.scene_id, version)
-        if not target.is_dir():  # else an earlier attempt got exactly this far
-            blobs.publish(finished, operation.scene_id, version)
+        target = blobs.fetch_version(operation.scene_id, version)
+        if target is None:  # else an earlier attempt got exactly this far
+            target = blobs.publish(blobs.job(operation.id) / "export", operation.scene_id, version)
         summary = json.loads((target / "summary.json").read_text())
         seconds = json.loads((target / "stage.json").read_text())["seconds"]
         summary["quality"]["stage_seconds"]["export"] = seconds
@@ -230,7 +252,7 @@ class Supervisor:
         folder = blobs.job(operation.id)
         folder.mkdir(parents=True, exist_ok=True)
         options = options_of(operation.options)
-        upload = blobs.upload(operation.upload_id) / operation.options["admitted"]
+        upload = self._patiently(lambda: blobs.fetch_upload(operation.upload_id)) / operation.options["admitted"]
         return Job(operation.id, self._claim.attempt, upload, folder, options, self._settings)
 
     def _last_stage(self) -> str:

@@ -88,8 +88,8 @@ class OpenScenes:
         Raises:
             NotFoundError: the scene was deleted meanwhile.
         """
-        folder = self._store.blobs.version(scene_id, version)
-        if not folder.is_dir():
+        folder = self._store.blobs.fetch_version(scene_id, version)
+        if folder is None:
             raise _deleted(scene_id)
         return folder
 

@@ -38,7 +38,7 @@ from service.common.camera import PosedCamera
 from service.common.states import OperationState
 from service.settings import Settings
 from service.store import Store, open_store
-from service.store.blobs import remove, sync_tree
+from service.store.blobs import remove
 from service.store.records import NewJob
 
 Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
@@ -114,7 +114,7 @@ class SceneService:
         """
         record = self._store.rows.cancel(operation_id)
         if record.state == "CANCELLED":
-            remove(self._store.blobs.upload(record.upload_id))
+            self._store.blobs.drop_upload(record.upload_id)
         return operation_of(record)
 
     def list_operations(
@@ -211,9 +211,9 @@ class SceneService:
         operation = self._store.rows.delete_scene(scene_id)
         self._scenes.forget(scene_id)
         self._store.versions.forget(scene_id)
-        remove(self._store.blobs.scene(scene_id))
+        self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
-            remove(self._store.blobs.upload(operation.upload_id))
+            self._store.blobs.drop_upload(operation.upload_id)
             remove(self._store.blobs.job(operation.id))
             remove(self._store.blobs.log(operation.id))
 
@@ -336,7 +336,7 @@ class SceneService:
         if admitted != upload.raw:  # unpacked or laid out anew: what was sent is not needed any more
             admitted = admitted.rename(upload.folder / admitted.name)
             remove(upload.raw)
-        sync_tree(upload.folder)
+        self._store.blobs.keep_upload(upload.id)
         job = NewJob(
             scene_id=_new_id(),
             operation_id=_new_id(),
@@ -357,7 +357,7 @@ class SceneService:
             job, lambda connection: self._quotas.take(connection, upload.owner, job.scene_id, upload.bytes)
         )
         if not new:
-            remove(upload.folder)
+            self._store.blobs.drop_upload(upload.id)
         return operation_of(record)
 
 
@@ -372,7 +372,7 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
         InvalidInputError: the database URL cannot be read.
         ResourceError: the data folder or the database cannot be used.
     """
-    return SceneService(open_store(settings.data_dir, settings.database_url), settings, admit)
+    return SceneService(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, admit)
 
 
 def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:

@@ -18,6 +18,7 @@ from service.calls.types import Operation, SceneOptions
 from service.capture.settings import CaptureSettings
 from service.common.errors import InvalidInputError, LimitExceededError, ResourceError
 from service.store.blobs import remove
+from service.store.errors import DatabaseError
 
 _CHUNK = 1 << 20
 _MAX_DEPTH = 16
@@ -148,6 +149,8 @@ class UploadSession:
                     "the upload has no files", field="files", hint="Send images, an archive or a video."
                 )
             return self._admit(self, name, request_id, options)
+        except DatabaseError:
+            raise  # the job may be there although the answer was lost; if it is not, the janitor removes the files
         except OSError as error:
             remove(self.folder)
             raise disk_error(error, "files") from error

@@ -89,7 +89,7 @@ class Versions:
                 NewVersion(scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows)
             )
         except BaseException:
-            remove(self._store.blobs.version(scene_id, version))
+            self._store.blobs.drop_version(scene_id, version)
             raise
         return self._named(scene_id, version)
 

@@ -13,7 +13,9 @@ from service.store.engine import open_engine, resolve_url
 from service.store.holdings import HoldingRows
 from service.store.jobs import JobRows
 from service.store.keys import KeyRows
+from service.store.objects import open_blobs
 from service.store.rows import Rows
+from service.store.settings import ArtefactSettings
 from service.store.versions import VersionRows
 
 
@@ -34,11 +36,11 @@ class Store:
         self.engine.dispose()
 
 
-def open_store(data_dir: Path, database_url: str = "") -> Store:
+def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None) -> Store:
     """Open, and on first use make, the data folder and the tables.
 
     Raises:
-        InvalidInputError: the URL cannot be read.
+        InvalidInputError: a URL cannot be read.
         ResourceError: the folder or the database cannot be used.
     """
     try:
@@ -50,12 +52,13 @@ def open_store(data_dir: Path, database_url: str = "") -> Store:
             hint="Point FASTSPLAT_DATA_DIR at a writable folder.",
         ) from error
     engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
+    blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
     return Store(
         Rows(engine),
         VersionRows(engine),
         JobRows(engine),
         KeyRows(engine),
         HoldingRows(engine),
-        Blobs(data_dir.resolve()),
+        blobs,
         engine,
     )

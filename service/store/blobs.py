@@ -4,12 +4,18 @@ uploads/<upload id>     what a client sent, until its job is over
 jobs/<operation id>     a running job's stage results and checkpoints
 scenes/<id>/<version>   finished artefacts, never changed once there
 logs/                   the trainers' last words
+trash/                  what is being removed: out of sight at once, gone in a moment
+
+The data directory may be a folder that several machines share. Where they share none, uploads and scenes are kept in an
+object store instead, see `service.store.objects`; then `scenes` here is a cache.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import time
+import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +27,7 @@ class Blobs:
     root: Path
 
     def upload(self, upload_id: str) -> Path:
-        """Folder of one upload."""
+        """Folder of one upload on this machine."""
         return self._folder("uploads", upload_id)
 
     def job(self, operation_id: str) -> Path:
@@ -32,21 +38,44 @@ class Blobs:
         """What the job's trainers wrote on stderr."""
         return self._folder("logs", operation_id).with_suffix(".log")
 
-    def scene(self, scene_id: str) -> Path:
-        """Folder of all versions of one scene."""
-        return self._folder("scenes", scene_id)
-
     def version(self, scene_id: str, version: str) -> Path:
-        """Folder of one version: `artefact/` (see `service.scene`) and `scene.ply`."""
+        """Folder of one version on this machine: `artefact/` (see `service.scene`) and `scene.ply`."""
         return self._folder("scenes", scene_id, version)
 
     def ids(self, kind: str) -> tuple[str, ...]:
-        """Names of all folders in `uploads`, `jobs` or `scenes`."""
+        """Names of all folders in `uploads`, `jobs` or `scenes`, wherever they are kept."""
         folder = self.root / kind
         return tuple(sorted(path.name for path in folder.iterdir())) if folder.is_dir() else ()
 
+    def keep_upload(self, upload_id: str) -> None:
+        """Make a complete upload durable, and visible to workers everywhere."""
+        sync_tree(self.upload(upload_id))
+
+    def fetch_upload(self, upload_id: str) -> Path:
+        """Folder of a kept upload, complete, on this machine."""
+        return self.upload(upload_id)
+
+    def drop_upload(self, upload_id: str) -> None:
+        """Remove an upload, whatever of it is still there."""
+        self._discard(self.upload(upload_id))
+
+    def upload_age(self, upload_id: str) -> float:
+        """Seconds since anything of an upload changed; 0 if somebody is changing it right now."""
+        folder = self.upload(upload_id)
+        try:
+            return time.time() - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
+        except OSError:
+            return 0.0
+
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
-        """Move a finished folder to its final place, all of it or nothing, durably."""
+        """Move a finished folder to its final place, all of it or nothing, durably.
+
+        Returns:
+            Where it now is on this machine.
+
+        Raises:
+            OSError: that version is there already, or the disk is full.
+        """
         target = self.version(scene_id, version)
         target.parent.mkdir(parents=True, exist_ok=True)
         sync_tree(source)
@@ -54,6 +83,34 @@ class Blobs:
         sync_folder(target.parent)
         sync_folder(target.parent.parent)
         return target
+
+    def fetch_version(self, scene_id: str, version: str) -> Path | None:
+        """Folder of a published version, complete, on this machine; None if there is none (any more)."""
+        folder = self.version(scene_id, version)
+        return folder if folder.is_dir() else None
+
+    def drop_version(self, scene_id: str, version: str) -> None:
+        """Remove one version; those who have its files open may read on."""
+        self._discard(self.version(scene_id, version))
+
+    def drop_scene(self, scene_id: str) -> None:
+        """Remove all versions of a scene; those who have its files open may read on."""
+        self._discard(self._folder("scenes", scene_id))
+
+    def tidy(self, abandoned_s: float) -> None:
+        """Remove what crashes left half-written or half-removed; what is younger than `abandoned_s` may be at work."""
+        for path in (self.root / "trash").glob("*"):
+            remove(path)
+
+    def _discard(self, path: Path) -> None:
+        # Renamed first: nobody ever sees half of it.
+        trash = self.root / "trash"
+        try:
+            trash.mkdir(parents=True, exist_ok=True)
+            path = path.rename(trash / uuid.uuid4().hex)
+        except OSError:
+            pass  # gone already; or the disk is full, and removing in place must do
+        remove(path)
 
     def _folder(self, *names: str) -> Path:
         for name in names:

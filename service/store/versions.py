@@ -28,7 +28,6 @@ from sqlalchemy import (
     select,
     update,
 )
-
 from sqlalchemy.exc import IntegrityError
 
 from service.common.errors import ConflictError

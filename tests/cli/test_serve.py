@@ -16,10 +16,11 @@ ROOT = Path(__file__).parent.parent.parent
 _SERVE = """
 import sys
 from cli.logs import log_to_stderr
-from cli.serve import serve
+import cli.serve
+from cli.serve import Role, serve
 log_to_stderr("serve")
-children = {name: [sys.executable, name, sys.argv[1]] for name in sys.argv[2:]}
-sys.exit(serve(children))
+cli.serve._FROZEN_S, cli.serve._AFTER_CRASH_S = 0.5, 0.1
+sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) for name in sys.argv[2:]}))
 """
 _STEADY = """
 import os, pathlib, signal, sys, time
@@ -102,6 +103,21 @@ def test_what_dies_again_and_again_ends_all(serving):
     served = serving(one=_STEADY, bad="raise SystemExit(3)")
     assert served.process.wait(timeout=60) == 1
     assert not any(alive(pid) for pid in served.pids("one"))
+
+
+def test_crashes_however_many_end_nothing(serving):
+    crashing = _STEADY.replace("time.sleep(600)", "os.kill(os.getpid(), signal.SIGKILL)")
+    served = serving(one=_STEADY, crashing=crashing)
+    wait_for(lambda: len(served.pids("crashing")) > 6)
+    assert served.process.poll() is None and len(served.pids("one")) == 1
+
+
+def test_what_is_stopped_for_long_is_killed_and_started_again(serving):
+    served = serving(one=_STEADY)
+    wait_for(lambda: served.pids("one"))
+    os.kill(served.pids("one")[0], signal.SIGSTOP)
+    wait_for(lambda: len(served.pids("one")) == 2)
+    assert not alive(served.pids("one")[0])
 
 
 def test_children_do_not_outlive_a_killed_supervisor(serving):

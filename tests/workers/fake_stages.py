@@ -1,9 +1,10 @@
 """Stages that take their orders from the job's labels, for tests of everything around them.
 
 "training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only, "capture:kill"
-and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker, "perception:fail" raises a typed error,
-"export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB, and "capture:child"
-leaves a grandchild process whose id it writes into the data folder.
+and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker, "perception:fail" raises a typed
+error, "export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
+"capture:environment" notes what the trainer's environment says, and "capture:child" leaves a grandchild process whose
+id it writes into the data folder.
 """
 
 from __future__ import annotations
@@ -43,6 +44,10 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         elif name == "kill_worker":
             os.kill(os.getppid(), signal.SIGKILL)
+        elif name == "environment":
+            names = ("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS", "FASTSPLAT_DATABASE_URL", "AWS_SECRET_ACCESS_KEY")
+            values = {name: os.environ.get(name) for name in names}
+            (job.settings.data_dir / f"{job.operation_id}.json").write_text(json.dumps(values))
         elif name == "full":
             Path("/dev/full").write_bytes(b"more than there is room for")
         elif name == "write":

@@ -69,7 +69,12 @@ class House:
             max_file: no file that it writes may grow beyond this many bytes.
             code: Python to run in it first.
         """
-        return self._start([sys.executable, "-c", code + _WORKER.format(elsewhere=elsewhere)], max_file)
+        return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file)
+
+    @staticmethod
+    def worker_code(*, elsewhere: bool = False) -> str:
+        """What a worker process runs."""
+        return _WORKER.format(elsewhere=elsewhere)
 
     def start_api(self) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
@@ -145,6 +150,11 @@ class House:
             return False
 
         self.wait_for(frozen)
+
+    @staticmethod
+    def wake(worker: subprocess.Popen[bytes]) -> None:
+        """Let a frozen worker go on."""
+        os.kill(worker.pid, signal.SIGCONT)
 
     def left_over(self, *of: Operation) -> list[str]:
         """Everything on disk that belongs to jobs and uploads: of these, or of all."""

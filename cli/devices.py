@@ -1,0 +1,49 @@
+"""One worker process a device: what each is told."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+
+from cli.serve import Role
+from service.common.errors import InvalidInputError
+
+_CPU = "cpu"
+
+
+def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[str, Role]:
+    """The workers of this machine.
+
+    Args:
+        devices: comma-separated CUDA device numbers or ids, each for workers of its own, or "cpu"; "" leaves the choice
+            to CUDA_VISIBLE_DEVICES as it is.
+        workers: worker processes a device.
+        threads_per_job: the setting of that name; for 0, all workers share the machine's CPUs evenly.
+
+    Raises:
+        InvalidInputError: an unknown kind of device, one named twice, or no worker.
+    """
+    names = [name.strip() for name in devices.split(",")] if devices else [""]
+    bad = [name for name in names if devices and not re.fullmatch(rf"{_CPU}|\d+|(GPU|MIG)-[\w/-]+", name)]
+    if bad:
+        raise InvalidInputError(
+            f"{bad[0][:40]!r} is no device", field="devices", hint='Write e.g. "0,1", "GPU-<id>", or "cpu".'
+        )
+    if len(set(names)) < len(names):
+        raise InvalidInputError("a device is named twice", field="devices", hint="Use --workers for several on one.")
+    if workers < 1:
+        raise InvalidInputError(f"{workers} workers", field="workers", limit="at least 1")
+    count = len(names) * workers
+    roles = {}
+    for name in names:
+        for number in range(1, workers + 1):
+            environment = {} if not devices else {"CUDA_VISIBLE_DEVICES": "" if name == _CPU else name}
+            if count > 1 and not threads_per_job:
+                threads = max(1, len(os.sched_getaffinity(0)) // count)
+                environment["FASTSPLAT_JOBS__THREADS_PER_JOB"] = str(threads)
+            parts = ["worker", name, str(number) if workers > 1 else ""]
+            command = [sys.executable, "-m", "cli.main", "worker"]
+            roles["-".join(part for part in parts if part)] = Role(command, environment)
+    return roles

@@ -1,0 +1,277 @@
+"""Uploads and scenes in an object store (S3 or whatever fsspec speaks), for machines that share no folder.
+
+A folder is stored as one object a file, below a prefix that no other attempt uses, and then one *manifest* object that
+names the prefix, the files, their sizes and digests. The folder exists once its manifest does: what breaks off leaves
+objects that nothing names, which the janitor removes. Keys, below the URL:
+
+    <kind>/<id>/...  kind is `uploads` or `scenes`; scenes have one folder a version
+    .../manifest.json                 written last
+    .../parts-<random>/<file name>    written before
+
+Readers copy a folder into the data directory once, check every digest, and use it from there; what is there is whole.
+Credentials come from where the store's own tools look: AWS_ACCESS_KEY_ID and so on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from service.common.errors import InvalidInputError
+from service.store.blobs import Blobs, remove
+from service.store.errors import ArtefactError, ObjectStoreError
+from service.store.settings import ArtefactSettings
+
+_MANIFEST = "manifest.json"
+_PARTS = "parts-"
+_CHUNK = 1 << 20
+_STAMP = ".used"
+
+
+@dataclass(frozen=True)
+class ObjectBlobs(Blobs):
+    """As `Blobs`, with uploads and scenes below `prefix` of `files`, an fsspec file system.
+
+    `cache_bytes` bounds the copies of scenes on this machine; the least recently fetched leave first. All methods that
+    reach the store raise `ObjectStoreError` when it does not answer.
+    """
+
+    files: Any = field(repr=False)
+    prefix: str = ""
+    cache_bytes: int = 0
+
+    def ids(self, kind: str) -> tuple[str, ...]:
+        """See `Blobs`."""
+        here = set(super().ids(kind))
+        if kind in ("uploads", "scenes"):
+            here |= {PurePosixPath(name).name for name in self._list(self._key(kind))}
+        return tuple(sorted(here))
+
+    def keep_upload(self, upload_id: str) -> None:
+        """See `Blobs`."""
+        self._put(self.upload(upload_id), self._key("uploads", upload_id))
+
+    def fetch_upload(self, upload_id: str) -> Path:
+        """See `Blobs`. Raises `ArtefactError` if it is not there."""
+        folder = self.upload(upload_id)
+        if not folder.is_dir() and not self._get(self._key("uploads", upload_id), folder):
+            raise ArtefactError(f"upload {upload_id} is not in the object store")
+        return folder
+
+    def drop_upload(self, upload_id: str) -> None:
+        """See `Blobs`."""
+        super().drop_upload(upload_id)
+        self._drop(self._key("uploads", upload_id))
+
+    def upload_age(self, upload_id: str) -> float:
+        """See `Blobs`."""
+        if self.upload(upload_id).is_dir():
+            return super().upload_age(upload_id)
+        return self._age(self._key("uploads", upload_id))
+
+    def publish(self, source: Path, scene_id: str, version: str) -> Path:
+        """See `Blobs`; one that is there already stays, and `source` is gone either way."""
+        self._put(source, self._key("scenes", scene_id, version))
+        remove(source)
+        folder = self.fetch_version(scene_id, version)
+        if folder is None:
+            raise ArtefactError(f"version {version} of scene {scene_id} was removed while it was published")
+        return folder
+
+    def fetch_version(self, scene_id: str, version: str) -> Path | None:
+        """See `Blobs`. A copy whose scene was removed elsewhere may be returned for a while.
+
+        Raises:
+            ArtefactError: what the store has is not what was put there.
+        """
+        folder = self.version(scene_id, version)
+        if not folder.is_dir():
+            if not self._get(self._key("scenes", scene_id, version), folder):
+                return None
+            self._shrink(keep=folder)
+        try:
+            (folder / _STAMP).touch()
+        except FileNotFoundError:  # another process shrank the cache just now
+            return self.fetch_version(scene_id, version)
+        return folder
+
+    def drop_version(self, scene_id: str, version: str) -> None:
+        """See `Blobs`."""
+        self._drop(self._key("scenes", scene_id, version))
+        super().drop_version(scene_id, version)
+
+    def drop_scene(self, scene_id: str) -> None:
+        """See `Blobs`."""
+        self._drop(self._key("scenes", scene_id))
+        super().drop_scene(scene_id)
+
+    def tidy(self, abandoned_s: float) -> None:
+        """See `Blobs`; also parts that no manifest names."""
+        super().tidy(abandoned_s)
+        for path in (self.root / "incoming").glob("*"):
+            if time.time() - path.stat().st_mtime > abandoned_s:
+                remove(path)
+        for kind in ("uploads", "scenes"):
+            for parts, (age, folder) in self._parts(self._key(kind)).items():
+                if age > abandoned_s and (self._manifest(folder) or {}).get("parts") != parts:
+                    self._drop(f"{folder}/{parts}")
+
+    def _put(self, source: Path, key: str) -> None:
+        parts = f"{_PARTS}{uuid.uuid4().hex}"
+        names = sorted(path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file())
+        entries = {name: {"size": (source / name).stat().st_size, "sha256": _digest(source / name)} for name in names}
+        with _answers(absence=()):
+            for name in names:
+                self.files.put_file(str(source / name), f"{key}/{parts}/{name}")
+            manifest = json.dumps({"parts": parts, "files": entries}).encode()
+            try:
+                self.files.pipe_file(f"{key}/{_MANIFEST}", manifest, mode="create")
+            except FileExistsError:  # another attempt was faster, and what it put stands
+                self.files.rm(f"{key}/{parts}", recursive=True)
+
+    def _get(self, key: str, target: Path) -> bool:
+        """Copy a folder here, whole or not at all. False if there is none."""
+        manifest = self._manifest(key)
+        if manifest is None:
+            return False
+        copying = self.root / "incoming" / uuid.uuid4().hex
+        try:
+            copying.mkdir(parents=True)
+            for name, entry in manifest["files"].items():
+                if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+                    raise ArtefactError(f"the object store has an unsafe file name: {name[:80]!r}")
+                self._get_file(f"{key}/{manifest['parts']}/{name}", copying / name, entry)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                copying.rename(target)
+            except OSError:
+                if not target.is_dir():  # else another thread or process was faster
+                    raise
+        except FileNotFoundError:
+            if self._manifest(key) is None:  # removed while it was read
+                return False
+            raise
+        finally:
+            remove(copying)
+        return True
+
+    def _get_file(self, key: str, path: Path, entry: dict[str, Any]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _answers():
+            self.files.get_file(key, str(path))
+        if path.stat().st_size != entry["size"] or _digest(path) != entry["sha256"]:
+            raise ArtefactError(f"{key} was damaged in the object store or on the way")
+
+    def _manifest(self, key: str) -> dict[str, Any] | None:
+        with _answers():
+            try:
+                found: dict[str, Any] = json.loads(self.files.cat_file(f"{key}/{_MANIFEST}"))
+            except FileNotFoundError:
+                return None
+        return found
+
+    def _drop(self, key: str) -> None:
+        # Manifests first: from there on it does not exist.
+        with _answers():
+            names = self.files.find(key)
+            for name in sorted(names, key=lambda name: not name.endswith(f"/{_MANIFEST}")):
+                try:
+                    self.files.rm_file(name)
+                except FileNotFoundError:
+                    continue
+            if self.files.isdir(key):  # file systems with folders
+                self.files.rm(key, recursive=True)
+
+    def _list(self, key: str) -> list[str]:
+        with _answers():
+            try:
+                return [str(name) for name in self.files.ls(key, detail=False)]
+            except FileNotFoundError:
+                return []
+
+    def _parts(self, key: str) -> dict[str, tuple[float, str]]:
+        """Age in seconds of the youngest object, and the key of the folder, of all parts below a key."""
+        found: dict[str, tuple[float, str]] = {}
+        with _answers():
+            for name in self.files.find(key):
+                folder, mark, rest = name.partition(f"/{_PARTS}")
+                if mark:
+                    parts = _PARTS + rest.split("/", 1)[0]
+                    age = time.time() - self.files.modified(name).timestamp()
+                    found[parts] = (min(age, found.get(parts, (age, ""))[0]), folder)
+        return found
+
+    def _age(self, key: str) -> float:
+        with _answers():
+            names = self.files.find(key)
+            moments = [self.files.modified(name).timestamp() for name in names]
+        return time.time() - max(moments, default=0.0)
+
+    def _shrink(self, keep: Path) -> None:
+        copies = []
+        for folder in (self.root / "scenes").glob("*/*"):
+            stamp = folder / _STAMP
+            used_at = stamp.stat().st_mtime if stamp.exists() else time.time()
+            copies.append((used_at, folder, sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())))
+        excess = sum(size for _, _, size in copies) - self.cache_bytes
+        for _, folder, size in sorted(copies):
+            if excess > 0 and folder != keep:
+                self._discard(folder)
+                excess -= size
+
+    def _key(self, *names: str) -> str:
+        self._folder(*names)
+        return "/".join((self.prefix, *names) if self.prefix else names)
+
+
+def open_blobs(root: Path, settings: ArtefactSettings) -> Blobs:
+    """Where uploads and scenes are kept: below `root`, or in the object store that the settings name.
+
+    Raises:
+        InvalidInputError: no file system speaks that URL, or what it needs is not installed.
+    """
+    if not settings.url:
+        return Blobs(root)
+    import fsspec
+
+    # Listings are not remembered: other processes write.
+    options: dict[str, Any] = {"use_listings_cache": False, "skip_instance_cache": True}
+    if settings.url.startswith("file:"):
+        options["auto_mkdir"] = True
+    if settings.endpoint_url:
+        options["endpoint_url"] = settings.endpoint_url
+    try:
+        files, prefix = fsspec.core.url_to_fs(settings.url, **options)
+    except (ImportError, ValueError) as error:
+        raise InvalidInputError(
+            f"no object store can be opened at {settings.url[:80]!r}: {error}",
+            field="artefacts.url",
+            hint='Write it as s3://bucket/folder, and install "fastsplat[s3]"; or leave it empty for the data folder.',
+        ) from error
+    return ObjectBlobs(root, files, str(prefix).rstrip("/"), settings.cache_bytes)
+
+
+@contextmanager
+def _answers(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Iterator[None]:
+    """What the store has against a request is an `ObjectStoreError`, but for what is not there."""
+    try:
+        yield
+    except absence:
+        raise
+    except Exception as error:  # every store's client has errors of its own
+        raise ObjectStoreError(f"the object store does not answer ({type(error).__name__})") from error
+
+
+def _digest(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb", buffering=0) as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()

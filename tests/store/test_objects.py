@@ -1,0 +1,197 @@
+"""Uploads and scenes in an object store: an S3 server on loopback, a folder, and memory; the same laws for all."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import fsspec
+import pytest
+from moto.moto_server.threaded_moto_server import ThreadedMotoServer
+
+from service.common.errors import InvalidInputError
+from service.store.errors import ArtefactError, ObjectStoreError
+from service.store.objects import ObjectBlobs, open_blobs
+from service.store.settings import ArtefactSettings
+
+
+@pytest.fixture(scope="module")
+def s3() -> Iterator[str]:
+    """Address of an S3 server of this test run's own."""
+    names = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(names)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+    for name, value in before.items():
+        os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+@pytest.fixture(params=["s3", "file", "memory"])
+def settings(request: pytest.FixtureRequest, tmp_path: Path) -> ArtefactSettings:
+    """An empty place in each kind of store."""
+    if request.param == "file":
+        return ArtefactSettings(url=f"file://{tmp_path}/bucket")
+    if request.param == "memory":
+        return ArtefactSettings(url=f"memory://{uuid.uuid4().hex}/x")
+    endpoint = request.getfixturevalue("s3")
+    bucket = f"b{uuid.uuid4().hex}"
+    fsspec.filesystem("s3", endpoint_url=endpoint, skip_instance_cache=True).mkdir(bucket)
+    return ArtefactSettings(url=f"s3://{bucket}/some/folder", endpoint_url=endpoint)
+
+
+@pytest.fixture
+def here(settings, tmp_path) -> ObjectBlobs:
+    """One machine."""
+    return open_blobs(tmp_path / "here", settings)
+
+
+@pytest.fixture
+def there(settings, tmp_path) -> ObjectBlobs:
+    """Another machine, with no folder in common."""
+    return open_blobs(tmp_path / "there", settings)
+
+
+def _made(folder: Path, text: str = "{}") -> Path:
+    (folder / "artefact").mkdir(parents=True)
+    (folder / "artefact" / "scene.json").write_text(text)
+    (folder / "artefact" / "empty").touch()
+    (folder / "scene.ply").write_bytes(os.urandom(100_000))
+    return folder
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file() and path.name != ".used")
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def _objects(blobs: ObjectBlobs) -> list[str]:
+    return [str(name) for name in blobs.files.find(blobs.prefix)]
+
+
+def test_what_one_machine_publishes_every_other_reads_byte_for_byte(here, there, tmp_path):
+    content = _content(_made(tmp_path / "work"))
+    assert there.fetch_version("scene", "v1") is None
+    assert _content(here.publish(tmp_path / "work", "scene", "v1")) == content
+    assert not (tmp_path / "work").exists()
+    folder = there.fetch_version("scene", "v1")
+    assert folder is not None and _content(folder) == content
+    assert folder.is_relative_to(there.root)
+    assert there.ids("scenes") == here.ids("scenes") == ("scene",)
+
+
+def test_an_upload_reaches_workers_that_share_no_folder(here, there):
+    _made(here.upload("up"), "what the user sent")
+    (here.upload("up") / ".admitted").mkdir()
+    (here.upload("up") / ".admitted" / "manifest.json").write_text("[]")
+    here.keep_upload("up")
+    assert _content(there.fetch_upload("up")) == _content(here.upload("up"))
+    there.drop_upload("up")
+    assert _objects(here) == []
+    with pytest.raises(ArtefactError):
+        open_blobs(there.root / "third", ArtefactSettings(url="memory://nothing")).fetch_upload("up")
+
+
+@pytest.mark.parametrize("part", [0, 1, 2, 3])
+def test_a_crash_between_two_parts_leaves_nothing_to_see_and_the_next_attempt_publishes(
+    here, there, tmp_path, monkeypatch, part
+):
+    class Crash(BaseException):
+        """As a kill would be: nothing is caught, nothing cleaned up."""
+
+    calls = []
+
+    def crash_at(name):
+        whole = getattr(here.files, name)
+
+        def crashing(*arguments, **options):
+            calls.append(name)
+            if len(calls) > part:
+                raise Crash
+            return whole(*arguments, **options)
+
+        return crashing
+
+    with monkeypatch.context() as patch:
+        for name in ("put_file", "pipe_file"):
+            patch.setattr(here.files, name, crash_at(name))
+        with pytest.raises(Crash):
+            here.publish(_made(tmp_path / "first"), "scene", "v1")
+
+    assert len(_objects(here)) == part
+    assert here.fetch_version("scene", "v1") is None and there.fetch_version("scene", "v1") is None
+    here.publish(_made(tmp_path / "second", "second"), "scene", "v1")
+    folder = there.fetch_version("scene", "v1")
+    assert folder is not None and (folder / "artefact" / "scene.json").read_text() == "second"
+    here.tidy(abandoned_s=3600)
+    assert len(_objects(here)) == part + 4  # they might still be at work
+    here.tidy(abandoned_s=-1)
+    assert len(_objects(here)) == 4
+    assert there.fetch_version("scene", "v1") is not None
+
+
+def test_of_two_attempts_at_one_version_the_first_stands_whole(here, there, tmp_path):
+    first = _content(_made(tmp_path / "first", "first"))
+    here.publish(tmp_path / "first", "scene", "v1")
+    assert _content(there.publish(_made(tmp_path / "second", "second"), "scene", "v1")) == first
+    assert len(_objects(here)) == 4
+
+
+def test_damage_in_the_store_is_noticed_and_nothing_of_it_is_used(here, there, tmp_path):
+    here.publish(_made(tmp_path / "work"), "scene", "v1")
+    ply = next(name for name in _objects(here) if name.endswith("scene.ply"))
+    here.files.pipe_file(ply, b"damaged")
+    with pytest.raises(ArtefactError):
+        there.fetch_version("scene", "v1")
+    assert not there.version("scene", "v1").exists()
+
+
+def test_what_is_dropped_is_gone_everywhere_and_open_files_can_be_read_on(here, there, tmp_path):
+    here.publish(_made(tmp_path / "one"), "scene", "v1")
+    here.publish(_made(tmp_path / "two"), "scene", "v2")
+    folder = there.fetch_version("scene", "v1")
+    with (folder / "scene.ply").open("rb") as reader:
+        there.drop_version("scene", "v1")
+        assert len(reader.read()) == 100_000
+    assert there.fetch_version("scene", "v1") is None and there.fetch_version("scene", "v2") is not None
+    here.drop_scene("scene")
+    assert _objects(here) == [] and here.ids("scenes") == ()
+    assert here.fetch_version("scene", "v2") is None
+
+
+def test_many_readers_at_once_share_one_copy(here, there, tmp_path):
+    here.publish(_made(tmp_path / "work"), "scene", "v1")
+    with ThreadPoolExecutor(8) as pool:
+        folders = set(pool.map(lambda _: there.fetch_version("scene", "v1"), range(16)))
+    assert folders == {there.version("scene", "v1")}
+    assert list((there.root / "incoming").iterdir()) == []
+
+
+def test_copies_stay_within_their_budget_the_least_recently_fetched_leave(here, settings, tmp_path):
+    small = settings.model_copy(update={"cache_bytes": 250_000})
+    there = open_blobs(tmp_path / "there", small)
+    for number in range(4):
+        here.publish(_made(tmp_path / f"work{number}"), f"scene{number}", "v1")
+    for number in (0, 1, 0, 2):
+        folder = there.fetch_version(f"scene{number}", "v1")
+        os.utime(folder / ".used", (len(list(there.root.rglob("*"))), 1000 + number + 10 * (number == 0)))
+    assert [there.version(f"scene{number}", "v1").is_dir() for number in range(3)] == [True, False, True]
+    assert there.fetch_version("scene1", "v1") is not None  # and it comes again
+
+
+def test_a_store_that_is_away_is_a_typed_error(tmp_path, s3):
+    gone = ArtefactSettings(url="s3://no-such-bucket/x", endpoint_url=s3)
+    with pytest.raises(ObjectStoreError) as caught:
+        open_blobs(tmp_path, gone).publish(_made(tmp_path / "work"), "scene", "v1")
+    assert caught.value.hint and (tmp_path / "work").is_dir()
+
+
+def test_a_url_that_nothing_speaks_is_refused(tmp_path):
+    with pytest.raises(InvalidInputError, match="nonsense"):
+        open_blobs(tmp_path, ArtefactSettings(url="nonsense://x"))
