@@ -18,9 +18,9 @@ from service.perception.maps import clean_mask, paint, settle_masks
 from service.perception.segmenters import open_segmenter
 from service.perception.settings import PerceptionSettings
 from service.perception.text import open_text_encoder
-from service.perception.types import Detections, Image, Labelling
+from service.perception.types import Detections, Image, Labelling, Regions
 from service.perception.vocabulary import counted, finished, renamed, synonyms
-from service.perception.votes import settle, weights
+from service.perception.votes import settle, votes_for, weights
 
 _FINDING = 0.3  # share of the stage's progress; segmentation takes the rest
 
@@ -32,7 +32,8 @@ def label_capture(
 
     Label maps that came with the capture are taken as they are, and no model runs. Otherwise every view is searched
     first (see `finding.find`), then the views together decide what is in the scene (`votes.settle`), then boxes become
-    masks, rivals for the same pixels are settled, and overlaps go to the smaller mask (`maps.paint`).
+    masks, rivals for the same pixels are settled, and overlaps go to the smaller mask (`maps.paint`). What the losing
+    rivals were called is kept with each region: once there is geometry, the views vote again.
 
     Args:
         capture: registered images.
@@ -71,36 +72,48 @@ def label_capture(
         aliases = synonyms(believed, encoder, cosine=settings.synonym_cosine, iou=settings.synonym_iou)
         found = renamed(found, aliases)
     settled, support = settle(found, rules, named=bool(labels))
-    ids = {kind: i for i, kind in enumerate(dict.fromkeys(k for view in settled for k in view.labels), start=1)}
+    shown = dict.fromkeys(kind for view in settled for kind in view.labels)
+    # A name that was asked for may lose every box to a rival; when the views vote it may win after all.
+    heard = dict.fromkeys(kind for view in found for kind in view.labels) if labels else {}
+    ids = {kind: i for i, kind in enumerate({**shown, **heard}, start=1)}
 
     maps = [_blank(view) for view in capture.views]
+    regions = [Regions(blank, ()) for blank in maps]
     for position, view_index in enumerate(looked_at):
         view = capture.views[view_index]
         detections = settled[position]
         if len(detections):
             image = load(position)
             masks = segmenter.masks(segmenter.embed(image), detections.boxes)
-            maps[view_index] = _label_map(masks, detections, weights(detections, support), ids, settings)
+            likely = found[position].take(np.flatnonzero(found[position].scores >= rules.score_floor))
+            votes = votes_for(detections, likely, ids, settings.rival_iou)
+            maps[view_index], regions[view_index] = _label_map(
+                masks, detections, weights(detections, support), votes, ids, settings
+            )
             _blank_outside(maps[view_index], view)
+            _blank_outside(regions[view_index].ids, view)
         fraction = _FINDING + (1 - _FINDING) * (position + 1) / len(looked_at)
         things = f"{len(detections)} thing{'s' if len(detections) != 1 else ''}"
         progress(ProgressEvent("perception", fraction, f"cutting out {things}, view {position + 1}/{len(looked_at)}"))
-    return finished(list(ids), maps, aliases, min_pixels=settings.min_pixels)
+    return finished(list(ids), maps, aliases, min_pixels=settings.min_pixels, regions=regions, expected=bool(labels))
 
 
 def _label_map(
     masks: NDArray[np.bool_],
     detections: Detections,
     strength: NDArray[np.float32],
+    votes: list[dict[int, float]],
     ids: dict[str, int],
     settings: PerceptionSettings,
-) -> NDArray[np.uint16]:
+) -> tuple[NDArray[np.uint16], Regions]:
     cleaned = np.stack([clean_mask(mask) for mask in masks])
     large = np.flatnonzero(cleaned.sum((1, 2)) >= settings.min_pixels)
     kinds = [detections.labels[row] for row in large]
-    cleaned, strength = cleaned[large], strength[large]
+    cleaned, strength, votes = cleaned[large], strength[large], [votes[row] for row in large]
     kept = settle_masks(cleaned, kinds, strength, settings.rival_iou)
-    return paint(cleaned[kept], [ids[kinds[row]] for row in kept], strength[kept])
+    painted = paint(cleaned[kept], range(1, len(kept) + 1), strength[kept])
+    names = np.array([0, *(ids[kinds[row]] for row in kept)], np.uint16)
+    return names[painted], Regions(painted, tuple(tuple(votes[row].items()) for row in kept))
 
 
 def _given(capture: Capture, given: GivenLabels, progress: Progress) -> Labelling:

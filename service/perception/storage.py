@@ -1,4 +1,4 @@
-"""Label maps on disk: `dictionary.json` and one 16-bit PNG a view."""
+"""Label maps on disk: `dictionary.json` and one 16-bit PNG a view, two where regions were detected."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from service.common.dictionary import Dictionary, DictionaryEntry
 from service.common.errors import InvalidInputError
-from service.perception.types import Labelling
+from service.perception.types import Labelling, Regions
 
 _INDEX = "dictionary.json"
 
@@ -33,11 +34,16 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
         for index, label_map in enumerate(labelling.label_maps):
             if not cv2.imwrite(str(staged / f"{index:06d}.png"), label_map):
                 raise OSError(f"{staged / f'{index:06d}.png'} could not be written")
+        for index, view in enumerate(labelling.regions):
+            if not cv2.imwrite(str(staged / f"regions-{index:06d}.png"), view.ids):
+                raise OSError(f"{staged / f'regions-{index:06d}.png'} could not be written")
         index_text = json.dumps(
             {
                 "schema_version": 1,
                 "maps": len(labelling.label_maps),
                 "exact": labelling.exact,
+                "expected": labelling.expected,
+                "votes": [view.votes for view in labelling.regions],
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
             ensure_ascii=False,
@@ -72,16 +78,33 @@ def load_labelling(directory: Path) -> Labelling:
             for e in index["entries"]
         )
         maps: list[NDArray[np.uint16]] = []
-        exact = index.get("exact", False)
-        if not isinstance(exact, bool):
-            raise ValueError(f"exact is {exact!r}")
+        flags = [index.get(name, False) for name in ("exact", "expected")]
+        if not all(isinstance(flag, bool) for flag in flags):
+            raise ValueError(f"exact and expected are {flags}")
         for number in range(int(index["maps"])):
-            label_map = cv2.imread(str(directory / f"{number:06d}.png"), cv2.IMREAD_UNCHANGED)
-            if label_map is None or label_map.ndim != 2 or label_map.dtype != np.uint16:
-                raise ValueError(f"{number:06d}.png is not a 16-bit grey image")
-            if int(label_map.max(initial=0)) > len(entries):
-                raise ValueError(f"{number:06d}.png has an id that the dictionary does not")
-            maps.append(np.asarray(label_map, np.uint16))
+            maps.append(_read_map(directory / f"{number:06d}.png", len(entries)))
+        regions = tuple(
+            Regions(_read_map(directory / f"regions-{number:06d}.png", len(votes)), _checked(votes, len(entries)))
+            for number, votes in enumerate(index.get("votes", []))
+        )
+        if len(regions) not in (0, len(maps)):
+            raise ValueError(f"{len(regions)} region maps for {len(maps)} label maps")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(Dictionary(entries), tuple(maps), exact)
+    return Labelling(Dictionary(entries), tuple(maps), flags[0], regions, flags[1])
+
+
+def _read_map(path: Path, highest: int) -> NDArray[np.uint16]:
+    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if found is None or found.ndim != 2 or found.dtype != np.uint16:
+        raise ValueError(f"{path.name} is not a 16-bit grey image")
+    if int(found.max(initial=0)) > highest:
+        raise ValueError(f"{path.name} has an id above {highest}")
+    return np.asarray(found, np.uint16)
+
+
+def _checked(votes: Any, labels: int) -> tuple[tuple[tuple[int, float], ...], ...]:
+    found = tuple(tuple((int(label), float(score)) for label, score in region) for region in votes)
+    if any(not (1 <= label <= labels and 0 <= score <= 1) for region in found for label, score in region):
+        raise ValueError("a vote is for no label of the dictionary, or its score is not in 0..1")
+    return found

@@ -16,6 +16,28 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
+class Regions:
+    """What was found in one view, before the views agree on names.
+
+    Attributes:
+        ids: uint16 [H, W], region 1..R of each pixel, 0 = none.
+        votes: for each region, label ids and the scores that the detector gave them, 0..1.
+    """
+
+    ids: NDArray[np.uint16]
+    votes: tuple[tuple[tuple[int, float], ...], ...]
+
+    def __post_init__(self) -> None:
+        assert self.ids.ndim == 2 and self.ids.dtype == np.uint16 and int(self.ids.max(initial=0)) <= len(self.votes)
+
+    def resized(self, width: int, height: int) -> NDArray[np.uint16]:
+        """The ids at another size, nearest pixel."""
+        rows = ((np.arange(height) + 0.5) * self.ids.shape[0] / height).astype(np.int64)
+        columns = ((np.arange(width) + 0.5) * self.ids.shape[1] / width).astype(np.int64)
+        return self.ids[rows][:, columns]
+
+
+@dataclass(frozen=True)
 class Labelling:
     """The scene's dictionary and one label map per view.
 
@@ -25,13 +47,18 @@ class Labelling:
             map of zeros alone says nothing: nobody looked, or nothing was found.
         exact: the maps came with the capture and are the truth: they agree with each other, and 0 in a map that names
             anything is "none of these things" rather than "not found".
+        regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
+        expected: the names were asked for, so each is expected to be somewhere.
     """
 
     dictionary: Dictionary
     label_maps: tuple[NDArray[np.uint16], ...]
     exact: bool = False
+    regions: tuple[Regions, ...] = ()
+    expected: bool = False
 
     def __post_init__(self) -> None:
+        assert len(self.regions) in (0, len(self.label_maps))
         for label_map in self.label_maps:
             assert label_map.ndim == 2 and label_map.dtype == np.uint16
             assert int(label_map.max(initial=0)) <= len(self.dictionary)

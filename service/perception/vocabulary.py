@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from service.common.dictionary import Dictionary, DictionaryEntry, label_key
 from service.common.errors import InvalidInputError
 from service.perception.boxes import box_iou
-from service.perception.types import Detections, Labelling, TextEncoder
+from service.perception.types import Detections, Labelling, Regions, TextEncoder
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:
@@ -62,18 +62,24 @@ def finished(
     aliases: Mapping[str, str],
     *,
     min_pixels: int,
+    regions: Sequence[Regions] = (),
+    expected: bool = False,
 ) -> Labelling:
     """Dictionary and label maps in their final numbering: most pixels first, ties by name.
 
-    Kinds that hold fewer than `min_pixels` in every view are dropped, their pixels become undetected.
+    Kinds that hold fewer than `min_pixels` in every view are dropped, their pixels become undetected; but an `expected`
+    kind that a region was also called stays.
 
     Args:
         kinds: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
         aliases: see `synonyms`.
         min_pixels: see the settings.
+        regions: of each view, with votes in the present numbering.
+        expected: see `Labelling`.
     """
     counts = _counts(maps, len(kinds))
+    heard = {label for view in regions for votes in view.votes for label, _ in votes} if expected else set()
     entries = [
         (
             DictionaryEntry(
@@ -85,13 +91,23 @@ def finished(
             row + 1,
         )
         for row, kind in enumerate(kinds)
-        if len(maps) and counts[:, row + 1].max() >= min_pixels
+        if len(maps) and (counts[:, row + 1].max() >= min_pixels or row + 1 in heard)
     ]
     entries.sort(key=lambda pair: (-pair[0].pixels, label_key(pair[0].label)))
     lookup = np.zeros(len(kinds) + 1, np.uint16)
     for new, (_, old) in enumerate(entries, start=1):
         lookup[old] = new
-    return Labelling(Dictionary(tuple(entry for entry, _ in entries)), tuple(lookup[m] for m in maps))
+    return Labelling(
+        Dictionary(tuple(entry for entry, _ in entries)),
+        tuple(lookup[m] for m in maps),
+        regions=tuple(_renumbered(view, lookup) for view in regions),
+        expected=expected,
+    )
+
+
+def _renumbered(view: Regions, lookup: NDArray[np.uint16]) -> Regions:
+    votes = (tuple((int(lookup[label]), score) for label, score in region if lookup[label]) for region in view.votes)
+    return Regions(view.ids, tuple(votes))
 
 
 def counted(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Labelling:

@@ -57,6 +57,29 @@ def settle(
         kinds = left
 
 
+def votes_for(
+    settled: Detections, likely: Detections, ids: Mapping[str, int], rival_iou: float
+) -> list[dict[int, float]]:
+    """For each settled detection, the label ids that boxes in its place were given, and their best scores.
+
+    Args:
+        settled: what stayed of `likely` in one view.
+        likely: all detections of the view that score enough to count.
+        ids: label id of each kind; others have no vote.
+        rival_iou: boxes that overlap more are in one place.
+    """
+    overlap = box_iou(settled.boxes, likely.boxes)
+    votes: list[dict[int, float]] = []
+    for row, (kind, score) in enumerate(zip(settled.labels, settled.scores, strict=True)):
+        found = {ids[kind]: float(score)}
+        for other in np.flatnonzero(overlap[row] > rival_iou):
+            label = ids.get(likely.labels[other])
+            if label is not None:
+                found[label] = max(found.get(label, 0.0), float(likely.scores[other]))
+        votes.append(found)
+    return votes
+
+
 def weights(view: Detections, support: Mapping[str, float]) -> NDArray[np.float32]:
     """float32 [K]: score × support, what rivals are compared by."""
     return view.scores * np.array([support[kind] for kind in view.labels], np.float32)

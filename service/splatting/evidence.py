@@ -13,7 +13,7 @@ from service.common.dictionary import UNDETECTED
 from service.common.errors import InvalidInputError
 from service.scene.evidence import UNIT, evidence_of, merged, no_evidence
 from service.scene.types import Evidence, Gaussians
-from service.splatting.raster import Backend, Splats, device_of, label_sums
+from service.splatting.raster import Backend, LabelSums, Splats, device_of, label_sums
 from service.splatting.views import TrainingView
 
 
@@ -51,7 +51,7 @@ def view_evidence(
         image[~valid] = -1
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
     sums = label_sums(
-        _activated(gaussians, backend), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend
+        activated(gaussians, backend), viewmat, posed.camera, torch.from_numpy(image), classes, backend=backend
     )
     rows = np.repeat(np.arange(len(gaussians)), np.diff(sums.starts.cpu().numpy()))
     names = sums.labels.cpu().numpy()
@@ -97,7 +97,20 @@ def views_evidence(
     return merged(parts)
 
 
-def _activated(gaussians: Gaussians, backend: Backend) -> Splats:
+def region_sums(splats: Splats, view: TrainingView, ids: NDArray[np.integer], backend: Backend) -> LabelSums:
+    """The weight of each Gaussian by id, on the CPU; ids int [H, W] at the view's training size, 0 = no region. Pixels
+    that are not valid count for nothing."""
+    frame, device = view.frames[-1], splats.means.device
+    image = torch.from_numpy(ids.astype(np.int32)).to(device)
+    if frame.valid is not None:
+        image[~frame.valid.to(device)] = -1
+    bound = int(ids.max(initial=0)) + 1
+    sums = label_sums(splats, view.viewmat.to(device), frame.camera, image, bound, backend=backend)
+    return LabelSums(sums.starts.cpu(), sums.labels.cpu(), sums.sums.cpu())
+
+
+def activated(gaussians: Gaussians, backend: Backend) -> Splats:
+    """The Gaussians as the rasterizer wants them, without features."""
     device = device_of(backend)
 
     def tensor(array: NDArray[np.float32]) -> torch.Tensor:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from service.scene.types import Gaussians, SemanticHead
@@ -26,7 +29,17 @@ def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, Sema
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
     visible = np.flatnonzero(opacities > cull_opacity)
     rows = visible[morton_order(arrays["means"][visible])]
-    gaussians = Gaussians(
+    return _gaussians(arrays, rows), SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
+
+
+def present_gaussians(state: SplatState) -> Gaussians:
+    """All Gaussians of a run under way, in its own order."""
+    arrays = {name: value.detach().cpu().numpy() for name, value in state.parameters.items()}
+    return _gaussians(arrays, np.arange(state.count))
+
+
+def _gaussians(arrays: Mapping[str, NDArray[np.float32]], rows: NDArray[np.int64]) -> Gaussians:
+    return Gaussians(
         means=arrays["means"][rows],
         quats=arrays["quats"][rows],
         log_scales=arrays["log_scales"][rows],
@@ -34,7 +47,6 @@ def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, Sema
         sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
         codes=arrays["codes"][rows],
     )
-    return gaussians, SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
 
 
 def ghosts_of(gaussians: Gaussians, head: SemanticHead) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from service.common.dictionary import UNDETECTED
 from service.splatting.initial import F32, project
+from service.splatting.losses import semantic_loss
 from service.splatting.views import TrainingView
 
 _MAX_AUTO_SIZE = 13
@@ -102,6 +104,19 @@ def class_weights(classes: int, undetected: float) -> Tensor:
     weights = torch.ones(classes)
     weights[UNDETECTED] = undetected
     return weights
+
+
+def label_loss(
+    codes: Tensor, parameters: Mapping[str, Tensor], labels: Tensor, valid: Tensor | None, class_weights: Tensor
+) -> Tensor:
+    """Weighted cross-entropy over valid pixels: the others get a class of weight 0 that no code can reach."""
+    weight, bias = parameters["weight"], parameters["bias"]
+    if valid is not None:
+        labels = torch.where(valid, labels.to(torch.int32), len(bias))
+        weight = torch.cat([weight, weight.new_zeros(1, weight.shape[1])])
+        bias = torch.cat([bias, bias.new_full((1,), -1e30)])
+        class_weights = torch.cat([class_weights, class_weights.new_zeros(1)])
+    return semantic_loss(codes, weight, bias, labels, class_weights)
 
 
 def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:

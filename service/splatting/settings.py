@@ -62,6 +62,11 @@ class TrainingSettings(BaseModel):
             and geometry are trained alone, then comes one look at the label maps. auto: codes.
         undetected_weight: what an undetected pixel weighs, in the cross-entropy and as evidence, where a labelled one
             has 1. In label maps that came with the capture a pixel without a label is as sure as any and weighs 1.
+        vote_at: share of a run at which the views agree on what was detected (`service.splatting.consensus`). Before it
+            colour and geometry are trained alone, after it codes as well; label maps that came with the capture need
+            no vote.
+        agreed_undetected_weight: as `undetected_weight`, once the views have agreed: what all of them missed is then
+            likelier to be nothing.
         code_size: numbers a Gaussian carries for its meaning; "auto" takes it from the number of labels.
         background: what shines through the scene in training: black, or a random colour a step, which leaves no holes.
         densify_from: share of the run at which Gaussians start to be relocated and added.
@@ -96,6 +101,8 @@ class TrainingSettings(BaseModel):
     semantic_every: int = Field(1, ge=1)
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
     undetected_weight: float = Field(0.1, ge=0, le=1)
+    vote_at: float = Field(0.5, ge=0, le=1)
+    agreed_undetected_weight: float = Field(0.3, ge=0, le=1)
     code_size: Literal["auto"] | int = "auto"
     background: Literal["black", "random"] = "black"
     densify_from: float = Field(0.03, ge=0, le=1)

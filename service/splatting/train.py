@@ -5,43 +5,48 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from service.capture.types import Capture
 from service.common.errors import InvalidInputError
 from service.common.progress import Progress, ProgressEvent
 from service.perception.types import Labelling
+from service.scene.evidence import posterior
 from service.scene.types import Gaussians, LabelMode
 from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
+from service.splatting.consensus import voted_maps
 from service.splatting.densify import planned_count
 from service.splatting.evidence import views_evidence
 from service.splatting.initial import scene_extent, start_gaussians, start_points
-from service.splatting.losses import image_loss, semantic_loss
+from service.splatting.losses import image_loss
 from service.splatting.memory import release_free_memory
 from service.splatting.quality import psnr, ssim
 from service.splatting.raster import Splats, device_of, rasterize, sh_to_rgb
-from service.splatting.result import color_parameters, final_scene, ghosts_of
+from service.splatting.result import color_parameters, final_scene, ghosts_of, present_gaussians
 from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
 from service.splatting.semantics import (
     class_weights,
     code_size,
+    label_loss,
     separated_codes,
     start_codes,
     start_head,
 )
 from service.splatting.settings import TrainingSettings
 from service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
+from service.splatting.threads import one_torch_thread
 from service.splatting.thrift import JUDGES, seen_weight, without_surplus
 from service.splatting.types import TrainedSplats, TrainingDivergedError
-from service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking
+from service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking, with_labels
 
+_AGREED = "agreed."
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
 
@@ -76,20 +81,8 @@ def train(
             f"{len(labelling.label_maps)} label maps for {len(capture.views)} views", field="labelling.label_maps"
         )
     device_of(settings.backend)  # at once, not after the images have been read
-    with _one_torch_thread():
+    with one_torch_thread():
         return _Run(capture, labelling, settings, progress, checkpoint_dir).finish()
-
-
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """The kernels have threads of their own. Torch's would make sums depend on their number, and its small loops slow
-    where other processes compete for the cores."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @dataclass(frozen=True)
@@ -115,6 +108,8 @@ class _Run:
         self.labels = len(labelling.dictionary) if labelling.label_maps else 0
         self.label_mode: LabelMode = "evidence" if settings.label_mode == "evidence" else "codes"
         self.undetected_weight = 1.0 if labelling.exact else settings.undetected_weight
+        self.regions = tuple(labelling.regions[index] for index in kept) if labelling.regions and self.labels else ()
+        self.expected, self.voted = labelling.expected, False
         self.device = device_of(settings.backend)
         self.class_weights = class_weights(self.labels + 1, self.undetected_weight).to(self.device)
         start = start_points(capture.points, capture.point_colors, self.views, settings.max_gaussians, settings.seed)
@@ -129,13 +124,17 @@ class _Run:
         )
         found = read_checkpoint(checkpoint_dir, self.fingerprint) if checkpoint_dir else None
         self.elapsed = found.elapsed_s if found else 0.0
+        size = code_size(self.labels, settings.code_size) if self.label_mode == "codes" else 0
+        self.class_codes = separated_codes(self.labels + 1, size, settings.seed)
         if found:
-            self.state = restored_state(found.tensors, found.iteration, self.device)
+            agreed = {name: found.tensors[name] for name in found.tensors if name.startswith(_AGREED)}
+            parameters = {name: value for name, value in found.tensors.items() if name not in agreed}
+            self.state = restored_state(parameters, found.iteration, self.device)
+            if agreed:
+                self._agree([agreed[f"{_AGREED}{index}"].numpy() for index in range(len(self.views))])
         else:
             gaussians = start_gaussians(start, self.extent)
-            size = code_size(self.labels, settings.code_size) if self.label_mode == "codes" else 0
-            class_codes = separated_codes(self.labels + 1, size, settings.seed)
-            weight, bias = start_head(class_codes)
+            weight, bias = start_head(self.class_codes)
             rest = (settings.max_sh_degree + 1) ** 2 - 1
             self.state = new_state(
                 {
@@ -145,7 +144,7 @@ class _Run:
                     "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
                     "sh_dc": torch.from_numpy(gaussians.sh_dc)[:, None, :],
                     "sh_rest": torch.zeros(self.start_count, rest, 3),
-                    "codes": start_codes(gaussians.means, self.views, class_codes),
+                    "codes": start_codes(gaussians.means, self.views, self.class_codes),
                     "weight": weight,
                     "bias": bias,
                 },
@@ -160,6 +159,7 @@ class _Run:
 
     def finish(self) -> TrainedSplats:
         self._optimise()
+        self._vote_if_due(1.0)
         trained, head = final_scene(self.state, self.settings.cull_opacity)
         gaussians = self._without_surplus(trained)
         quality = {
@@ -199,6 +199,7 @@ class _Run:
         share = run_share(self.state.iteration, self.elapsed, self.settings)
         self._report(share)
         while share < 1:
+            self._vote_if_due(share)
             self._step(share)
             now = time.monotonic()
             self.elapsed = now - begun
@@ -224,6 +225,7 @@ class _Run:
         view = self._view_of(iteration)
         frame = view.frames[image_level(share, settings)]
         semantic = self.label_mode == "codes" and self.labels > 0 and frame.labels is not None
+        semantic = semantic and (self.voted or not self.regions)
         semantic = semantic and iteration % settings.semantic_every == 0
         parameters = self.state.parameters
         opacities, scales = torch.sigmoid(parameters["logit_opacities"]), torch.exp(parameters["log_scales"])
@@ -236,7 +238,7 @@ class _Run:
         if not self.held_out and iteration % _PSNR_EVERY == 0:
             self.latest = psnr(rgb.detach(), target, frame.valid)
         if semantic and frame.labels is not None:
-            cross_entropy = _cross_entropy(codes, parameters, frame.labels, frame.valid, self.class_weights)
+            cross_entropy = label_loss(codes, parameters, frame.labels, frame.valid, self.class_weights)
             loss = loss + settings.semantic_weight * settings.semantic_every * cross_entropy
         if settings.opacity_decay:
             loss = loss + settings.opacity_decay * opacities.mean()
@@ -291,6 +293,34 @@ class _Run:
         generator = np.random.default_rng((self.settings.seed, 3, self.state.iteration))
         return torch.from_numpy(generator.uniform(size=3).astype(np.float32)).to(self.device)
 
+    def _vote_if_due(self, share: float) -> None:
+        """Lets the views agree on what was detected, once; in evidence mode as late as possible."""
+        due = 1.0 if self.label_mode == "evidence" else self.settings.vote_at
+        if self.voted or not self.regions or share < due:
+            return
+        settings = self.settings
+        maps, evidence = voted_maps(
+            present_gaussians(self.state),
+            self.views,
+            self.regions,
+            self.labels + 1,
+            expected=self.expected,
+            undetected_weight=settings.agreed_undetected_weight,
+            backend=settings.backend,
+        )
+        self._agree(maps)
+        if self.label_mode == "codes":
+            classes = torch.from_numpy(posterior(evidence, self.labels + 1).classes.astype(np.int64))
+            self.state.parameters["codes"].data.copy_(self.class_codes[classes])
+        release_free_memory()
+
+    def _agree(self, maps: Sequence[NDArray[np.integer]]) -> None:
+        self.voted = True
+        self.undetected_weight = self.settings.agreed_undetected_weight
+        self.class_weights = class_weights(self.labels + 1, self.undetected_weight).to(self.device)
+        named = [with_labels(view, labels) for view, labels in zip(self.views, maps, strict=True)]
+        self.views = tuple(view.to(self.device) for view in speaking(tuple(named)))
+
     def _densify(self, share: float) -> None:
         settings = self.settings
         if not settings.densify_from <= share <= settings.densify_until:
@@ -331,7 +361,13 @@ class _Run:
 
     def _checkpoint(self) -> None:
         assert self.checkpoint_dir is not None
-        checkpoint = Checkpoint(self.state.iteration, self.elapsed, self.state.tensors())
+        tensors = self.state.tensors()
+        if self.voted:
+            blank = torch.zeros(1, 1, dtype=torch.uint8)
+            for index, view in enumerate(self.views):
+                labels = view.frames[-1].labels
+                tensors[f"{_AGREED}{index}"] = blank if labels is None else labels.cpu()
+        checkpoint = Checkpoint(self.state.iteration, self.elapsed, tensors)
         write_checkpoint(checkpoint, self.checkpoint_dir, self.fingerprint)
 
     def _report(self, share: float) -> None:
@@ -354,16 +390,3 @@ class _Run:
             metrics["psnr"] = self.latest
         message = f"iteration {self.state.iteration}, {self.state.count} Gaussians"
         self.progress(ProgressEvent("training", share, message, metrics))
-
-
-def _cross_entropy(
-    codes: Tensor, parameters: Mapping[str, Tensor], labels: Tensor, valid: Tensor | None, class_weights: Tensor
-) -> Tensor:
-    """Weighted cross-entropy over valid pixels: the others get a class of weight 0 that no code can reach."""
-    weight, bias = parameters["weight"], parameters["bias"]
-    if valid is not None:
-        labels = torch.where(valid, labels.to(torch.int32), len(bias))
-        weight = torch.cat([weight, weight.new_zeros(1, weight.shape[1])])
-        bias = torch.cat([bias, bias.new_full((1,), -1e30)])
-        class_weights = torch.cat([class_weights, class_weights.new_zeros(1)])
-    return semantic_loss(codes, weight, bias, labels, class_weights)

@@ -16,7 +16,7 @@ from service.common.errors import InvalidInputError
 from service.perception.maps import clean_mask, paint, settle_masks
 from service.perception.storage import load_labelling, save_labelling
 from service.perception.text import open_text_encoder
-from service.perception.types import Detections, Labelling
+from service.perception.types import Detections, Labelling, Regions
 from service.perception.vocabulary import counted, finished, renamed, synonyms
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))
@@ -82,6 +82,17 @@ def test_kinds_with_few_pixels_become_undetected() -> None:
     np.testing.assert_array_equal(np.stack(labelling.label_maps), [[[1, 1, 1, 0]], [[0, 0, 0, 0]]])
 
 
+def test_a_name_that_was_asked_for_stays_while_a_region_is_called_so() -> None:
+    ids = np.array([[1, 1, 2]], np.uint16)
+    regions = [Regions(ids, (((1, 0.5), (3, 0.4)), ((2, 0.5),)))]
+    for expected, names in ((False, ["cup", "bed"]), (True, ["cup", "bed", "mug"])):
+        found = finished(["cup", "bed", "mug", "pan"], [ids], {}, min_pixels=1, regions=regions, expected=expected)
+        assert [entry.label for entry in found.dictionary.entries] == names and found.expected == expected
+        numbers = {name: found.dictionary.id_of(name) for name in names}
+        votes = [(numbers["cup"], 0.5)] + ([(numbers["mug"], 0.4)] if expected else [])
+        assert found.regions[0].votes == (tuple(votes), ((numbers["bed"], 0.5),))
+
+
 def test_given_dictionaries_keep_their_order_and_unused_names() -> None:
     labelling = counted(dictionary_of(["wall", "cup", "lamp"]), [np.array([[3, 3, 1]], np.uint16)])
     assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [
@@ -122,11 +133,15 @@ def test_what_is_saved_is_loaded(
 ) -> None:
     folder = tmp_path_factory.mktemp("labelling") / "labels"
     entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i) for i, name in enumerate(names))
-    labelling = Labelling(Dictionary(entries), tuple(maps), exact)
+    regions = tuple(Regions(m, (((2, 0.25), (1, 0.5)), (), ((3, 1.0),))) for m in maps[: len(maps) * exact])
+    labelling = Labelling(Dictionary(entries), tuple(maps), exact, regions, not exact)
     save_labelling(Labelling(Dictionary(()), ()), folder)
     save_labelling(labelling, folder)  # replaces the first
     loaded = load_labelling(folder)
-    assert loaded.dictionary == labelling.dictionary and loaded.exact == exact
+    assert loaded.dictionary == labelling.dictionary and (loaded.exact, loaded.expected) == (exact, not exact)
+    assert [view.votes for view in loaded.regions] == [view.votes for view in regions]
+    for before_ids, after_ids in zip(regions, loaded.regions, strict=True):
+        np.testing.assert_array_equal(before_ids.ids, after_ids.ids)
     assert len(loaded.label_maps) == len(maps)
     for before, after in zip(maps, loaded.label_maps, strict=True):
         np.testing.assert_array_equal(before, after)
@@ -134,14 +149,21 @@ def test_what_is_saved_is_loaded(
 
 
 def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:
-    labelling = Labelling(dictionary_of(["cup", "bed"]), (np.full((3, 4), 2, np.uint16),))
+    full = np.full((3, 4), 2, np.uint16)
+    labelling = Labelling(dictionary_of(["cup", "bed"]), (full,), regions=(Regions(full, (((1, 0.5),), ())),))
     with pytest.raises(InvalidInputError):
         load_labelling(tmp_path / "missing")
-    for damage in ("map", "id", "json"):
+    for damage in ("map", "id", "json", "regions", "votes"):
         folder = tmp_path / damage
         save_labelling(labelling, folder)
         if damage == "map":
             (folder / "000000.png").write_bytes((folder / "000000.png").read_bytes()[:20])
+        elif damage == "regions":
+            (folder / "regions-000000.png").unlink()
+        elif damage == "votes":
+            index = json.loads((folder / "dictionary.json").read_text())
+            index["votes"][0][0][0][0] = 3
+            (folder / "dictionary.json").write_text(json.dumps(index))
         elif damage == "id":
             index = json.loads((folder / "dictionary.json").read_text())
             index["entries"].pop()

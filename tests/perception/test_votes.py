@@ -10,7 +10,7 @@ from service.common.dictionary import label_key
 from service.perception.boxes import box_iou, suppress
 from service.perception.settings import PerceptionSettings
 from service.perception.types import Detections
-from service.perception.votes import one_name_each, settle
+from service.perception.votes import one_name_each, settle, votes_for
 
 _SETTINGS = PerceptionSettings()
 _BOX, _ASIDE = (10, 10, 50, 50), (100, 100, 140, 140)
@@ -119,3 +119,13 @@ def test_suppression_keeps_the_best_and_covers_the_rest(view: Detections, iou: f
     for row in set(range(len(view))) - set(kept.tolist()):
         assert any(overlap[row, k] > iou and view.scores[k] >= view.scores[row] for k in kept)
     assert list(view.scores[kept]) == sorted(view.scores[kept], reverse=True)
+
+
+def test_what_a_thing_was_also_called_in_its_place_is_a_vote() -> None:
+    ids = {"cup": 1, "mug": 2, "bed": 3}
+    near = (11, 10, 50, 50)
+    likely = _view(
+        ("cup", 0.5, _BOX), ("mug", 0.75, near), ("mug", 0.25, _BOX), ("bed", 0.9, _ASIDE), ("doll", 1, _BOX)
+    )
+    assert votes_for(likely.take([0, 3]), likely, ids, 0.7) == [{1: 0.5, 2: 0.75}, {3: np.float32(0.9)}]
+    assert votes_for(likely.take([]), likely, ids, 0.7) == []
