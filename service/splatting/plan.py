@@ -26,7 +26,7 @@ _STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_RUNG, _GAUSSIANS_RUNG, _RUNGS = 0.84, 0.72, 14
 _FLAT_FROM_RUNG = 4
-_PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 4
+_PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
 _LEAST_SHARE = 0.1  # of the budget is optimised, however little is left beside loading and writing
 
 
@@ -107,7 +107,7 @@ def plan_views(
         view_s: seconds a view.
 
     Returns:
-        The number of views, 4 at least where there are so many; and what was given up, in words.
+        The number of views, 3 at least where there are so many; and what was given up, in words.
     """
     wanted = min(wanted or views, views)
     fit = math.floor((_PERCEPTION_SHARE * time_budget_s - overhead_s) / max(view_s, 1e-9))

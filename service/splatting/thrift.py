@@ -41,8 +41,9 @@ class Thrift:
 
 @torch.no_grad()
 def seen_weight(gaussians: Gaussians, views: tuple[TrainingView, ...], backend: Backend = "cpu") -> NDArray[np.float64]:
-    """[G]: Σ_views Σ_pixels w, the pixels that a Gaussian fills in the views' smallest size (Mini-Splatting, Fang and
-    Wang 2024, ranks by it); what fills none is never seen."""
+    """[G]: max_views Σ_pixels w, the pixels that a Gaussian fills in the view that shows it best, at the views'
+    smallest size; what fills none is never seen. (Mini-Splatting, Fang and Wang 2024, ranks by the sum over views,
+    which would take first what few views see.)"""
     device = device_of(backend)
     splats = Splats(
         torch.from_numpy(gaussians.means).to(device),
@@ -51,12 +52,13 @@ def seen_weight(gaussians: Gaussians, views: tuple[TrainingView, ...], backend: 
         torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)).to(device),
         torch.zeros(len(gaussians), 1, device=device),
     )
-    total = np.zeros(len(gaussians))
+    most = np.zeros(len(gaussians))
     for view in views:
         camera = view.frames[0].camera
         ones = torch.ones(camera.height, camera.width, 1, device=device)
-        total += blend_sums(splats, view.viewmat, camera, ones, backend=backend)[:, 0].double().cpu().numpy()
-    return total
+        filled = blend_sums(splats, view.viewmat, camera, ones, backend=backend)[:, 0].double().cpu().numpy()
+        most = np.maximum(most, filled)
+    return most
 
 
 def without_surplus(gaussians: Gaussians, weight: NDArray[np.float64], quality: Quality, allowed_db: float) -> Thrift:

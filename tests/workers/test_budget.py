@@ -86,7 +86,7 @@ def test_a_budget_that_perception_has_used_up_still_trains_and_says_so(tmp_path:
 
 def test_given_label_maps_and_few_views_need_no_trial_of_perception(tmp_path: Path) -> None:
     job = _job(tmp_path, SceneOptions(time_budget_s=5.0))
-    settings, given_up = plan_perception(job, _capture(4), time.monotonic(), silent)
+    settings, given_up = plan_perception(job, _capture(3), time.monotonic(), silent)
     assert settings == job.settings.perception and given_up == ()
     unposed = dataclasses.replace(job, options=SceneOptions())
     assert plan_perception(unposed, _capture(40), time.monotonic(), silent) == (job.settings.perception, ())
