@@ -7,6 +7,7 @@ import logging
 import math
 import signal
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from service.settings import Settings
 
 _log = logging.getLogger(__name__)
 
+_TURN_S = 0.001  # so long a computing thread may keep the event loop, and with it /livez, waiting
 _MAX_REQUEST_HEAD = 2**18  # so that a question of 100 kB in a URL gets an answer that says what is wrong with it
 
 
@@ -55,6 +57,7 @@ def run(settings: Settings) -> None:
         await serve(service, settings, stop)
 
     check_exposure(settings)
+    sys.setswitchinterval(_TURN_S)
     with open_service(settings) as service:
         if settings.auth == "on" and service.admin.keys.ensure_first(settings.first_key):
             _log.info("the first key is in %s", settings.first_key)

@@ -15,12 +15,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import grpc
 import httpx
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from api.server import _listen, serve
+from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from service.calls.service import SceneService, open_service
 from service.common.errors import ResourceError
 from service.settings import Settings
@@ -149,15 +151,16 @@ _SERVE = """
 import logging, sys, time
 from pathlib import Path
 from api.server import run
+from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from service.calls.service import SceneService, open_service
 from service.settings import Settings
 logging.basicConfig(level=logging.INFO)
 def slow(self, scene_id):
     print("BEGUN", flush=True)
-    time.sleep(3.0)
+    time.sleep(4.0)
     return real(self, scene_id)
 real, SceneService.get_scene = SceneService.get_scene, slow
-run(Settings(data_dir=Path(sys.argv[1]), http_port=0, grpc_port=0, metrics_port=0, auth="off", drain_notice_s=1.0))
+run(Settings(data_dir=Path(sys.argv[1]), http_port=0, grpc_port=0, metrics_port=0, auth="off", drain_notice_s=1.5))
 print("STOPPED", flush=True)
 """
 
@@ -185,12 +188,20 @@ def test_a_signal_lets_running_calls_finish(tmp_path: Path, number: signal.Signa
             target=lambda: answers.append(httpx.get(f"http://127.0.0.1:{port}/v1/scenes/none", timeout=30).status_code)
         )
         asking.start()
-        assert process.stdout.readline() == "BEGUN\n"
-        process.send_signal(number)
-        _wait_for(lambda: "about to stop" in httpx.get(f"http://127.0.0.1:{port}/readyz").text)
-        assert httpx.get(f"http://127.0.0.1:{port}/livez").status_code == 200
-        asking.join(30)
-        assert answers == [404]
+        with grpc.insecure_channel(f"127.0.0.1:{match[2]}") as channel:
+            over_grpc = fastsplat_pb2_grpc.SceneServiceStub(channel).GetScene.future(
+                fastsplat_pb2.GetSceneRequest(scene_id="none")
+            )
+            for _ in range(2):
+                assert process.stdout.readline() == "BEGUN\n"
+            process.send_signal(number)
+            _wait_for(lambda: "about to stop" in httpx.get(f"http://127.0.0.1:{port}/readyz").text)
+            assert httpx.get(f"http://127.0.0.1:{port}/livez").status_code == 200
+            check = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest())
+            assert check.status == health_pb2.HealthCheckResponse.NOT_SERVING
+            asking.join(30)
+            assert answers == [404]
+            assert over_grpc.exception(30).code() == grpc.StatusCode.NOT_FOUND
         assert process.stdout.readline() == "STOPPED\n"
         assert process.wait(30) == 0
         with pytest.raises(httpx.ConnectError):
