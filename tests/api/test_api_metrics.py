@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.service import SceneService
+from service.calls.service import SceneService, open_service
 from service.common.errors import NotFoundError
 from service.limits import LimitSettings
 from service.settings import Settings
@@ -74,7 +75,13 @@ def test_refusals_and_both_faces_are_counted(service: SceneService, api_settings
         assert figures["fastsplat_compute_seconds_count", "/fastsplat.v1.SceneService/ListScenes"] == 1
 
 
-def test_jobs_and_the_seconds_of_their_stages_are_told(service: SceneService, api_settings: Settings) -> None:
+def test_jobs_and_the_seconds_of_their_stages_are_told(api_settings: Settings, tmp_path: Path) -> None:
+    settings = api_settings.model_copy(update={"data_dir": tmp_path})
+    with open_service(settings) as service:
+        _watch_jobs(service, settings)
+
+
+def _watch_jobs(service: SceneService, settings: Settings) -> None:
     store = service._store
 
     def job(number: int) -> str:
@@ -82,7 +89,7 @@ def test_jobs_and_the_seconds_of_their_stages_are_told(service: SceneService, ap
         store.rows.admit(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
         return f"o{name}"
 
-    with served(service, api_settings) as faces:
+    with served(service, settings) as faces:
         before = _figures(faces)
         first, _second = job(1), job(2)
         claim = store.jobs.claim(first)
