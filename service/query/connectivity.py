@@ -17,24 +17,51 @@ _NEIGHBOURS = 8
 _REACH = 1.0
 _WIDEST = 4.0
 _SPACINGS = 2.0
+_CELL = 0.5
+_CELLS = 1 << 20
 _CHUNK = 1 << 16
 
 
 def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.int32]:
     """int32 [K], the component of each of the Gaussians `members` [K], 0 ≤ component.
 
-    Each is held against its eight nearest: two touch where their centres are no further apart than the sum of
-    their standard deviations along the line between them, or than twice the usual distance to the nearest neighbour.
-    Standard deviations count up to four times the usual largest one, so that no giant bridges two things. Work and
-    memory are linear in K but for the tree.
+    Those within a cell of half the usual standard deviation are one; the widest stands for them, so that a dense clump
+    has neighbours other than its own. Each of these is held against its eight nearest: two touch where their centres
+    are no further apart than the sum of their standard deviations along the line between them, or than twice the usual
+    distance to the nearest neighbour. Standard deviations count up to four times the usual largest one, so that no
+    giant bridges two things. Work and memory are linear in K but for sorting and the tree.
     """
-    count = len(members)
+    if not len(members):
+        return np.zeros(0, dtype=np.int32)
+    scales = np.exp(gaussians.log_scales[members].astype(np.float64))
+    usual = float(np.median(scales.max(axis=1)))
+    np.minimum(scales, _WIDEST * usual, out=scales)
+    cell, chosen = _cells(gaussians.means[members].astype(np.float64), scales.max(axis=1), _CELL * usual)
+    return _joined(
+        gaussians.means[members[chosen]].astype(np.float64),
+        scales[chosen],
+        _rotations(gaussians.quats[members[chosen]]),
+    )[cell]
+
+
+def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which occupied cell each of the points [K, 3] is in, and the widest point of each cell."""
+    offsets = means - means.min(axis=0)
+    size = max(size, float(offsets.max()) / _CELLS, np.finfo(np.float64).tiny)
+    x, y, z = (offsets / size).astype(np.int64).T
+    keys = (x << 42) | (y << 21) | z
+    order = np.lexsort((-widths, keys))
+    first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    cell = np.empty(len(keys), dtype=np.int64)
+    cell[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(keys)))
+    return cell, order[first]
+
+
+def _joined(means: F64, scales: F64, turns: F64) -> NDArray[np.int32]:
+    """int32 [K] components of K Gaussians at different places."""
+    count = len(means)
     if count < 2:
         return np.zeros(count, dtype=np.int32)
-    means = gaussians.means[members].astype(np.float64)
-    scales = np.exp(gaussians.log_scales[members].astype(np.float64))
-    np.minimum(scales, _WIDEST * np.median(scales.max(axis=1)), out=scales)
-    turns = _rotations(gaussians.quats[members])
     tree = cKDTree(means)
     spacing = _usual_spacing(tree, means)
     edges: list[NDArray[np.int64]] = []

@@ -85,6 +85,23 @@ def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
     assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).objects) == 2
 
 
+def test_dense_clumps_hang_together_with_what_they_touch(opened: Open) -> None:
+    scene = scene_of([replace(MUG, count=1200)])
+    means = scene.gaussians.means.copy()
+    rng = np.random.default_rng(0)
+    means[300:] = np.repeat(means[:30], 30, axis=0) + rng.normal(0, 1e-5, (900, 3))  # each has neighbours of its own
+    gaussians = replace(scene.gaussians, means=means, log_scales=scene.gaussians.log_scales + np.float32(np.log(2)))
+    assert len(opened(replace(scene, gaussians=gaussians)).objects) == 1
+
+
+def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
+    scene = scene_of([replace(MUG, count=20_000)])
+    gaussians = replace(scene.gaussians, means=np.ones_like(scene.gaussians.means))
+    (mug,) = opened(replace(scene, gaussians=gaussians)).objects
+    assert mug.gaussian_count == 20_000
+    np.testing.assert_allclose(mug.box_size, 0, atol=1e-6)
+
+
 def test_what_is_almost_transparent_or_not_finite_belongs_to_nothing(opened: Open) -> None:
     scene = scene_of([MUG])
     logit_opacities = scene.gaussians.logit_opacities.copy()
