@@ -29,7 +29,7 @@ from service.store.engine import IDLE_TRANSACTION_S, resolve_url
 from service.store.jobs import FencedError
 from workers.janitor import clean
 from workers.supervisor import DONE, StoppingError, Supervisor
-from workers.sweep import Pulse, sweep
+from workers.sweep import Pulse, kill_frozen, sweep
 
 logger = logging.getLogger(__name__)
 
@@ -66,6 +66,9 @@ def start(worker: Worker) -> None:
     """Launch the engine in this process and begin to take jobs; returns at once."""
     global _worker
     _worker = worker
+    jobs = worker.settings.jobs
+    # Before anything that writes: a frozen worker may hold the lock that a write waits for.
+    _start_thread(worker, "frozen", _kill_frozen, jobs.beat_s)
     worker.pulse.beat()
     url = resolve_url(worker.settings.data_dir, worker.settings.database_url, sqlite_name="jobs.sqlite")
     if url.get_backend_name() == "sqlite" and url.database:
@@ -89,14 +92,13 @@ def start(worker: Worker) -> None:
         polling_interval_sec=worker.settings.jobs.poll_s,
         on_conflict="always_update",
     )
-    jobs = worker.settings.jobs
     for name, act, pause in (
         ("dispatch", _dispatch, jobs.poll_s),
         ("beat", _beat, jobs.beat_s),
         ("sweep", _sweep, jobs.beat_s),
         ("janitor", _clean, _JANITOR_S),
     ):
-        threading.Thread(target=_forever, args=(worker, act, pause), name=name, daemon=True).start()
+        _start_thread(worker, name, act, pause)
 
 
 def stop(worker: Worker, patience_s: float = 15.0) -> None:
@@ -175,6 +177,10 @@ def _this_worker() -> Worker:
     return _worker
 
 
+def _start_thread(worker: Worker, name: str, act: Callable[[Worker], None], pause: float) -> None:
+    threading.Thread(target=_forever, args=(worker, act, pause), name=name, daemon=True).start()
+
+
 def _forever(worker: Worker, act: Callable[[Worker], None], pause: float) -> None:
     while True:
         try:
@@ -205,6 +211,10 @@ def _share_log() -> None:
 
 def _beat(worker: Worker) -> None:
     worker.pulse.beat()
+
+
+def _kill_frozen(worker: Worker) -> None:
+    kill_frozen(worker.store, worker.executor_id, worker.settings.jobs.stale_s)
 
 
 def _sweep(worker: Worker) -> None:

@@ -256,8 +256,9 @@ class Supervisor:
         return Job(operation.id, self._claim.attempt, upload, folder, options, self._settings)
 
     def _last_stage(self) -> str:
-        started = [stage for stage in STAGES if stage in self._rows]
-        return started[-1] if started else STAGES[0]
+        """The stage in which the last attempt ended: the first whose result is not there."""
+        folder = self._store.blobs.job(self._claim.operation.id)
+        return next((stage for stage in STAGES if not (folder / stage).is_dir()), STAGES[-1])
 
     def _log(self) -> Path:
         return self._store.blobs.log(self._claim.operation.id)

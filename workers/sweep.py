@@ -54,8 +54,18 @@ class Pulse:
         return now - self._beat_at < self._stale_s / 2 and now - self._steady_since > self._stale_s
 
 
+def kill_frozen(store: Store, executor_id: str, stale_s: float) -> None:
+    """Kill the silent workers of this machine that are stopped; reads the database only."""
+    here, now = machine(), time.time()
+    for worker in store.jobs.workers():
+        if worker.executor_id == executor_id or worker.host != here or not worker.silent(stale_s, now):
+            continue
+        if process_state(worker.pid, worker.started_at) == "T":
+            _kill(worker)
+
+
 def sweep(store: Store, executor_id: str, stale_s: float, *, judge: bool) -> None:
-    """Kill the frozen, and queue the work of the dead again.
+    """Queue the work of the dead again.
 
     Args:
         store: where the beats are.
@@ -70,11 +80,8 @@ def sweep(store: Store, executor_id: str, stale_s: float, *, judge: bool) -> Non
     others = [worker for worker in store.jobs.workers() if worker.executor_id != executor_id]
     dead: set[str] = set()
     for worker in others:
-        silent = worker.silent(stale_s, now)
-        state = process_state(worker.pid, worker.started_at) if worker.host == here else "?"
-        if silent and state == "T":
-            _kill(worker)
-        elif not state or not worker.beat_at or (silent and judge):
+        over = worker.host == here and not process_state(worker.pid, worker.started_at)
+        if over or not worker.beat_at or (judge and worker.silent(stale_s, now)):
             dead.add(worker.executor_id)
     if judge:
         # A worker that was buried and comes back beats soon; work that nobody owns for longer is lost.

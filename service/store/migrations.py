@@ -50,6 +50,8 @@ def migrate(engine: Engine, steps: Sequence[Step] = STEPS) -> None:
         DBAPIError: the database does not answer.
     """
     newest = _FIRST + len(steps)
+    if _is_new(engine, newest):
+        return  # without the write lock, which somebody may hold for long
     with engine.begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
@@ -81,6 +83,12 @@ def add_index(connection: Connection, index: Index) -> None:
     assert index.table is not None
     if inspect(connection).has_table(index.table.name):
         index.create(connection)
+
+
+def _is_new(engine: Engine, newest: int) -> bool:
+    with engine.execution_options(read_only=True).connect() as connection:
+        tables = set(inspect(connection).get_table_names())
+        return set(metadata.tables) <= tables and connection.scalar(select(_schema_version.c.version)) == newest
 
 
 def _version(connection: Connection, newest: int) -> int:

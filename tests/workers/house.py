@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,12 +24,17 @@ from service.calls.service import SceneService, open_service
 from service.calls.types import Operation, SceneOptions
 from service.capture.settings import CaptureSettings
 from service.capture.types import AdmittedUpload
+from service.common.progress import STAGES
 from service.settings import JobSettings, Settings
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _WORKER = """
+import os
 import workers.sweep
+from workers.lifeline import PARENT_VARIABLE, die_with_parent
+if PARENT_VARIABLE in os.environ:
+    die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from cli.logs import log_to_stderr
 from service.settings import load_settings
 from workers.main import run
@@ -76,10 +81,11 @@ class House:
         """What a worker process runs."""
         return _WORKER.format(elsewhere=elsewhere)
 
-    def start_api(self) -> subprocess.Popen[bytes]:
+    def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
         api = self._start([sys.executable, "-m", "cli.main", "api"])
-        self.wait_for(lambda: _answers(f"{self.http}/livez"))
+        if wait:
+            self.wait_for(lambda: _answers(f"{self.http}/livez"))
         return api
 
     def environment(self) -> dict[str, str]:
@@ -138,6 +144,12 @@ class House:
         """Process id of the trainer once it entered a stage of a job for the nth time."""
         self.wait_for(lambda: len(self.visits(stage, operation)) >= visit)
         return self.visits(stage, operation)[visit - 1].pid
+
+    def orderly(self, operation: Operation) -> bool:
+        """Whether a job's stages ran one after the other, each again only in a later attempt than before."""
+        path = [visit for stage in STAGES for visit in self.visits(stage, operation)]
+        attempts = [visit.attempt for visit in path]
+        return {visit.stage for visit in path} == set(STAGES) and attempts == sorted(attempts)
 
     def freeze(self, worker: subprocess.Popen[bytes]) -> None:
         """Stop a worker between two transactions."""
@@ -207,6 +219,16 @@ class House:
         )
         self._processes.append(process)
         return process
+
+
+def children(parent: subprocess.Popen[bytes]) -> list[int]:
+    """Ids of the processes that one has started itself."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            if int(path.read_text().rsplit(")", 1)[1].split()[1]) == parent.pid:
+                found.append(int(path.parent.name))
+    return found
 
 
 def kill(*processes: subprocess.Popen[bytes]) -> None:
