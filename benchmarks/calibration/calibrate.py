@@ -8,7 +8,7 @@ judge them:
   exact: the highest score that a pair which is not exact reaches, because an encoder of sentences puts "toast" as near
     to "toaster" as another name of it.
 Probabilities and label sets come from `scenes.txt`, by scene: of four in a row, the first fits the two logistic models
-(Platt's scaling), the second and third give the conformal scores, the fourth judges.
+(Platt's scaling) and the temperature, the second and third give the conformal scores, the fourth judges.
 `--templates` compares prompt templates and both scores instead of writing anything.
 """
 
@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from service.common.dictionary import dictionary_of
@@ -86,7 +86,8 @@ def measure(
         values = np.array([_scores(name, cache, [pair.label], [pair.query], against)[0, 0] for pair in pairs])
         related, exact, figures = _thresholds(pairs, values)
         asked = ask_scenes(name, cache, against)
-        calibration = fit(asked, related, exact)
+        temperature = _temperature(asked if name == "relevancy" else ask_scenes("relevancy", cache, against))
+        calibration = fit(asked, related, exact, temperature)
         results[name] = (calibration, figures | judge(asked, calibration))
     return results
 
@@ -98,7 +99,7 @@ def ask_scenes(name: Score, cache: TextCache, against: NDArray[np.float32]) -> l
     ]
 
 
-def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibration:
+def fit(asked: Sequence[Asked], related: float, exact: float, temperature: float) -> ScoreCalibration:
     """The logistic models from every fourth scene, the conformal scores from the two that follow it."""
     fitting = [question for question in asked if question.scene % 4 == 0 and not question.named]
     best = np.array([question.scores.max() for question in fitting])
@@ -116,9 +117,25 @@ def fit(asked: Sequence[Asked], related: float, exact: float) -> ScoreCalibratio
         entry=Logistic(score=entry[0], lead=entry[1], offset=entry[2]),
         present=Logistic(score=present[0], offset=present[1]),
         background=background,
+        temperature=temperature,
         scenes=(),
     )
     return models.model_copy(update={"scenes": conformal_scenes(asked, models, (1, 2))})
+
+
+def _temperature(asked: Sequence[Asked]) -> float:
+    """The t of σ(t·margin) that makes the fitting scenes' judgements likeliest; `asked` holds margins."""
+    signed = [
+        (margin if row in question.first else -margin)
+        for question in asked
+        if question.scene % 4 == 0 and not question.named
+        for row, margin in enumerate(question.scores.tolist())
+        if row not in question.also
+    ]
+    found = minimize_scalar(
+        lambda t: np.logaddexp(0.0, -t * np.array(signed)).mean(), bounds=(0, 1000), method="bounded"
+    )
+    return round(float(found.x), 2)
 
 
 def conformal_scenes(

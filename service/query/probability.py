@@ -34,6 +34,7 @@ class ScoreCalibration(BaseModel):
         entry: probability that who asks accepts the entry.
         present: probability that anything in the dictionary answers, of its best score.
         background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.
+        temperature: t by which relevancy σ(t·margin) comes nearest to the probability that an entry is accepted.
         scenes: for each calibration scene its questions' nonconformities, for `nonconformity_bound`.
     """
 
@@ -44,6 +45,7 @@ class ScoreCalibration(BaseModel):
     entry: Logistic
     present: Logistic
     background: float
+    temperature: float
     scenes: tuple[tuple[float, ...], ...]
 
 

@@ -25,7 +25,7 @@ from service.query.probability import (
     nonconformity_bound,
     present_probability,
 )
-from service.query.relevancy import Entries, entries, score
+from service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
 from service.query.settings import QuerySettings
 from service.query.types import Answer, Match, Verdict
 from service.scene.types import Scene
@@ -47,6 +47,7 @@ class _Prompted:
     measured: ScoreCalibration | None
     related: float | None
     exact: float
+    temperature: float
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class Ranker:
         kept = chosen.templates if templates is None else tuple(templates)
         prompted = self._prompts(chosen.negatives if negatives is None else tuple(negatives), kept)
         queries = self._cache.embed([noun_phrase(text) for text in texts], kept)
-        scores = score(prompted.entries, queries, chosen.temperature)
+        scores = score(prompted.entries, queries, prompted.temperature)
         if chosen.score == "similarity":
             primary, second = scores.similarity, scores.margin
         else:
@@ -243,12 +244,16 @@ class Ranker:
         if measured is not None:
             related = measured.related if related is None else related
             exact = measured.exact if exact is None else exact
+        temperature = chosen.temperature
+        if temperature is None:
+            temperature = LERF_TEMPERATURE if measured is None else measured.temperature
         return _Prompted(
             entries(np.ascontiguousarray(labels), against),
             negatives,
             measured,
             related,
             _NOWHERE if exact is None or related is None else exact,
+            temperature,
         )
 
 

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
+LERF_TEMPERATURE = 10.0
+"""Kerr et al. 2023, section 3.3."""
+
 
 @dataclass(frozen=True)
 class Entries:

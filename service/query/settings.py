@@ -20,8 +20,9 @@ class QuerySettings(BaseModel):
 
     negatives: Annotated[tuple[str, ...], Field(min_length=1)] = ("object", "things", "stuff", "texture")
     """Canonical negatives (LERF)."""
-    temperature: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 10.0
-    """t of the pairwise softmax (LERF)."""
+    temperature: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    """t of the pairwise softmax (LERF). None takes the encoder's calibrated one, by which relevancy comes nearest to a
+    probability, or LERF's 10 for an encoder without."""
     templates: Annotated[tuple[Annotated[str, AfterValidator(_one_slot)], ...], Field(min_length=1)] = (
         "{}",
         "a photo of a {}",

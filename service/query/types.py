@@ -53,8 +53,8 @@ class Answer:
         probability: calibrated probability, 0..1, that the verdict is right: for `exact` and `related` that the leading
             entry answers, for `absent` that nothing here does. None: the encoder was not calibrated with these
             prompts.
-        label_set: label ids that together answer with probability `coverage` at least, likeliest first; id 0 in it
-            says that perhaps nothing here answers. Empty if the encoder was not calibrated.
+        label_set: label ids of which one at least answers, with probability `coverage` or more; likeliest first. Id 0
+            in it stands for "nothing here": alone, that is as good as sure. Empty if the encoder was not calibrated.
         coverage: the coverage that was asked for, 0..1 (split conformal prediction; the unit is a question to a scene
             of its own). None: the encoder was not calibrated with these prompts, so nothing is promised.
         decided_by: `name`: the hash table knew the name; `score`: the verdict comes from `threshold`.

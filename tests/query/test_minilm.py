@@ -191,6 +191,18 @@ def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEnc
     assert index.ask(["fork"])[0] == usual
 
 
+def test_the_temperature_is_the_encoders_own_unless_set(ask: Ask) -> None:
+    usual, lerf = ask(KITCHEN, "fork"), ask(KITCHEN, "fork", temperature=10.0)
+
+    def logit(relevancy: float) -> float:
+        return float(np.log(relevancy / (1 - relevancy)))
+
+    ratios = [logit(a.relevancy) / logit(b.relevancy) for a, b in zip(usual.matches, lerf.matches, strict=True)]
+    np.testing.assert_allclose(ratios, ratios[0], rtol=1e-6)
+    assert 1.5 < ratios[0] < 3.5  # MiniLM's cosines lie closer together than those of LERF's CLIP
+    assert [match.probability for match in usual.matches] == [match.probability for match in lerf.matches]
+
+
 def test_a_name_is_certain(ask: Ask) -> None:
     answer = ask(KITCHEN, "the knives")
     assert answer.probability == 1.0 == answer.matches[0].probability

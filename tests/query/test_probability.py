@@ -22,6 +22,7 @@ from service.query.probability import (
 
 CALIBRATION = ScoreCalibration(
     related=0.4,
+    temperature=20.0,
     exact=0.9,
     entry=Logistic(score=15.0, lead=8.0, offset=-8.0),
     present=Logistic(score=29.0, offset=-12.5),
