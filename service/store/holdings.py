@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy import BigInteger, Column, Connection, Engine, String, Table, delete, func, insert, select
+from sqlalchemy import BigInteger, Column, Connection, Engine, String, Table, delete, func, insert, select, text
 
 from service.store.rows import transaction
 from service.store.schema import metadata, operations, scenes
+
+_LOCK_SPACE = 0x484F4C44  # any number, the same for all processes that open one PostgreSQL database
 
 _holdings = Table(
     "holdings",
@@ -46,11 +48,13 @@ class HoldingRows:
 def take(connection: Connection, owner: str, scene_id: str, size: int) -> Held:
     """Within the transaction that makes a scene: book it on its owner. Returns what the owner then holds.
 
-    One owner's scenes are made one after the other (by SQLite's lock, or that of the owner's other rows), so that two
-    of them cannot both be the last that a quota allows.
+    One owner's scenes are made one after the other, so that two of them cannot both be the last that a quota allows:
+    SQLite's writers are alone anyway, PostgreSQL's take a lock in the owner's name.
     """
+    if connection.dialect.name == "postgresql":
+        name = {"space": _LOCK_SPACE, "owner": owner}
+        connection.execute(text("SELECT pg_advisory_xact_lock(:space, hashtext(:owner))"), name)
     connection.execute(delete(_holdings).where(_holdings.c.scene_id.not_in(select(scenes.c.id))))
-    connection.execute(select(_holdings.c.scene_id).where(_holdings.c.owner == owner).with_for_update()).all()
     connection.execute(insert(_holdings).values(scene_id=scene_id, owner=owner, bytes=size))
     return _held(connection, owner)
 

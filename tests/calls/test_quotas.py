@@ -19,15 +19,18 @@ from service.settings import Settings
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[Callable[..., SceneService]]:
+def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneService]]:
     services: list[SceneService] = []
 
     def admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
         return AdmittedUpload(folder, "images", 2)
 
     def open_with(**quotas: Any) -> SceneService:
-        services.append(open_service(Settings(data_dir=tmp_path, quotas=QuotaSettings(**quotas)), admit))
+        services.append(open_service(settings(quotas), admit))
         return services[-1]
+
+    def settings(quotas: dict[str, Any]) -> Settings:
+        return Settings(data_dir=tmp_path, database_url=database_url, quotas=QuotaSettings(**quotas))
 
     yield open_with
     for service in services:
