@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import TypeVar
 
 from google.protobuf import empty_pb2
 
@@ -29,9 +30,11 @@ from api.threads import Threads
 from fastsplat.v1 import fastsplat_pb2 as pb
 from fastsplat.v1 import fastsplat_pb2_grpc as pb_grpc
 from service.calls.service import SceneService
-from service.common.errors import InvalidInputError
+from service.common.errors import CancelledError, InvalidInputError
 
+M = TypeVar("M")
 _POLL_S = 0.25
+_NEWS_S = 0.05
 _LONGEST_WAIT_S = 300.0
 
 
@@ -48,7 +51,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Upload a capture and queue its training."""
         async with guarded(context, "CreateScene"):
             operation = await self._threads.consume(
-                aiter(request_iterator), lambda messages: receive_scene(self._service, messages)
+                _whole(request_iterator, context), lambda messages: receive_scene(self._service, messages)
             )
             return operation_out(operation)
 
@@ -253,3 +256,14 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 yield pb.Chunk(data=data)
         finally:
             file.close()
+
+
+async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:
+    """The client's messages. Of a call that was cancelled gRPC reads an end like any other, sometimes before the news
+    of the cancellation; what has arrived then must not pass for the whole."""
+    async for message in messages:
+        yield message
+    await asyncio.sleep(_NEWS_S)
+    left = context.time_remaining()
+    if context.done() or (left is not None and left <= 0):
+        raise CancelledError("the sender went away")

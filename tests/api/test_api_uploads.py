@@ -133,8 +133,15 @@ def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneServic
 
 def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneService) -> None:
     files = _photos(3)
-    operation = faces.rpc.CreateScene(_messages(files, name="my room", labels=["mug"], time_budget_s=60))
+    choices = {"labels": ["mug"], "time_budget_s": 60, "preset": "best", "priority": -2}
+    operation = faces.rpc.CreateScene(_messages(files, name="my room", **choices))
     assert operation.state == pb.OPERATION_STATE_QUEUED and not operation.done
+    record = service._store.rows.operation(operation.id)
+    assert (record.options["preset"], record.priority, record.options["labels"]) == ("best", -2, ["mug"])
+    for choice in ({"preset": "huge"}, {"priority": 101}):
+        with pytest.raises(grpc.RpcError) as caught:
+            faces.rpc.CreateScene(_messages(files, **choice))
+        assert rpc_refusal(caught.value).details["field"] in choice
     assert _same_bytes(service, operation.id, files)
     watched = faces.rpc.WatchOperation(pb.WatchOperationRequest(operation_id=operation.id))
     assert next(watched).state == pb.OPERATION_STATE_QUEUED
