@@ -66,6 +66,7 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
         "FASTSPLAT_GRPC_PORT": str(grpc),
         "FASTSPLAT_METRICS_PORT": str(metrics),
         "FASTSPLAT_HOST": "127.0.0.1",  # a container has a network of its own; here it is this machine's
+        "FASTSPLAT_METRICS_HOST": "127.0.0.1",
     }
     if not given:
         with _running(images["models"], "models", {}, data, models, folder, writable_models=True) as fetch:
