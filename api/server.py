@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import uvicorn
 from fastapi import FastAPI
 
-from api.auth import check_exposure
+from api.auth import check_exposure, is_loopback
 from api.doors import open_doors
 from api.grpc.server import start_server
 from api.health import Readiness
@@ -59,6 +59,8 @@ def run(settings: Settings) -> None:
     check_exposure(settings)
     sys.setswitchinterval(_TURN_S)
     with open_service(settings) as service:
+        if not is_loopback(settings.host) and settings.tls_cert is None:
+            _log.warning("on %s, keys and pictures travel unencrypted; see FASTSPLAT_TLS_CERT", settings.host)
         if settings.auth == "on" and service.admin.keys.ensure_first(settings.first_key):
             _log.info("the first key is in %s", settings.first_key)
         asyncio.run(until_signal())
