@@ -203,7 +203,7 @@ function sureness(answer) {
   const names = new Map(answer.matches.map((match) => [match.label_id, match.label]));
   const set = answer.label_set.map((id) => (id === 0 ? "nothing here" : (names.get(id) ?? `label ${id}`)));
   const covered = answer.coverage === null ? [] : [`With ${percent(answer.coverage)} coverage it is among: ${set.join(", ")}.`];
-  return [`(${percent(answer.probability)} sure)`, ...covered];
+  return covered; // the explanation says how likely the verdict is
 }
 
 function percent(share) {
