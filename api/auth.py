@@ -26,17 +26,19 @@ class Rule(NamedTuple):
     Attributes:
         need: no key, any key, or one that may write.
         standing: it waits or streams for long: it counts among its key's calls, not among those that compute.
+        upload: it holds one of the threads that take uploads for as long as its sender likes.
     """
 
     need: Need
     standing: bool = False
+    upload: bool = False
 
 
 _OPEN = Rule("open")
 _READ = Rule("read")
 _WRITE = Rule("write")
 _WATCH = Rule("read", standing=True)
-_UPLOAD = Rule("write", standing=True)
+_UPLOAD = Rule("write", standing=True, upload=True)
 
 UNMATCHED = Rule("read", standing=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""

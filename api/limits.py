@@ -23,6 +23,7 @@ class _Account:
     tokens: float
     at: float
     in_flight: int = 0
+    uploads: int = 0
 
 
 class Limiter:
@@ -50,6 +51,12 @@ class Limiter:
                 limit=f"{limits.in_flight} calls at a time (FASTSPLAT_LIMITS__IN_FLIGHT)",
                 hint="Wait for answers before asking more.",
             )
+        if rule.upload and account.uploads >= limits.uploads:
+            raise RateLimitedError(
+                f"{account.uploads} uploads of this key are under way",
+                limit=f"{limits.uploads} uploads at a time (FASTSPLAT_LIMITS__UPLOADS)",
+                hint="Send one file after the other.",
+            )
         if account.tokens < 1:
             raise RateLimitedError(
                 "this key calls too often",
@@ -65,6 +72,7 @@ class Limiter:
             )
         account.tokens -= 1
         account.in_flight += 1
+        account.uploads += rule.upload
         self.admitted += not rule.standing
         return Entry(self, account, rule)
 
@@ -90,4 +98,5 @@ class Entry:
     def leave(self) -> None:
         """The call is over."""
         self._account.in_flight -= 1
+        self._account.uploads -= self._rule.upload
         self._limiter.admitted -= not self._rule.standing

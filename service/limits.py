@@ -13,6 +13,7 @@ class LimitSettings(BaseModel):
     rate_per_s: float = Field(1_000.0, gt=0, description="requests a second of one key, over time")
     burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
     in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
+    uploads: int = Field(4, ge=1, description="uploads of one key under way; all keys share eight threads for them")
     admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
     threads: int = Field(0, ge=0, description="threads that answer requests; 0: two a core, at least four")
 

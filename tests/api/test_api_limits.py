@@ -83,6 +83,18 @@ def test_calls_under_way_are_bounded_by_key_and_together() -> None:
     limiter.enter(_key("a"), _COMPUTES)
 
 
+def test_one_key_cannot_hold_all_threads_that_take_uploads() -> None:
+    limiter, _ = _limiter(uploads=2)
+    upload = Rule("write", standing=True, upload=True)
+    held = [limiter.enter(_key("a"), upload), limiter.enter(_key("a"), upload)]
+    with pytest.raises(RateLimitedError, match="uploads"):
+        limiter.enter(_key("a"), upload)
+    limiter.enter(_key("a"), _COMPUTES).leave()
+    limiter.enter(_key("b"), upload).leave()
+    held.pop().leave()
+    limiter.enter(_key("a"), upload)
+
+
 def test_refusals_cost_no_tokens() -> None:
     limiter, _ = _limiter(rate_per_s=0.001, burst=2, in_flight=1)
     entry = limiter.enter(_key("a"), _COMPUTES)
