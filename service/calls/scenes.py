@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the ser
 
 T = TypeVar("T")
 _MAX_NAMED = 20
+_TRIES = 3
 _COPIES = 2
 """A scene weighs its mapped pages and the renderer's own activated arrays."""
 
@@ -57,7 +58,7 @@ class OpenScenes:
         """
         found = self.version(scene_id, version)
         folder = self.folder(scene_id, found)
-        index = self._open.get((scene_id, found), lambda: _weigh(folder), lambda: self._load(scene_id, folder))
+        index = self._open.get((scene_id, found), lambda: _weigh(folder), lambda: self._load(scene_id, found))
         return use(index, found)
 
     def version(self, scene_id: str, version: str) -> str:
@@ -93,12 +94,15 @@ class OpenScenes:
             raise _deleted(scene_id)
         return folder
 
-    def _load(self, scene_id: str, folder: Path) -> SceneIndex:
-        try:
-            scene = read_scene(folder / "artefact")
-        except NotFoundError:
-            raise _deleted(scene_id) from None
-        return self.index_of(scene)
+    def _load(self, scene_id: str, version: str) -> SceneIndex:
+        for _ in range(_TRIES):  # this machine's copy may leave, for others', before it is open
+            folder = self.folder(scene_id, version)
+            try:
+                scene = read_scene(folder / "artefact")
+            except NotFoundError:
+                continue
+            return self.index_of(scene)
+        raise _deleted(scene_id)
 
     def index_of(self, scene: Scene) -> SceneIndex:
         """A scene, from no folder, ready to be asked; it is not kept."""
@@ -127,7 +131,10 @@ def view_of(index: SceneIndex, name: str) -> PosedCamera:
 
 
 def _weigh(folder: Path) -> int:
-    return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
+    try:
+        return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
+    except FileNotFoundError:  # being removed, as reading it will tell
+        return 0
 
 
 def _deleted(scene_id: str) -> NotFoundError:

@@ -107,12 +107,19 @@ def read_scene(folder: Path) -> Scene:
     Every byte is checked once against the digests that were written with it.
 
     Raises:
-        NotFoundError: no such folder.
+        NotFoundError: no such folder, or it was removed just now.
         SceneSchemaError: written under a schema this version does not know.
         SceneFileError: any other damage; the message names the file.
     """
-    if not folder.is_dir():
-        raise NotFoundError(f"there is no scene folder {folder.name}", field="scene")
+    try:
+        return _read_scene(folder)
+    except (OSError, SceneFileError):
+        if not folder.is_dir():
+            raise NotFoundError(f"there is no scene folder {folder.name}", field="scene") from None
+        raise
+
+
+def _read_scene(folder: Path) -> Scene:
     cameras_bytes = _read(folder / _CAMERAS)
     manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
     shapes = scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)

@@ -66,15 +66,19 @@ class House:
         self.http = f"http://127.0.0.1:{_free_port()}"
         self._processes: list[subprocess.Popen[bytes]] = []
 
-    def start_worker(self, *, elsewhere: bool = False, max_file: int = 0, code: str = "") -> subprocess.Popen[bytes]:
+    def start_worker(
+        self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None
+    ) -> subprocess.Popen[bytes]:
         """A worker process of its own.
 
         Args:
             elsewhere: it takes itself to be on a machine that no other worker is on.
             max_file: no file that it writes may grow beyond this many bytes.
             code: Python to run in it first.
+            data_dir: a data folder of its own.
         """
-        return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file)
+        own = {"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {}
+        return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file, own)
 
     @staticmethod
     def worker_code(*, elsewhere: bool = False) -> str:
@@ -95,6 +99,8 @@ class House:
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(self.settings.data_dir),
             "FASTSPLAT_DATABASE_URL": self.settings.database_url,
+            "FASTSPLAT_ARTEFACTS__URL": self.settings.artefacts.url,
+            "FASTSPLAT_ARTEFACTS__ENDPOINT_URL": self.settings.artefacts.endpoint_url,
             "FASTSPLAT_AUTH": "off",
             "FASTSPLAT_HTTP_PORT": self.http.rsplit(":", 1)[1],
             "FASTSPLAT_GRPC_PORT": "0",
@@ -132,9 +138,9 @@ class House:
         self.wait_for(lambda: self.state(operation) not in ("QUEUED", "RUNNING"))
         return self.service.get_operation(operation.id)
 
-    def visits(self, stage: str, operation: Operation | None = None) -> list[Visit]:
+    def visits(self, stage: str, operation: Operation | None = None, data_dir: Path | None = None) -> list[Visit]:
         """Who entered a stage, in this order, for one job or for all."""
-        path = self.settings.data_dir / "visits.txt"
+        path = (data_dir or self.settings.data_dir) / "visits.txt"
         lines = [line.split() for line in path.read_text().splitlines()] if path.exists() else []
         visits = [Visit(line[0], line[1], int(line[2]), int(line[3])) for line in lines]
         wanted = {operation.id} if operation else {visit.operation_id for visit in visits}

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from service.common.errors import ConflictError, NotFoundError
 from service.common.progress import STAGES
+from service.scene import read_scene
 
 _SOON_S = 10.0
 
@@ -110,6 +113,34 @@ def test_deleted_while_running_nothing_remains(busy_house):
     assert house.service._store.blobs.ids("scenes").count(operation.scene_id) == 0
     again = house.post(request_id="deleted")
     assert again.id != operation.id and house.wait_over(again).state == "SUCCEEDED"
+
+
+def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(busy_house):
+    house = busy_house
+    operation = house.post()
+    assert house.wait_over(operation).state == "SUCCEEDED"
+    blobs, version = house.service._store.blobs, house.service.get_scene(operation.scene_id).version
+    whole = read_scene(blobs.version(operation.scene_id, version) / "artefact")
+    started = threading.Barrier(5)
+
+    def read_until_gone() -> int:
+        started.wait()
+        count = 0
+        while (folder := blobs.fetch_version(operation.scene_id, version)) is not None:
+            with suppress(NotFoundError):
+                scene = read_scene(folder / "artefact")
+                assert np.array_equal(scene.gaussians.means, whole.gaussians.means)
+            count += 1
+        return count
+
+    with ThreadPoolExecutor(4) as pool:
+        readers = [pool.submit(read_until_gone) for _ in range(4)]
+        started.wait()
+        house.service.delete_scene(operation.scene_id)
+        assert all(reader.result() >= 0 for reader in readers)
+    assert whole.gaussians.means.shape == (5, 3) and np.isfinite(np.asarray(whole.gaussians.means)).all()
+    with pytest.raises(NotFoundError):
+        house.service.get_scene(operation.scene_id)
 
 
 def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(busy_house):

@@ -1,0 +1,39 @@
+"""API and workers on machines that share a database and an object store, and no folder."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+
+import fsspec
+
+from service.scene import read_scene
+from service.store.settings import ArtefactSettings
+from tests.postgres import PostgresServer
+from tests.workers.house import House, kill
+
+
+def test_a_job_moves_to_another_machine_and_its_scene_to_all(postgres: PostgresServer, s3: str, tmp_path: Path) -> None:
+    bucket = f"b{uuid.uuid4().hex}"
+    files = fsspec.filesystem("s3", endpoint_url=s3, skip_instance_cache=True, use_listings_cache=False)
+    files.mkdir(bucket)
+    artefacts = ArtefactSettings(url=f"s3://{bucket}/place", endpoint_url=s3)
+    one, two = tmp_path / "one", tmp_path / "two"
+    with postgres.database() as url:
+        house = House(tmp_path / "api", url, artefacts=artefacts)
+        operation = house.post("training:sleep_once 600")
+        first = house.start_worker(elsewhere=True, data_dir=one)
+        house.wait_for(lambda: house.visits("training", operation, one))
+        kill(first)
+        house.start_worker(data_dir=two)
+        assert house.wait_over(operation).state == "SUCCEEDED"
+
+        assert [len(house.visits(stage, operation, two)) for stage in ("capture", "training", "export")] == [1, 1, 1]
+        scene = house.service.get_scene(operation.scene_id)
+        folder = house.service._store.blobs.fetch_version(scene.id, scene.version)
+        assert folder is not None and folder.is_relative_to(house.settings.data_dir)
+        assert len(read_scene(folder / "artefact").gaussians) == scene.gaussians == 5
+        house.wait_for(lambda: not files.find(f"{bucket}/place/uploads"))
+        house.service.delete_scene(scene.id)
+        assert files.find(bucket) == []
+        house.close()
