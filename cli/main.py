@@ -48,11 +48,14 @@ def serve(
     from cli.serve import Role
     from cli.serve import serve as run
 
-    log_to_stderr("serve")
     if no_auth:
         os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
     settings = load_settings()
     check_exposure(settings)
+    scheme = "http" if settings.tls_cert is None else "https"
+    entry = f"with the key in {settings.first_key}" if settings.auth == "on" else "without a key, on this machine alone"
+    typer.echo(f"{scheme}://localhost:{settings.http_port}/ opens soon, {entry}")
+    log_to_stderr("serve")
     roles = {"api": Role([sys.executable, "-m", "cli.main", "api"])}
     raise typer.Exit(run({**roles, **worker_roles(devices, workers, settings.jobs.threads_per_job)}))
 
