@@ -6,6 +6,7 @@ import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from api.rest import models
@@ -171,6 +172,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
 
     @router.get("/operations/{operation_id}:wait", response_model=models.Operation)
     async def wait_operation(
+        request: Request,
         operation_id: str,
         timeout_s: Annotated[float, Query(ge=0, le=300, description="seconds to wait at most")] = 30.0,
     ) -> Response:
@@ -181,6 +183,8 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
             left = deadline - asyncio.get_running_loop().time()
             if operation.done or left <= 0:
                 return Response(operation.model_dump_json(), media_type="application/json")
+            if await request.is_disconnected():
+                raise ClientDisconnect
             await asyncio.sleep(min(_POLL_S, left))
 
     @router.get(
