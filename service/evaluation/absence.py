@@ -52,11 +52,11 @@ def measure_absence(index: SceneIndex, present: Sequence[str], absent: Sequence[
 
 
 def presence_scores(answers: Sequence[Answer]) -> list[float]:
-    """How likely each answer holds it that the thing is there: its calibrated probability, or, where the encoder was
-    not calibrated, the similarity of the entry that is most alike."""
-    if all(answer.probability is not None for answer in answers):
-        sure = [(answer.verdict, answer.probability or 0.0) for answer in answers]
-        return [1 - likely if verdict == "absent" else likely for verdict, likely in sure]
+    """How likely each answer holds it that the thing is there: its calibrated presence, or, where the encoder was not
+    calibrated, the similarity of the entry that is most alike."""
+    calibrated = [answer.presence for answer in answers if answer.presence is not None]
+    if len(calibrated) == len(answers):
+        return calibrated
     return [max((match.similarity for match in answer.matches), default=-1.0) for answer in answers]
 
 

@@ -132,6 +132,7 @@ class Ranker:
         judged = self._judge(text, prompted, primary, likely)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.chosen))
         probability: float | None = None
+        present: float | None = None
         labels: tuple[int, ...] = ()
         if measured is not None and likely is not None:
             present = float(present_probability(primary, likely, measured))
@@ -141,7 +142,7 @@ class Ranker:
                 probability = float(likely[order[0]]) if judged.verdict != "absent" else 1.0 - present
             else:
                 # The dictionary bears that very name: no question is left that a score could answer.
-                likely[judged.named - 1], probability, labels = 1.0, 1.0, (judged.named,)
+                likely[judged.named - 1], present, probability, labels = 1.0, 1.0, 1.0, (judged.named,)
         rows = order.tolist()
         matches = tuple(
             map(
@@ -170,6 +171,7 @@ class Ranker:
             coverage=None if measured is None else coverage,
             decided_by="score" if judged.named is None else "name",
             threshold=held,
+            presence=present,
         )
         return explain(answer, self._settings.score)
 

@@ -53,6 +53,8 @@ class Answer:
         probability: calibrated probability, 0..1, that the verdict is right: for `exact` and `related` that the leading
             entry answers, for `absent` that nothing here does. None: the encoder was not calibrated with these
             prompts.
+        presence: calibrated probability, 0..1, that anything here answers, whatever the verdict: answers of different
+            texts or scenes are ordered by it. None as `probability`.
         label_set: label ids of which one at least answers, with probability `coverage` or more; likeliest first. Id 0
             in it stands for "nothing here": alone, that is as good as sure. Empty if the encoder was not calibrated.
         coverage: the coverage that was asked for, 0..1 (split conformal prediction; the unit is a question to a scene
@@ -71,6 +73,7 @@ class Answer:
     coverage: float | None = None
     decided_by: Literal["name", "score"] = "score"
     threshold: float | None = None
+    presence: float | None = None
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:

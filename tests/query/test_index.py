@@ -193,7 +193,11 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
     assert near.verdict == "absent" and "not calibrated" in near.explanation and '"mug"' in near.explanation
     for answer in (named, near):
         assert answer.probability is None and answer.coverage is None and answer.label_set == ()
-        assert answer.threshold is None and all(match.probability is None for match in answer.matches)
+        assert (
+            answer.presence is None
+            and answer.threshold is None
+            and all(match.probability is None for match in answer.matches)
+        )
 
 
 def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: SceneIndex) -> None:
@@ -369,7 +373,11 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
         for answer in sets:
             named = count > 0 and text == "thing 0x"
             assert len(answer.matches) == count and (answer.decided_by == "name") == named
-            assert 0 <= answer.probability <= 1 and answer.label_set and set(answer.label_set) <= set(range(count + 1))
+            assert 0 <= answer.probability <= 1 and 0 <= answer.presence <= 1
+            assert answer.presence >= max((match.probability for match in answer.matches), default=0)
+            if answer.verdict == "absent":
+                assert answer.probability == pytest.approx(1 - answer.presence)
+            assert answer.label_set and set(answer.label_set) <= set(range(count + 1))
             assert all(0 <= match.probability <= 1 and 0 <= match.relevancy <= 1 for match in answer.matches)
             if named:
                 assert answer.label_set == (1,) and answer.probability == 1
