@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import resource
 import signal
 import socket
 import sys
@@ -30,6 +31,7 @@ from service.settings import Settings
 _log = logging.getLogger(__name__)
 
 _TURN_S = 0.001  # so long a computing thread may keep the event loop, and with it /livez, waiting
+_MOST_FILES = 65_536
 _MAX_REQUEST_HEAD = 2**18  # so that a question of 100 kB in a URL gets an answer that says what is wrong with it
 
 
@@ -58,6 +60,7 @@ def run(settings: Settings) -> None:
 
     check_exposure(settings)
     sys.setswitchinterval(_TURN_S)
+    _raise_file_limit()
     with open_service(settings) as service:
         if not is_loopback(settings.host) and settings.tls_cert is None:
             _log.warning("on %s, keys and pictures travel unencrypted; see FASTSPLAT_TLS_CERT", settings.host)
@@ -127,6 +130,14 @@ async def serve(
             http_server.should_exit = True
             await asyncio.gather(grpc_server.stop(settings.drain_s), serving)
             stopping.cancel()
+
+
+def _raise_file_limit() -> None:
+    """A thousand robots are a thousand sockets, and the customary soft limit is 1024 files."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def _http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> _Server:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -55,6 +56,7 @@ class SceneService:
         self._store = store
         self._settings = settings
         self._check_files = admit or _admit_upload
+        self._admitting = threading.BoundedSemaphore(settings.capture.admit_at_once)
         self._scenes = OpenScenes(store, settings)
         self._answers = Answers(store, settings, self._scenes)
         self._versions = Versions(store, settings, self._scenes)
@@ -332,7 +334,8 @@ class SceneService:
         if earlier is not None:
             remove(upload.folder)
             return operation_of(earlier)
-        admitted = self._check_files(upload.raw, self._settings.capture).folder
+        with self._admitting:
+            admitted = self._check_files(upload.raw, self._settings.capture).folder
         if admitted != upload.raw:  # unpacked or laid out anew: what was sent is not needed any more
             admitted = admitted.rename(upload.folder / admitted.name)
             remove(upload.raw)

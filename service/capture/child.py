@@ -15,6 +15,7 @@ from typing import Any
 from service.common.errors import FastSplatError, ResourceError
 
 _PR_SET_PDEATHSIG = 1
+_POLITE = 5
 
 
 def main(task: str, folder: Path) -> None:
@@ -45,6 +46,7 @@ def main(task: str, folder: Path) -> None:
 def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
     # Imported only now, below the memory limit, and only what the task needs.
     if task == "admit":
+        os.nice(_POLITE)  # its parent answers questions meanwhile
         admission = importlib.import_module("service.capture.admission")
         return dict(admission.run(request))
     if task in ("probe", "frames"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class CaptureSettings(BaseModel):
@@ -30,6 +30,8 @@ class CaptureSettings(BaseModel):
     """Address space of the child process that looks into an upload before it is acknowledged."""
     admit_seconds: int = 900
     """How long it may look."""
+    admit_at_once: int = Field(2, ge=1)
+    """So many of them look at a time; more uploads wait for their turn."""
 
     sfm_memory_bytes: int = 8 * 2**30
     """Address space of the child process that runs structure from motion."""
