@@ -20,28 +20,28 @@ FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits,
                          Block<K>* blocks, Sums<K>& sums) {
   vf zeroth = zero(), first[2] = {zero(), zero()}, second[3] = {zero(), zero(), zero()}, feature[K];
   alignas(64) float weights[BLOCKS][W], raws[BLOCKS][W], us[BLOCKS][W], dot[BLOCKS][W], vs[BLOCKS][W];
-  uint8_t visited[BLOCKS];
+  Block<K>* visited[BLOCKS];
   int count = 0;
   const vi now = set1i((int32_t)i);
 #pragma GCC unroll 20
   for (int k = 0; k < K; k++) feature[k] = zero();
   for (; bits; bits &= bits - 1) {
     const int index = __builtin_ctzll(bits);
-    const Block<K>& block = blocks[index];
+    Block<K>& block = blocks[index];
     vf u, v;
     const vf exponent = Ellipse::exponent(e, block, u, v);
     const vm on = both(ge(exponent, log_min), gti(loadi(block.stop), now));
-    store(raws[count], keep(on, exp2(exponent)));
+    store(raws[count], keep(on, exp2_normal(exponent)));
     store(us[count], u);
     store(vs[count], v);
     vf dots[2] = {load(block.extra), zero()};
 #pragma GCC unroll 20
     for (int k = 0; k < K; k++) dots[k % 2] = fma(set1(features[k]), load(block.values[k]), dots[k % 2]);
     store(dot[count], dots[0] + dots[1]);
-    visited[count++] = (uint8_t)index;
+    visited[count++] = &block;
   }
   for (int n = 0; n < count; n++) {
-    Block<K>& block = blocks[visited[n]];
+    Block<K>& block = *visited[n];
     const vf raw = load(raws[n]), u = load(us[n]), v = load(vs[n]), alpha = vmin(raw, alpha_max);
     const vf before = load(block.remaining) * (set1(1.0f) / (set1(1.0f) - alpha));
     const vf weight = alpha * before;
@@ -65,7 +65,7 @@ FS_INLINE void gradients(const Ellipse& e, const float* features, uint64_t bits,
   }
   if (!Sums<K>::TOGETHER)
     for (int n = 0; n < count; n++) {
-      const Block<K>& block = blocks[visited[n]];
+      const Block<K>& block = *visited[n];
       const vf weight = load(weights[n]);
 #pragma GCC unroll 20
       for (int k = 0; k < K; k++) feature[k] = fma(weight, load(block.values[k]), feature[k]);
@@ -151,7 +151,7 @@ static void blend_group(const TileJob& job, int32_t tile) {
       const vf exponent = Ellipse::exponent(e, block, u, v);
       const vm hit = ge(exponent, log_min);
       const vf before = load(block.remaining);
-      const vf alpha = vmin(exp2(exponent), alpha_max);
+      const vf alpha = vmin(exp2_normal(exponent), alpha_max);
       const vf after = fnma(alpha, before, before);
       const vm ok = both(hit, gt(after, t_min)), ends = but(hit, ok);
       const vf weight = keep(ok, alpha * before);

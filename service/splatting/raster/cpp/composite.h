@@ -11,7 +11,8 @@ constexpr int PART = 256;  // Gaussians a time: their copies stay in the first-l
 template <int K>
 struct alignas(64) Part {
   static constexpr int U = 0, V = 1, SHAPE = 2, FEATURES = 6;  // offsets at the tile's first pixel; a, b, c, log_opacity
-  float seen[PART][(FEATURES + K + 3) / 4 * 4];
+  static constexpr int ROW = (FEATURES + K + 3) / 4 * 4;
+  float seen[PART][ROW];
   uint8_t masks[BLOCKS / 8][PART];  // bit = block, eight blocks a plane
   int64_t count;
 };
@@ -49,24 +50,23 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
   for (int k = 0; k < K; k++) values[k] = load(block.values[k]);
   for (int64_t base = 0; base < part.count && closed < 0; base += 64) {
     // Two loops: how strong each is, which takes long but waits for nothing, then what comes through, in order.
-    uint8_t list[64];
+    const float* list[64];
     int count = 0;
-    for (uint64_t bits = column(part.masks[index / 8] + base, index % 8); bits; bits &= bits - 1)
-      list[count++] = (uint8_t)__builtin_ctzll(bits);
-    for (int n = 0; n < count; n++) {
-      const float *s = part.seen[base + list[n]], *shape = s + Part<K>::SHAPE;
+    for (uint64_t bits = column(part.masks[index / 8] + base, index % 8); bits; bits &= bits - 1) {
+      const float *s = part.seen[base + __builtin_ctzll(bits)], *shape = s + Part<K>::SHAPE;
       const vf u = fma(set1(shape[0]), x, fma(set1(shape[1]), y, set1(s[Part<K>::U])));
       const vf v = fma(set1(shape[2]), y, set1(s[Part<K>::V]));
       const vf exponent = fnma(u, u, fnma(v, v, set1(shape[3])));
-      store(alphas[n], keep(ge(exponent, log_min), vmin(exp2(exponent), alpha_max)));
+      store(alphas[count], keep(ge(exponent, log_min), vmin(exp2_normal(exponent), alpha_max)));
+      list[count++] = s;
     }
     for (int n = 0; n < count; n++) {
-      const int64_t j = base + list[n];
-      const float* features = part.seen[j] + Part<K>::FEATURES;
+      const float* features = list[n] + Part<K>::FEATURES;
       const vf alpha = load(alphas[n]);
       vf after = fnma(alpha, remaining, remaining);
       const vm ends = le(after, floor);
       if (__builtin_expect(any(ends), 0)) {
+        const int64_t j = (list[n] - part.seen[0]) / Part<K>::ROW;
         store(final_t, select(ends, remaining, load(final_t)));
         storei(block.stop, selecti(ends, set1i((int32_t)(start + j)), loadi(block.stop)));
         floor = select(ends, set1(-1.0f), floor);
@@ -80,8 +80,9 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
       const vf weight = alpha * remaining;
 #pragma GCC unroll 20
       for (int k = 0; k < K; k++) values[k] = fma(weight, set1(features[k]), values[k]);
-      // The last Gaussian that finds more than half left is the one that crosses it, if any does. Slot 0 is the depth.
-      median = select(both(gt(alpha, zero()), gt(remaining, half)), set1(features[0]), median);
+      // The last Gaussian that finds more than half left is the one that crosses it, if any does (where none does, this
+      // value is not used). Slot 0 is the depth.
+      median = select(gt(remaining, half), set1(features[0]), median);
       remaining = after;
     }
   }

@@ -134,7 +134,7 @@ bool label_sums(const TileJob& job, const int32_t* labels, LabelEntries& entries
       const vf exponent = Ellipse::exponent(e, block, u, v);
       const vm hit = ge(exponent, log_min);
       const vf before = load(block.remaining);
-      const vf alpha = vmin(exp2(exponent), alpha_max);
+      const vf alpha = vmin(exp2_normal(exponent), alpha_max);
       const vf after = fnma(alpha, before, before);
       const vm ok = both(hit, gt(after, t_min)), ends = but(hit, ok);
       const vf weight = keep(ok, alpha * before);

@@ -29,7 +29,11 @@ class Timer {
   std::chrono::steady_clock::time_point start_;
 };
 
-float log_alpha_min(const View& view) { return std::log2((float)view.alpha_min); }
+// Not below the smallest normal number: the kernels' 2^x ends there.
+float log_alpha_min(const View& view) {
+  const float value = std::log2((float)view.alpha_min);
+  return value > -126.0f ? value : -126.0f;
+}
 
 }  // namespace
 

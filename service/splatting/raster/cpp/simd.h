@@ -68,6 +68,7 @@ FS_INLINE vf exp2(vf x) {
   const vf p = exp2_fraction(f);
   return _mm512_scalef_ps(p, n);
 }
+FS_INLINE vf exp2_normal(vf x) { return exp2(x); }
 FS_INLINE float sum(vf a) { return _mm512_reduce_add_ps(a); }
 // out[i] = sum of the lanes of v[i], i < 16.
 FS_INLINE vf sums16(const vf* v) {
@@ -149,16 +150,17 @@ FS_INLINE vf exp2_fraction(vf f) {
   const vf high = fma(set1(1.326472037e-3f), f, set1(9.671513022e-3f));
   return fma(fma(high, f2, middle), f2, low);
 }
-// As above; the sum with 1.5·2^23 rounds to the nearest integer and leaves it in the low bits. This relies on strict
-// IEEE addition: -ffast-math would fold it away.
-FS_INLINE vf exp2(vf x) {
+// 2^x for -126 <= x <= 1; below that anything at all. The sum with 1.5·2^23 rounds to the nearest integer and leaves it in
+// the low bits. This relies on strict IEEE addition: -ffast-math would fold it away.
+FS_INLINE vf exp2_normal(vf x) {
   const vf magic = set1(12582912.0f);
-  x = vmax(x, set1(-126.0f));
   vf t = x + magic;
   vf f = x - (t - magic);
   const vf p = exp2_fraction(f);
   return (vf)((vi)p + ((vi)t << 23));
 }
+// 2^x for x <= 1; below -126 as at -126.
+FS_INLINE vf exp2(vf x) { return exp2_normal(vmax(x, set1(-126.0f))); }
 FS_INLINE float sum(vf a) {
   float s[W];
   storeu(s, a);
