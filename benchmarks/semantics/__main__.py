@@ -1,0 +1,254 @@
+"""Measures the ways to hold labels against each other on a data set with exact label maps.
+
+    python -m benchmarks.semantics DATA [--rows NAME ...] [--iterations 5000] [--gaussians 40000] [--keep FOLDER]
+
+DATA is a folder that `fastsplat evaluate` reads; its test views are never trained on. Rows:
+
+    codes3           3 numbers a Gaussian, trained jointly with colour and geometry
+    codes            as many numbers as the labels ask for
+    evidence         colour and geometry alone, then one look at the label maps
+    codes+evidence   that look at the Gaussians of `codes`
+    detected         codes on what a detector and a segmenter found, after the views' vote
+    maps             those label maps themselves, made of the test views: what the vote has to beat
+    half             codes of one kind of thing (`--mask-label`), every second view with its mask
+
+Training is bounded by iterations, so that a busy machine changes seconds only. A scene that lies in `--keep` under the
+row's name is not trained again. Every row replaces itself in benchmarks/results/semantics.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.capture.types import Capture
+from service.common.progress import ProgressEvent, silent
+from service.evaluation.datasets import Dataset, read_dataset, training_capture
+from service.evaluation.datasets.reading import TEST_EVERY
+from service.evaluation.datasets.types import TrueView
+from service.evaluation.scene import evaluate_scene
+from service.evaluation.segmentation import Confusion, confusion
+from service.perception import label_capture
+from service.perception.settings import PerceptionSettings
+from service.perception.text import open_text_encoder
+from service.perception.types import Labelling, Regions
+from service.query import SceneIndex, embed_labels
+from service.scene import Scene, read_scene, write_scene
+from service.settings import Settings
+from service.splatting.evidence import views_evidence
+from service.splatting.train import train
+from service.splatting.views import load_views
+
+_RESULTS = Path("benchmarks/results/semantics.json")
+_SURFACES = ("table", "floor", "wall")
+_PROMPTS = {  # what the label table of the development machine calls these
+    "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
+    "soda can": "can", "utensil holder": "canister",
+}  # fmt: skip
+_MODES: dict[str, dict[str, Any]] = {
+    "codes3": {"label_mode": "codes", "code_size": 3},
+    "codes": {"label_mode": "codes"},
+    "evidence": {"label_mode": "evidence"},
+    "half": {"label_mode": "codes"},
+    "detected": {},
+}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--rows", nargs="+", default=["codes3", "codes", "evidence", "codes+evidence"])
+    parser.add_argument("--iterations", type=int, default=5_000)
+    parser.add_argument("--gaussians", type=int, default=40_000)
+    parser.add_argument("--max-side", type=int, default=640)
+    parser.add_argument("--mask-label", default="")
+    parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "fastsplat-semantics")
+    options = parser.parse_args()
+    settings = Settings()
+    every = 2 if options.mask_label else TEST_EVERY
+    dataset = read_dataset(options.data, settings.capture, test_every=every, mask_label=options.mask_label)
+    run = _Rows(dataset, settings, options)
+    for name in options.rows:
+        figures = run.maps() if name == "maps" else run.scene(name)
+        _store(f"{options.data.resolve().name}/{name}", figures, options)
+
+
+class _Rows:
+    def __init__(self, dataset: Dataset, settings: Settings, options: argparse.Namespace) -> None:
+        self.dataset, self.keep = dataset, options.keep
+        bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
+        training = settings.training.model_copy(
+            update={**bounds, "time_budget_s": None, "held_out_every": 0, "evaluations": 0}
+        )
+        self.settings = settings.model_copy(update={"training": training, "perception": _perception(settings)})
+        self.things = [entry.label for entry in dataset.dictionary.entries if entry.label not in _SURFACES]
+
+    def scene(self, name: str) -> dict[str, Any]:
+        """Figures of one way to hold labels."""
+        scene = self._with_evidence() if name == "codes+evidence" else self._kept(name)
+        encoder = open_text_encoder(self.settings.perception.text_encoder, self.settings.models)
+        index = SceneIndex(scene, encoder, self.settings.query)
+        report = evaluate_scene(index, self.dataset, samples=0).to_json()
+        names = ("miou", "boundary_iou", "localization", "pixel_accuracy", "ghost_rate", "psnr", "absent_auroc")
+        per_class = {label: value for label, value in report["miou_per_class"].items() if value is not None}
+        worst = min(per_class, key=lambda label: per_class[label])
+        quality = {key: scene.quality.get(key) for key in ("iterations", "train_seconds", "train_cpu_seconds")}
+        return {
+            **{key: _rounded(report[key]) for key in names},
+            "miou_things": _rounded(np.mean([per_class.get(label, 0.0) for label in self.things])),
+            "worst_class": [worst, _rounded(per_class[worst])],
+            "miou_per_class": {label: _rounded(value) for label, value in per_class.items()},
+            "gaussians": len(scene.gaussians),
+            "label_bytes_per_gaussian": _rounded(_label_bytes(scene)),
+            "mask_ms": _rounded(self._mask_ms(index)),
+            **quality,
+            "evidence_seconds": _rounded(scene.quality.get("evidence_seconds")),
+        }
+
+    def maps(self) -> dict[str, Any]:
+        """The test views' own label maps, one by one."""
+        test = {view.name: view for view in self.dataset.test if view.labels is not None}
+        blind = replace(self.dataset, train=tuple(test), test=(TrueView(self.dataset.train[0], None),))
+        with tempfile.TemporaryDirectory() as work:
+            capture = training_capture(blind, Path(work), self.settings.capture, silent)
+            labelling = self._detected(capture)
+        labels = len(self.dataset.dictionary)
+        total = Confusion(np.zeros((labels + 1, labels + 1), np.int64))
+        for view, label_map in zip(capture.views, labelling.label_maps, strict=True):
+            truth = test[view.posed.name].labels
+            assert truth is not None
+            total += confusion(label_map, truth, labels)
+        iou = np.nan_to_num(total.masks().iou())
+        per_class = {label: float(iou[self.dataset.dictionary.id_of(label) or 0]) for label in self.things}
+        return {
+            "miou_things": _rounded(np.mean(list(per_class.values()))),
+            "miou_per_class": {label: _rounded(value) for label, value in per_class.items()},
+        }
+
+    def _kept(self, name: str) -> Scene:
+        folder = self.keep / f"{self.dataset.folder.resolve().name}-{name}"
+        if not folder.exists():
+            training = self.settings.training.model_copy(update=_MODES[name])
+            settings = self.settings.model_copy(update={"training": training})
+            with tempfile.TemporaryDirectory() as work:
+                capture = training_capture(self.dataset, Path(work), settings.capture, silent)
+                given = label_capture(capture, settings.perception, settings.models, (), silent)
+                labelling = self._detected(capture) if name == "detected" else given
+                before = time.process_time()
+                trained = train(capture, labelling, training, _told)
+            cpu = time.process_time() - before
+            encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+            scene = Scene(
+                trained.gaussians,
+                trained.head,
+                labelling.dictionary,
+                embed_labels(labelling.dictionary, encoder, settings.query.templates),
+                (encoder.name, encoder.sha256),
+                tuple(view.posed for view in capture.views),
+                capture.scale,
+                training.model_dump(mode="json"),
+                {**trained.quality, "train_cpu_seconds": cpu, "held_out_views": []},
+                settings.query.templates,
+                trained.evidence,
+                trained.label_mode,
+            )
+            write_scene(scene, folder)
+        return read_scene(folder)
+
+    def _with_evidence(self) -> Scene:
+        scene = self._kept("codes")
+        with tempfile.TemporaryDirectory() as work:
+            capture = training_capture(self.dataset, Path(work), self.settings.capture, silent)
+            labelling = label_capture(capture, self.settings.perception, self.settings.models, (), silent)
+            views = load_views(capture, labelling, tuple(range(len(capture.views))), 1_000_000, (1.0,))
+        begun = time.perf_counter()
+        evidence = views_evidence(scene.gaussians, views, len(scene.dictionary) + 1)
+        quality = {**scene.quality, "evidence_seconds": time.perf_counter() - begun}
+        return replace(scene, evidence=evidence, label_mode="evidence", quality=quality)
+
+    def _detected(self, capture: Capture) -> Labelling:
+        """What the models find of the things, in the data set's numbering."""
+        blind, perception = replace(capture, given_labels=None), self.settings.perception
+        prompts = {_PROMPTS.get(label, label): label for label in self.things}
+        found = label_capture(blind, perception, self.settings.models, tuple(prompts), silent)
+        ids = [self.dataset.dictionary.id_of(prompts[entry.label]) or 0 for entry in found.dictionary.entries]
+        table = np.array([0, *ids], np.uint16)
+        regions = tuple(
+            Regions(
+                view.ids, tuple(tuple((int(table[label]), score) for label, score in votes) for votes in view.votes)
+            )
+            for view in found.regions
+        )
+        maps = tuple(table[label_map] for label_map in found.label_maps)
+        return Labelling(self.dataset.dictionary, maps, regions=regions, expected=True)
+
+    def _mask_ms(self, index: SceneIndex) -> float:
+        """Of one mask in a test view, the fastest of all: other work on the machine only adds."""
+        answer = index.ask([self.things[0]])[0]
+        seconds = []
+        for view in self.dataset.test * 3:
+            if view.posed is not None:
+                begun = time.perf_counter()
+                index.mask2d(answer, view.posed)
+                seconds.append(time.perf_counter() - begun)
+        return 1000 * min(seconds)
+
+
+def _perception(settings: Settings) -> PerceptionSettings:
+    chosen = settings.perception
+    if chosen.open_set_detector:
+        return chosen
+    return chosen.model_copy(
+        update={
+            "open_set_detector": "yolo_world:yolo_world_s",
+            "prompt_encoder": "label_table:clip_text_vocab",
+            "open_score_threshold": 0.15,
+            "open_score_floor": 0.08,
+        }
+    )
+
+
+def _label_bytes(scene: Scene) -> float:
+    """Bytes that a Gaussian's label takes, the affine map not counted."""
+    if scene.label_mode == "codes" or scene.evidence is None:
+        return float(scene.gaussians.codes.itemsize * scene.gaussians.codes.shape[1])
+    evidence = scene.evidence
+    return (evidence.starts.nbytes + evidence.labels.nbytes + evidence.counts.nbytes) / max(1, len(scene.gaussians))
+
+
+def _rounded(value: Any) -> float | None:
+    return None if value is None else round(float(value), 5)
+
+
+def _told(event: ProgressEvent) -> None:
+    print(f"\r{event.stage} {event.fraction:.0%} {event.message}", end="", file=sys.stderr, flush=True)
+
+
+def _store(name: str, figures: dict[str, Any], options: argparse.Namespace) -> None:
+    words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
+    row = {
+        **figures,
+        "command": " ".join(["python -m benchmarks.semantics", *words]),
+        "bounds": {"iterations": options.iterations, "gaussians": options.gaussians, "max_side": options.max_side},
+        "date": time.strftime("%Y-%m-%d"),
+        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} CPUs",
+        "load_average": round(os.getloadavg()[0], 1),
+    }
+    found = json.loads(_RESULTS.read_text()) if _RESULTS.exists() else {}
+    _RESULTS.write_text(json.dumps({**found, name: row}, indent=1) + "\n")
+    print(json.dumps({key: value for key, value in row.items() if key != "miou_per_class"}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
