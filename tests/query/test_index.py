@@ -207,6 +207,21 @@ def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: S
         assert f"{answer.threshold:.2f}" in answer.explanation
 
 
+@pytest.mark.parametrize("score", ["similarity", "relevancy"])
+def test_explanations_say_which_entry_which_negative_and_which_threshold(
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, score: str
+) -> None:
+    settings = plain.model_copy(update={"score": score, "threshold": 0.23, "exact_threshold": 5.0})
+    index = SceneIndex(make_scene(), drawn_encoder(LEANING), settings)
+    for answer in index.ask(["cup", "cloud"]):
+        best = answer.matches[0]
+        assert answer.verdict == ("related" if answer.text == "cup" else "absent")
+        for part in (answer.text, best.label, best.nearest_negative, f"{getattr(best, score):.2f}", "0.23"):
+            assert part in answer.explanation
+    (named,) = index.ask(["the mug"])
+    assert named.explanation == 'The scene has "mug".'
+
+
 def test_labels_that_nearly_are_the_same_are_told_apart(
     make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
 ) -> None:
