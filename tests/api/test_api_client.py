@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -20,8 +20,9 @@ from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuest
 from fastsplat_client.messages import query_message
 from service.calls.service import SceneService
 from service.calls.types import QueryAnswer, QueryRequest, SceneOptions
+from service.common.camera import PosedCamera
 from service.common.cancellation import check_cancelled
-from service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
+from service.common.errors import CancelledError, InvalidInputError, PermissionDeniedError, UnauthenticatedError
 from service.settings import Settings
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
@@ -191,6 +192,42 @@ def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_sett
             assert endless.begun.wait(10)
             call.cancel()
         assert endless.stopped.wait(10)
+
+
+class _Watched:
+    """A service that tells how its last question ended."""
+
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+        self.over = threading.Event()
+        self.error: BaseException | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service, name)
+
+    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+        try:
+            return self._service.query(request)
+        except BaseException as error:
+            self.error = error
+            raise
+        finally:
+            self.over.set()
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_a_deadline_ends_the_rendering_of_many_views(
+    service: SceneService, api_settings: Settings, scene_id: str, protocol: Literal["REST", "gRPC"]
+) -> None:
+    watched = _Watched(service)
+    posed = turned(0.0)
+    large = PosedCamera(posed.camera.scaled_to(4_000, 3_000), posed.world_from_camera)
+    request = QueryRequest(scene_id, ("mug",), cameras=(large,) * 64, outputs=frozenset({"mask2d"}))
+    with served(watched, api_settings) as faces, client_of(faces) as client:
+        with pytest.raises(DeadlineExceededError):
+            client.ask(request, timeout_s=1.0, protocol=protocol)
+        assert watched.over.wait(30)
+    assert isinstance(watched.error, CancelledError)
 
 
 def test_a_bare_file_or_folder_that_is_none_is_said_before_anything_is_sent(faces: Faces, tmp_path: Path) -> None:
