@@ -1,4 +1,4 @@
-"""`fastsplat serve | api | worker | models | keys | evaluate`: what an operator types."""
+"""`fastsplat serve | api | worker | models | keys | jobs | evaluate`: what an operator types."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 
 from cli.evaluate import evaluate
 from cli.health import health
+from cli.jobs import jobs_app
 from cli.keys import keys_app
 from cli.logs import log_to_stderr
 from cli.models import models_app
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
+app.add_typer(jobs_app, name="jobs")
 app.command()(health)
 app.command()(evaluate)
 

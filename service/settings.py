@@ -28,7 +28,9 @@ class JobSettings(BaseModel):
     progress_s: float = Field(0.5, gt=0, description="a running stage's progress is written at most this often")
     beat_s: float = Field(2.0, gt=0, description="how often a worker says that it lives")
     stale_s: float = Field(10.0, gt=0, description="a worker silent for this long is dead; its jobs go to others")
-    keep_logs_s: float = Field(30 * 24 * 3600.0, gt=0, description="the log of a failed job is removed after this")
+    keep_ended_s: float = Field(
+        30 * 24 * 3600.0, gt=0, description="what ended jobs without a scene leave, logs and rows, goes after this"
+    )
     threads_per_job: int = Field(0, ge=0, description="CPU threads of a trainer; 0: all of the machine's")
 
 

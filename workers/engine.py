@@ -18,6 +18,7 @@ import uuid
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
@@ -40,6 +41,8 @@ _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
 _MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
 _JANITOR_S = 60.0
+_ENDED = ("SUCCESS", "ERROR", "CANCELLED")
+_FORGET_AT_ONCE = 1000
 _AFTER_TROUBLE_S = 1.0
 
 
@@ -222,4 +225,19 @@ def _sweep(worker: Worker) -> None:
 
 
 def _clean(worker: Worker) -> None:
-    clean(worker.store, worker.settings.store.abandoned_upload_s, worker.settings.jobs.keep_logs_s)
+    clean(worker.store, worker.settings.store.abandoned_upload_s, worker.settings.jobs.keep_ended_s)
+    _forget(worker.settings.jobs.keep_ended_s)
+
+
+def _forget(keep_s: float) -> None:
+    """Remove the engine's own records of what ended so long ago."""
+    before = datetime.now(UTC) - timedelta(seconds=keep_s)
+    ended = DBOS.list_workflows(
+        status=list(_ENDED),
+        completed_before=before.isoformat(),
+        limit=_FORGET_AT_ONCE,
+        load_input=False,
+        load_output=False,
+    )
+    if ended:
+        DBOS.delete_workflows([workflow.workflow_id for workflow in ended])

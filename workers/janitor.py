@@ -9,8 +9,8 @@ from service.store import Store
 from service.store.blobs import Blobs, remove
 
 
-def clean(store: Store, abandoned_upload_s: float, keep_logs_s: float) -> None:
-    """Remove work folders of ended jobs, deleted scenes, used uploads, uploads abandoned for so long, and old logs.
+def clean(store: Store, abandoned_upload_s: float, keep_ended_s: float) -> None:
+    """Remove work folders of ended jobs, deleted scenes, used uploads, abandoned ones, and what is left of old jobs.
 
     Folders are listed before rows are read: what came since then has its row and stays.
     """
@@ -24,12 +24,13 @@ def clean(store: Store, abandoned_upload_s: float, keep_logs_s: float) -> None:
     for upload_id in uploads:
         if upload_id in used or (upload_id not in live and blobs.upload_age(upload_id) > abandoned_upload_s):
             blobs.drop_upload(upload_id)
-    _remove_old_logs(blobs, keep_logs_s)
+    _remove_old_logs(blobs, keep_ended_s)
+    store.jobs.forget_ended(time.time() - keep_ended_s)
     blobs.tidy(abandoned_upload_s)
 
 
-def _remove_old_logs(blobs: Blobs, keep_logs_s: float) -> None:
+def _remove_old_logs(blobs: Blobs, keep_ended_s: float) -> None:
     for path in (blobs.root / "logs").glob("*.log"):
         with suppress(FileNotFoundError):  # another worker's janitor was faster
-            if time.time() - path.stat().st_mtime > keep_logs_s:
+            if time.time() - path.stat().st_mtime > keep_ended_s:
                 path.unlink()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, delete, exists, insert, select, update
 
 from service.store.records import OperationRecord, SceneSummary, WorkerRecord
 from service.store.rows import as_operation
@@ -169,6 +169,16 @@ class JobRows:
         alive = select(operations.c.id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
         with self._reading.connect() as connection:
             return frozenset(operation_ids) - frozenset(connection.scalars(alive))
+
+    def forget_ended(self, before: float) -> None:
+        """Remove operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
+        gone = delete(operations).where(
+            operations.c.updated_at < before,
+            operations.c.state.in_(("SUCCEEDED", "FAILED", "CANCELLED")),
+            ~exists().where(scenes.c.id == operations.c.scene_id),
+        )
+        with self._engine.begin() as connection:
+            connection.execute(gone)
 
     def uploads(self) -> tuple[frozenset[str], frozenset[str]]:
         """Uploads that a queued or running operation needs, and those whose operation has ended."""

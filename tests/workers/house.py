@@ -19,6 +19,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 from PIL import Image
+from sqlalchemy import create_engine
 
 from service.calls.service import SceneService, open_service
 from service.calls.types import Operation, SceneOptions
@@ -26,6 +27,7 @@ from service.capture.settings import CaptureSettings
 from service.capture.types import AdmittedUpload
 from service.common.progress import STAGES
 from service.settings import JobSettings, Settings
+from service.store.engine import resolve_url
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
@@ -67,7 +69,7 @@ class House:
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def start_worker(
-        self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None
+        self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None, **more: str
     ) -> subprocess.Popen[bytes]:
         """A worker process of its own.
 
@@ -76,8 +78,9 @@ class House:
             max_file: no file that it writes may grow beyond this many bytes.
             code: Python to run in it first.
             data_dir: a data folder of its own.
+            more: environment variables.
         """
-        own = {"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {}
+        own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
         return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file, own)
 
     @staticmethod
@@ -150,6 +153,16 @@ class House:
         """Process id of the trainer once it entered a stage of a job for the nth time."""
         self.wait_for(lambda: len(self.visits(stage, operation)) >= visit)
         return self.visits(stage, operation)[visit - 1].pid
+
+    def engine_records(self) -> int:
+        """How many jobs the job engine remembers."""
+        url = resolve_url(self.settings.data_dir, self.settings.database_url, sqlite_name="jobs.sqlite")
+        engine = create_engine(url)
+        with engine.connect() as connection:
+            table = "dbos.workflow_status" if self.settings.database_url else "workflow_status"
+            count = connection.exec_driver_sql(f"SELECT count(*) FROM {table}").scalar()
+        engine.dispose()
+        return int(count)
 
     def orderly(self, operation: Operation) -> bool:
         """Whether a job's stages ran one after the other, each again only in a later attempt than before."""

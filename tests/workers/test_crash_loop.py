@@ -45,7 +45,7 @@ def test_thirty_kills_lose_nothing_and_leave_nothing(house: House) -> None:
     # Stages that a crash cut off ran again; nothing ran beside itself, and nothing after its end.
     for operation in operations:
         assert house.orderly(operation)
-    clean(house.service._store, abandoned_upload_s=-1, keep_logs_s=3600)
+    clean(house.service._store, abandoned_upload_s=-1, keep_ended_s=3600)
     house.wait_for(lambda: house.left_over() == [])
 
 

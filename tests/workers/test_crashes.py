@@ -161,6 +161,24 @@ def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_w
     assert len(house.visits("training")) == 2 and len(house.visits("export")) == 1
 
 
+def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(house: House) -> None:
+    kept, gone, failed = house.post(), house.post(), house.post("capture:fail")
+    first = house.start_worker()
+    for operation in (kept, gone, failed):
+        house.wait_over(operation)
+    log = house.service._store.blobs.log(failed.id)
+    assert log.exists()
+    house.service.delete_scene(gone.scene_id)
+    kill(first)
+    house.start_worker(FASTSPLAT_JOBS__KEEP_ENDED_S="0.001")
+
+    house.wait_for(lambda: not log.exists())
+    house.wait_for(lambda: not house.service._store.rows.operations(9, None, "CANCELLED"))
+    house.wait_for(lambda: house.engine_records() == 0)
+    assert {record.id for record in house.service._store.rows.operations(9)} == {kept.id, failed.id}
+    assert house.service.get_scene(kept.scene_id).state == "READY"
+
+
 def test_two_workers_never_run_one_job(house: House) -> None:
     operations = [house.post("training:sleep 0.3") for _ in range(4)]
     for _ in range(2):

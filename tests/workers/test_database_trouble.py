@@ -38,7 +38,7 @@ def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(house, databa
         assert house.wait_over(operation).state == "SUCCEEDED"
     assert worker.poll() is None
     assert all(len(house.visits(stage)) == 2 for stage in STAGES)
-    clean(house.service._store, abandoned_upload_s=-1, keep_logs_s=60)
+    clean(house.service._store, abandoned_upload_s=-1, keep_ended_s=60)
     house.wait_for(lambda: house.left_over() == [])
 
 
