@@ -17,7 +17,7 @@ from service.capture.types import Capture
 from service.common.progress import silent
 from service.perception import label_capture
 from service.perception.settings import PerceptionSettings
-from service.perception.types import Labelling
+from service.perception.types import Labelling, Regions
 from service.splatting.views import split_views
 
 HELD_OUT_EVERY = 5
@@ -70,9 +70,10 @@ def training_labels(data: BenchData, settings: PerceptionSettings) -> Labelling:
     names = data.asked if settings.open_set_detector else ()
     found = label_capture(part, settings, models(), names, silent)
     maps = [np.zeros_like(label_map) for label_map in data.truth.label_maps]
-    for position, label_map in zip(data.train, found.label_maps, strict=True):
-        maps[position] = label_map
-    return Labelling(found.dictionary, tuple(maps))
+    regions = [Regions(label_map, ()) for label_map in maps]
+    for position, label_map, seen in zip(data.train, found.label_maps, found.regions, strict=True):
+        maps[position], regions[position] = label_map, seen
+    return Labelling(found.dictionary, tuple(maps), regions=tuple(regions), expected=found.expected)
 
 
 def _sample() -> Capture:

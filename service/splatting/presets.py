@@ -13,7 +13,7 @@ PresetName = Literal["draft", "balanced", "best"]
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
         "draft": MappingProxyType(
-            {"time_budget_s": 30.0, "max_gaussians": 15_000, "max_side": 320, "max_sh_degree": 0, "evaluations": 3}
+            {"time_budget_s": 30.0, "max_gaussians": 20_000, "max_side": 480, "max_sh_degree": 0, "evaluations": 3}
         ),
         "balanced": MappingProxyType(
             {
@@ -22,7 +22,7 @@ PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
             }
         ),
         "best": MappingProxyType(
-            {"time_budget_s": 600.0, "max_gaussians": 150_000, "max_side": 960, "max_sh_degree": 2, "evaluations": 10}
+            {"time_budget_s": 480.0, "max_gaussians": 100_000, "max_side": 960, "max_sh_degree": 3, "evaluations": 10}
         ),
     }
 )
