@@ -40,7 +40,9 @@ _CRASH_EXIT = 70
 _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
 _MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
+_ALIKE_CHARS, _ALIKE_S = 30, 10.0
 _JANITOR_S = 60.0
+_TIDY_S = 3600.0  # it may list a whole object store
 _ENDED = ("SUCCESS", "ERROR", "CANCELLED")
 _FORGET_AT_ONCE = 1000
 _AFTER_TROUBLE_S = 1.0
@@ -100,6 +102,7 @@ def start(worker: Worker) -> None:
         ("beat", _beat, jobs.beat_s),
         ("sweep", _sweep, jobs.beat_s),
         ("janitor", _clean, _JANITOR_S),
+        ("tidy", _tidy, _TIDY_S),
     ):
         _start_thread(worker, name, act, pause)
 
@@ -209,7 +212,23 @@ def _share_log() -> None:
     engine = logging.getLogger("dbos")
     for handler in list(engine.handlers):
         engine.removeHandler(handler)
+    engine.addFilter(_Sparse())
     engine.propagate = True
+
+
+class _Sparse(logging.Filter):
+    """Lets a record through that begins as one of a moment ago only now and then: the engine retries, and tells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._last: dict[str, float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        beginning, now = record.getMessage()[:_ALIKE_CHARS], time.monotonic()
+        if now - self._last.get(beginning, -_ALIKE_S) < _ALIKE_S:
+            return False
+        self._last[beginning] = now
+        return True
 
 
 def _beat(worker: Worker) -> None:
@@ -227,6 +246,10 @@ def _sweep(worker: Worker) -> None:
 def _clean(worker: Worker) -> None:
     clean(worker.store, worker.settings.store.abandoned_upload_s, worker.settings.jobs.keep_ended_s)
     _forget(worker.settings.jobs.keep_ended_s)
+
+
+def _tidy(worker: Worker) -> None:
+    worker.store.blobs.tidy(worker.settings.store.abandoned_upload_s)
 
 
 def _forget(keep_s: float) -> None:

@@ -26,7 +26,6 @@ def clean(store: Store, abandoned_upload_s: float, keep_ended_s: float) -> None:
             blobs.drop_upload(upload_id)
     _remove_old_logs(blobs, keep_ended_s)
     store.jobs.forget_ended(time.time() - keep_ended_s)
-    blobs.tidy(abandoned_upload_s)
 
 
 def _remove_old_logs(blobs: Blobs, keep_ended_s: float) -> None:

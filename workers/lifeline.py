@@ -49,7 +49,7 @@ def machine() -> str:
 
 
 def process_state(pid: int, before: float) -> str:
-    """State letter of a process in this `machine`: "T" is stopped, as by SIGSTOP; "" if it is over.
+    """State letter of a process in this `machine`: "T" is stopped, as by SIGSTOP; "" if it is over, "?" if hidden.
 
     Args:
         pid: its id.
@@ -58,7 +58,17 @@ def process_state(pid: int, before: float) -> str:
     try:
         state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     except OSError:
-        return ""
+        return "?" if _exists(pid) else ""
     seconds_after_boot = int(numbers[_START_TIME]) / os.sysconf("SC_CLK_TCK")
     started_at = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + seconds_after_boot
     return "" if state in "ZX" or started_at > before + _CLOCK_SLACK_S else state
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's, whom /proc may hide
+        pass
+    return True

@@ -18,9 +18,10 @@ import hashlib
 import json
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -200,19 +201,18 @@ class ObjectBlobs(Blobs):
         """Age in seconds of the youngest object, and the key of the folder, of all parts below a key."""
         found: dict[str, tuple[float, str]] = {}
         with _answers():
-            for name in self.files.find(key):
+            for name, entry in self.files.find(key, detail=True).items():
                 folder, mark, rest = name.partition(f"/{_PARTS}")
                 if mark:
                     parts = _PARTS + rest.split("/", 1)[0]
-                    age = time.time() - self.files.modified(name).timestamp()
+                    age = time.time() - _changed_at(entry)
                     found[parts] = (min(age, found.get(parts, (age, ""))[0]), folder)
         return found
 
     def _age(self, key: str) -> float:
         with _answers():
-            names = self.files.find(key)
-            moments = [self.files.modified(name).timestamp() for name in names]
-        return time.time() - max(moments, default=0.0)
+            entries = self.files.find(key, detail=True).values()
+        return time.time() - max(map(_changed_at, entries), default=0.0)
 
     def _shrink(self, keep: Path) -> None:
         copies = []
@@ -267,6 +267,14 @@ def _answers(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Itera
         raise
     except Exception as error:  # every store's client has errors of its own
         raise ObjectStoreError(f"the object store does not answer ({type(error).__name__})") from error
+
+
+def _changed_at(entry: Mapping[str, Any]) -> float:
+    """Seconds since 1970, of an entry of a listing: every file system has its own word for it."""
+    moment = next(
+        entry[word] for word in ("LastModified", "last_modified", "mtime", "updated", "created") if word in entry
+    )
+    return moment.timestamp() if isinstance(moment, datetime) else float(moment)
 
 
 def _digest(path: Path) -> str:

@@ -74,6 +74,7 @@ def test_an_upload_reaches_workers_that_share_no_folder(here, there):
     (here.upload("up") / ".admitted").mkdir()
     (here.upload("up") / ".admitted" / "manifest.json").write_text("[]")
     here.keep_upload("up")
+    assert 0 <= there.upload_age("up") < 3600 and there.ids("uploads") == ("up",)
     assert _content(there.fetch_upload("up")) == _content(here.upload("up"))
     there.drop_upload("up")
     assert _objects(here) == []

@@ -1,0 +1,36 @@
+"""What is known of a process by its id: stopped, running, over, or another one by now."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from tests.workers.house import House
+from workers.lifeline import machine, process_state
+
+_EVER = float("inf")
+
+
+def test_a_process_is_running_then_stopped_then_over_though_nobody_has_reaped_it() -> None:
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    assert process_state(process.pid, _EVER) in ("R", "S", "D")
+    os.kill(process.pid, signal.SIGSTOP)
+    House.wait_for(lambda: process_state(process.pid, _EVER) == "T")
+    process.kill()
+    House.wait_for(lambda: process_state(process.pid, _EVER) == "")
+    process.wait()
+    assert process_state(process.pid, _EVER) == ""
+
+
+def test_a_younger_process_of_the_same_id_is_another_one() -> None:
+    now = time.time()
+    assert process_state(os.getpid(), now) != ""
+    assert process_state(os.getpid(), now - 10 * 365 * 24 * 3600.0) == ""
+
+
+def test_the_machine_is_the_same_for_all_processes_in_it() -> None:
+    command = [sys.executable, "-c", "from workers.lifeline import machine; print(machine())"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == machine()
