@@ -37,6 +37,7 @@ _DARK = 0.1
 _DIRECTIONS = 64
 _NEIGHBOURS = 12
 _ENCLOSED = 0.5
+_MARGIN = 0.25
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,10 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     around = gaussians.means[np.intersect1d(rows, visible)]
     if not len(around):
         return rows
-    inside = ((gaussians.means >= around.min(axis=0)) & (gaussians.means <= around.max(axis=0))).all(axis=1)
-    asked = np.flatnonzero(inside & finite & ~taken)
+    low, high = around.min(axis=0), around.max(axis=0)
+    asked = np.flatnonzero(_within(gaussians.means, low, high) & finite & ~taken)
+    margin = _MARGIN * (high - low).max()
+    visible = visible[_within(gaussians.means[visible], low - margin, high + margin)]
     count = min(_NEIGHBOURS, len(visible))
     near = visible[cKDTree(gaussians.means[visible]).query(gaussians.means[asked], k=[*range(1, count + 1)])[1]]
     shares = (opacities[near] * taken[near]).sum(axis=1) / opacities[near].sum(axis=1)
@@ -124,6 +127,10 @@ def _check_extras(edit: Edit) -> None:
         colour = np.asarray(edit.colour, dtype=np.float64)
         if colour.shape != (3,) or not ((colour >= 0) & (colour <= 1)).all():
             raise InvalidInputError(f"a colour of {edit.colour}", field="colour", limit="RGB, 0 to 1 each")
+
+
+def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
