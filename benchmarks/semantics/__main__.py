@@ -73,6 +73,7 @@ def main() -> None:
     parser.add_argument("--gaussians", type=int, default=40_000)
     parser.add_argument("--max-side", type=int, default=640)
     parser.add_argument("--mask-label", default="")
+    parser.add_argument("--tag", default="", help="stored as DATA@TAG, beside the rows of other bounds")
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "fastsplat-semantics")
     options = parser.parse_args()
     settings = Settings()
@@ -81,7 +82,8 @@ def main() -> None:
     run = _Rows(dataset, settings, options)
     for name in options.rows:
         figures = run.maps() if name == "maps" else run.scene(name)
-        _store(f"{options.data.resolve().name}/{name}", figures, options)
+        tag = f"@{options.tag}" if options.tag else ""
+        _store(f"{options.data.resolve().name}{tag}/{name}", figures, options)
 
 
 class _Rows:

@@ -34,7 +34,7 @@ class Regions:
         """The ids at another size, nearest pixel."""
         rows = ((np.arange(height) + 0.5) * self.ids.shape[0] / height).astype(np.int64)
         columns = ((np.arange(width) + 0.5) * self.ids.shape[1] / width).astype(np.int64)
-        return self.ids[rows][:, columns]
+        return np.asarray(self.ids[rows][:, columns])
 
 
 @dataclass(frozen=True)

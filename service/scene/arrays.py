@@ -16,7 +16,7 @@ from service.scene.errors import SceneFileError
 from service.scene.types import F32, Evidence
 
 _CHUNK_BYTES = 16 << 20
-_CODES = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
+_CODES: Mapping[str, np.dtype[np.generic]] = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
 """How safetensors calls the dtypes that a scene has."""
 
 Array = NDArray[np.generic]

@@ -79,8 +79,8 @@ def voted_maps(
     named = name_things(things, regions, classes, expected=expected)
     lookup = [np.zeros(len(found.votes) + 1, np.int32) for found in regions]
     for thing in named:
-        for view, region in thing.members:
-            lookup[view][region] = thing.label
+        for row, region in thing.members:
+            lookup[row][region] = thing.label
     relabelled = [table[ids] for table, ids in zip(lookup, maps, strict=True)]
     spoken = speaking(tuple(with_labels(view, labels) for view, labels in zip(views, relabelled, strict=True)))
     evidence = views_evidence(gaussians, spoken, classes, undetected_weight=undetected_weight, backend=backend)
