@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-trade sample docker-check clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-trade bench-semantics sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -54,6 +54,9 @@ bench-serve: setup  ## the API under load, writes benchmarks/results/serve.json
 
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
+
+bench-semantics: setup  ## ways to hold labels side by side on FASTSPLAT_TEST_DATA's tabletop: benchmarks/results/semantics.json
+	$(BIN)/python -m benchmarks.semantics $(FASTSPLAT_TEST_DATA)/tabletop
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade
