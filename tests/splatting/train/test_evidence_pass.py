@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from service.capture.types import Capture
+from service.common.dictionary import dictionary_of
 from service.common.errors import InvalidInputError
 from service.common.progress import silent
 from service.perception.types import Labelling
@@ -109,6 +110,26 @@ def test_every_pixel_undetected_trains_a_scene_without_names(
         assert not (trained.gaussians.codes @ trained.head.weight.T + trained.head.bias).argmax(axis=1).any()
     else:
         assert len(trained.evidence.counts) == 0
+
+
+@pytest.mark.parametrize("mode", ["codes", "evidence"])
+@pytest.mark.parametrize("labels", [1, 10_000])
+def test_one_label_and_ten_thousand_can_be_trained(
+    world: World, quick: Callable[..., TrainingSettings], mode: str, labels: int
+) -> None:
+    capture, labelling = world
+    names = dictionary_of(f"thing {number}x" for number in range(labels))
+    ids = np.array([0, 1, 1, 1] if labels == 1 else [0, 1, 5_000, 10_000], np.uint16)
+    maps = tuple(ids[label_map] for label_map in labelling.label_maps)
+    settings = quick(label_mode=mode, iterations=5, start_scale=1.0)
+    trained = train(capture, Labelling(names, maps), settings, silent)
+    if trained.evidence is None:
+        assert trained.head.weight.shape == (labels + 1, 1 if labels == 1 else 13)
+        shown = np.unique((trained.gaussians.codes @ trained.head.weight.T + trained.head.bias).argmax(axis=1))
+    else:
+        shown = np.unique(posterior(trained.evidence, labels + 1).classes)
+    assert len(shown) > 1 or labels == 1
+    assert set(shown.tolist()) <= set(ids.tolist())
 
 
 def test_a_view_nobody_looked_at_says_nothing(world: World) -> None:
