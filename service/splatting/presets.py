@@ -30,7 +30,7 @@ PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
 
 PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
-        "draft": MappingProxyType({"max_views": 12, "closer_look": False}),
+        "draft": MappingProxyType({"max_views": 12, "closer_look": True}),
         "balanced": MappingProxyType({"max_views": 0, "closer_look": True}),
         "best": MappingProxyType({"max_views": 0, "closer_look": True}),
     }
