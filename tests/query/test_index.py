@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,7 +12,7 @@ import pytest
 from service.common.camera import PosedCamera
 from service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
-from service.query import QuerySettings, SceneIndex, calibration
+from service.query import QuerySettings, SceneIndex
 from service.query.labels import most_probable_class
 from service.scene import Scene, SemanticHead
 
@@ -369,35 +368,3 @@ def test_an_answer_of_another_scene_is_refused(
 def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 - pydantic's message names the field
         QuerySettings(**wrong)
-
-
-@pytest.mark.parametrize(
-    ("count", "temperature"), [(0, None), (1, None), (2, None), (2, 0.0), (2, 1e6), (10_000, None)]
-)
-def test_calibrated_answers_of_any_dictionary_are_whole(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], count: int, temperature: float | None
-) -> None:
-    encoder = drawn_encoder()  # stands in for an encoder that was measured
-    (key,) = json.loads(calibration.FILE.read_text())
-    encoder.name, encoder.sha256 = key.split("@")[0], key.split("@")[1].ljust(64, "0")
-    settings = QuerySettings(temperature=temperature)
-    index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), encoder, settings)
-    assert index.calibrated
-    for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
-        sets = [index.ask([text], coverage=coverage)[0] for coverage in (0.0, 0.5, 0.9, 1.0)]
-        for answer in sets:
-            named = count > 0 and text == "thing 0x"
-            assert len(answer.matches) == count and (answer.decided_by == "name") == named
-            assert 0 <= answer.probability <= 1 and 0 <= answer.presence <= 1
-            assert answer.presence >= max((match.probability for match in answer.matches), default=0)
-            if answer.verdict == "absent":
-                assert answer.probability == pytest.approx(1 - answer.presence)
-            assert answer.label_set and set(answer.label_set) <= set(range(count + 1))
-            assert all(0 <= match.probability <= 1 and 0 <= match.relevancy <= 1 for match in answer.matches)
-            if named:
-                assert answer.label_set == (1,) and answer.probability == 1
-        sizes = [len(answer.label_set) for answer in sets]
-        assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or sets[0].decided_by == "name")
-        assert {(answer.verdict, answer.matches) for answer in sets} == {(sets[0].verdict, sets[0].matches)}
-        if not count:
-            assert sets[0].verdict == "absent" and sets[0].probability == 1 and sets[-1].label_set == (0,)

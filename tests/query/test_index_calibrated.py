@@ -1,0 +1,44 @@
+"""What holds of an encoder with calibrated probabilities, whatever the dictionary."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from service.query import QuerySettings, SceneIndex, calibration
+from service.scene import Scene
+
+
+@pytest.mark.parametrize(
+    ("count", "temperature"), [(0, None), (1, None), (2, None), (2, 0.0), (2, 1e6), (10_000, None)]
+)
+def test_calibrated_answers_of_any_dictionary_are_whole(
+    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], count: int, temperature: float | None
+) -> None:
+    encoder = drawn_encoder()  # stands in for an encoder that was measured
+    (key,) = json.loads(calibration.FILE.read_text())
+    encoder.name, encoder.sha256 = key.split("@")[0], key.split("@")[1].ljust(64, "0")
+    settings = QuerySettings(temperature=temperature)
+    index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), encoder, settings)
+    assert index.calibrated
+    for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
+        sets = [index.ask([text], coverage=coverage)[0] for coverage in (0.0, 0.5, 0.9, 1.0)]
+        for answer in sets:
+            named = count > 0 and text == "thing 0x"
+            assert len(answer.matches) == count and (answer.decided_by == "name") == named
+            assert 0 <= answer.probability <= 1 and 0 <= answer.presence <= 1
+            assert answer.presence >= max((match.probability for match in answer.matches), default=0)
+            if answer.verdict == "absent":
+                assert answer.probability == pytest.approx(1 - answer.presence)
+            assert answer.label_set and set(answer.label_set) <= set(range(count + 1))
+            assert all(0 <= match.probability <= 1 and 0 <= match.relevancy <= 1 for match in answer.matches)
+            if named:
+                assert answer.label_set == (1,) and answer.probability == 1
+        sizes = [len(answer.label_set) for answer in sets]
+        assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or sets[0].decided_by == "name")
+        assert {(answer.verdict, answer.matches) for answer in sets} == {(sets[0].verdict, sets[0].matches)}
+        if not count:
+            assert sets[0].verdict == "absent" and sets[0].probability == 1 and sets[-1].label_set == (0,)
