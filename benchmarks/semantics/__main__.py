@@ -83,7 +83,7 @@ def main() -> None:
     for name in options.rows:
         figures = run.maps() if name == "maps" else run.scene(name)
         tag = f"@{options.tag}" if options.tag else ""
-        _store(f"{options.data.resolve().name}{tag}/{name}", figures, options)
+        _store(f"{options.data.resolve().name}{tag}/{name}", figures)
 
 
 class _Rows:
@@ -112,6 +112,7 @@ class _Rows:
             "worst_class": [worst, _rounded(per_class[worst])],
             "miou_per_class": {label: _rounded(value) for label, value in per_class.items()},
             "gaussians": len(scene.gaussians),
+            "bounds": {key: scene.training.get(key) for key in ("iterations", "max_gaussians", "max_side")},
             "label_bytes_per_gaussian": _rounded(_label_bytes(scene)),
             "mask_ms": _rounded(self._mask_ms(index)),
             **quality,
@@ -238,12 +239,11 @@ def _told(event: ProgressEvent) -> None:
     print(f"\r{event.stage} {event.fraction:.0%} {event.message}", end="", file=sys.stderr, flush=True)
 
 
-def _store(name: str, figures: dict[str, Any], options: argparse.Namespace) -> None:
+def _store(name: str, figures: dict[str, Any]) -> None:
     words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
     row = {
         **figures,
         "command": " ".join(["python -m benchmarks.semantics", *words]),
-        "bounds": {"iterations": options.iterations, "gaussians": options.gaussians, "max_side": options.max_side},
         "date": time.strftime("%Y-%m-%d"),
         "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} CPUs",
         "load_average": round(os.getloadavg()[0], 1),
