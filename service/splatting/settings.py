@@ -59,7 +59,8 @@ class TrainingSettings(BaseModel):
         semantic_weight: factor of the weighted cross-entropy; a larger one costs colour.
         semantic_every: the cross-entropy enters every so many-th step.
         label_mode: where the scene keeps its labels. codes: trained jointly with colour and geometry. evidence: colour
-            and geometry are trained alone, then comes one look at the label maps. auto: codes.
+            and geometry are trained alone, then comes one look at the label maps. auto: codes, which with exact label
+            maps have a mean IoU of 0.975 where evidence has 0.892 (`benchmarks/semantics`).
         undetected_weight: what an undetected pixel weighs, in the cross-entropy and as evidence, where a labelled one
             has 1. In label maps that came with the capture a pixel without a label is as sure as any and weighs 1.
         vote_at: share of a run at which the views agree on what was detected (`service.splatting.consensus`). Before it
