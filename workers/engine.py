@@ -101,6 +101,7 @@ def start(worker: Worker) -> None:
         ("dispatch", _dispatch, jobs.poll_s),
         ("beat", _beat, jobs.beat_s),
         ("sweep", _sweep, jobs.beat_s),
+        ("fence", _leave_if_lost, jobs.beat_s),
         ("janitor", _clean, _JANITOR_S),
         ("tidy", _tidy, _TIDY_S),
     ):
@@ -237,6 +238,13 @@ def _beat(worker: Worker) -> None:
 
 def _kill_frozen(worker: Worker) -> None:
     kill_frozen(worker.store, worker.executor_id, worker.settings.jobs.stale_s)
+
+
+def _leave_if_lost(worker: Worker) -> None:
+    for operation_id, supervisor in list(worker.running.items()):
+        if supervisor.lost() and operation_id in worker.running:
+            logger.warning("job %s is in other hands; this worker starts over", operation_id)
+            _leave(worker, FENCED_EXIT)
 
 
 def _sweep(worker: Worker) -> None:

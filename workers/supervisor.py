@@ -55,6 +55,8 @@ class Supervisor:
         self._written_at = 0.0
         self._checked_at = 0.0
         self._stage_started: dict[str, float] = {}
+        self._ending = False
+        self._suspect: Claim | None = None
 
     def parked(self) -> Mapping[str, Any] | None:
         """The error of a job that was started too often, or None if it may run."""
@@ -112,6 +114,7 @@ class Supervisor:
         Raises:
             FencedError: somebody else has the job now.
         """
+        self._ending = True
         jobs, blobs, operation = self._store.jobs, self._store.blobs, self._claim.operation
         if outcome["outcome"] == "done" and not self._exported():
             # The stages were recorded, but on a machine whose folder this one does not see.
@@ -131,6 +134,20 @@ class Supervisor:
             blobs.drop_upload(operation.upload_id)
             if outcome["outcome"] != "done":
                 blobs.drop_scene(operation.scene_id)
+
+    def lost(self) -> bool:
+        """Whether the job is in other hands for sure: seen twice in a row. For a thread beside the one that runs it.
+
+        The job engine knows of lost jobs too, and then waits for their new owner, where this could not end the trainer.
+        """
+        claim, before = self._claim, self._suspect
+        try:
+            self._store.jobs.check(claim)
+            self._suspect = None
+        except FencedError:
+            self._suspect = claim
+        # A new attempt of our own, or the end, changes the rows before it changes this object.
+        return self._suspect is not None and before is claim is self._claim and not self._ending
 
     def kill(self) -> None:
         """End the trainer and all it started."""

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+import psycopg
 from PIL import Image
 from sqlalchemy import create_engine
 
@@ -175,7 +176,8 @@ class House:
 
         def frozen() -> bool:
             os.kill(worker.pid, signal.SIGSTOP)
-            if all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
+            url = self.settings.database_url
+            if _at_rest(url) if url else all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
                 return True
             os.kill(worker.pid, signal.SIGCONT)
             return False
@@ -283,6 +285,14 @@ def _picture(seed: int) -> bytes:
 
 
 _PICTURES = [_picture(seed) for seed in range(3)]
+
+
+def _at_rest(url: str) -> bool:
+    time.sleep(0.3)  # what is under way at the server ends
+    with psycopg.connect(url) as connection:
+        query = """SELECT count(*) FROM pg_locks JOIN pg_stat_activity USING (pid)
+            WHERE datname = current_database() AND mode = 'RowExclusiveLock'"""
+        return connection.execute(query).fetchone() == (0,)
 
 
 def _writable(database: Path) -> bool:

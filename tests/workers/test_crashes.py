@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -135,7 +136,7 @@ import os, signal, threading, time
 import service.store.jobs as jobs
 report = jobs.JobRows.report
 def freeze(self, claim, stages):
-    if not os.path.exists({flag!r}) and any(stage["stage"] == "training" for stage in stages):
+    if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
         with self._engine.begin() as connection:
             connection.execute(self._fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
@@ -150,7 +151,7 @@ def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_w
 ) -> None:
     flag = house.settings.data_dir / "frozen.txt"
     operation = house.post("training:sleep_once 600")
-    frozen = house.start_worker(code=_FREEZE_INSIDE.format(flag=str(flag)))
+    frozen = house.start_worker(code=_FREEZE_INSIDE.format(flag=str(flag), stage="training", finished=True))
     trainer = house.wait_in("training", operation)
     house.wait_for(flag.exists)
     house.start_worker()
@@ -159,6 +160,29 @@ def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_w
     assert house.wait_over(operation).state == "SUCCEEDED"
     assert not house.is_alive(trainer)
     assert len(house.visits("training")) == 2 and len(house.visits("export")) == 1
+
+
+def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks_and_its_trainer(
+    postgres: PostgresServer, tmp_path: Path
+) -> None:
+    with postgres.database() as url:
+        house = House(tmp_path, url)
+        flag = house.settings.data_dir / "frozen.txt"
+        operation = house.post("training:sleep_once 600", "export:sleep 2")
+        # At the end of a stage: what the job engine records on waking is not its own any more.
+        inside = _FREEZE_INSIDE.format(flag=str(flag), stage="perception", finished='stage["fraction"] == 1')
+        short = "import service.store.engine\nservice.store.engine.IDLE_TRANSACTION_S = 3.0\n"
+        frozen = house.start_worker(elsewhere=True, code=short + inside)
+        trainer = house.wait_in("training", operation)
+        house.wait_for(flag.exists)
+        house.start_worker()
+        house.wait_in("export", operation)
+        house.wake(frozen)
+
+        assert frozen.wait(timeout=60) == 75
+        assert not house.is_alive(trainer)
+        assert house.wait_over(operation).state == "SUCCEEDED"
+        house.close()
 
 
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(house: House) -> None:
