@@ -41,6 +41,7 @@ wishes = st.builds(
 
 @settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds, st.floats(0, 20))
+@example(TrainingSettings(), TABLE, 60.0, Speed(), 20.0)
 @example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, Speed(), 0.0)
 def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(wanted, scene, budget, speed, tail) -> None:
     found = plan(wanted, scene, budget, speed=speed, spent_s=tail / 2, tail_s=tail)
