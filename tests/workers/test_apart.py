@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from contextlib import closing
 from pathlib import Path
 
 import fsspec
@@ -19,8 +20,7 @@ def test_a_job_moves_to_another_machine_and_its_scene_to_all(postgres: PostgresS
     files.mkdir(bucket)
     artefacts = ArtefactSettings(url=f"s3://{bucket}/place", endpoint_url=s3)
     one, two = tmp_path / "one", tmp_path / "two"
-    with postgres.database() as url:
-        house = House(tmp_path / "api", url, artefacts=artefacts)
+    with postgres.database() as url, closing(House(tmp_path / "api", url, artefacts=artefacts)) as house:
         operation = house.post("training:sleep_once 600")
         first = house.start_worker(elsewhere=True, data_dir=one)
         house.wait_for(lambda: house.visits("training", operation, one))
@@ -36,4 +36,3 @@ def test_a_job_moves_to_another_machine_and_its_scene_to_all(postgres: PostgresS
         house.wait_for(lambda: not files.find(f"{bucket}/place/uploads"))
         house.service.delete_scene(scene.id)
         assert files.find(bucket) == []
-        house.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -165,8 +166,7 @@ def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_w
 def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks_and_its_trainer(
     postgres: PostgresServer, tmp_path: Path
 ) -> None:
-    with postgres.database() as url:
-        house = House(tmp_path, url)
+    with postgres.database() as url, closing(House(tmp_path, url)) as house:
         flag = house.settings.data_dir / "frozen.txt"
         operation = house.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage: what the job engine records on waking is not its own any more.
@@ -182,7 +182,6 @@ def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks
         assert frozen.wait(timeout=60) == 75
         assert not house.is_alive(trainer)
         assert house.wait_over(operation).state == "SUCCEEDED"
-        house.close()
 
 
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(house: House) -> None:
