@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -104,7 +104,7 @@ class TrainingSettings(BaseModel):
     undetected_weight: float = Field(0.1, ge=0, le=1)
     vote_at: float = Field(0.5, ge=0, le=1)
     agreed_undetected_weight: float = Field(0.3, ge=0, le=1)
-    code_size: Literal["auto"] | int = "auto"
+    code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     background: Literal["black", "random"] = "black"
     densify_from: float = Field(0.03, ge=0, le=1)
     densify_until: float = Field(0.8, ge=0, le=1)

@@ -242,3 +242,9 @@ def test_start_widths_agree_with_every_distance_measured(count: int) -> None:
     expected = np.clip(np.sqrt((away**2).mean(axis=1)), 1e-3, None)
     gaussians = start_gaussians(StartPoints(points, np.zeros_like(points), 0), extent=100)
     assert np.exp(gaussians.log_scales[:, 0]) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [0, -1, 257])
+def test_codes_have_at_least_one_number(size: int) -> None:
+    with pytest.raises(ValueError, match="code_size"):
+        TrainingSettings(code_size=size)
