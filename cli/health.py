@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import ssl
 import urllib.error
 import urllib.request
@@ -11,6 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from service.settings import Settings, load_settings
+from workers.lifeline import machine
 
 _TIMEOUT_S = 5.0
 
@@ -41,9 +41,8 @@ def _worker_trouble(settings: Settings) -> str:
 
     store = open_store(settings.data_dir, settings.database_url)
     try:
-        host = socket.gethostname()
-        if store.jobs.alive_on(host, settings.jobs.stale_s):
+        if store.jobs.alive_on(machine(), settings.jobs.stale_s):
             return ""
-        return f"no worker on {host} gave a beat in the last {settings.jobs.stale_s:.0f} s"
+        return f"no worker of this machine gave a beat in the last {settings.jobs.stale_s:.0f} s"
     finally:
         store.close()

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from images import ROOT, Builder, Image
 
-_PATIENCE_S = 300.0
+_PATIENCE_S = 120.0
 _UID = 10001
 
 

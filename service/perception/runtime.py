@@ -11,6 +11,8 @@ import onnxruntime
 
 from service.common.errors import ModelUnavailableError
 
+onnxruntime.disable_telemetry_events()  # what people photograph, and when, is nobody's business
+
 Shape = Sequence[int | None]
 """Sizes; None: any. A size that the model leaves open fits every number."""
 

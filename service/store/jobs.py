@@ -143,7 +143,7 @@ class JobRows:
                 connection.execute(insert(workers).values(row))
 
     def alive_on(self, host: str, stale_s: float) -> bool:
-        """Whether an executor on this host gave a beat in the last `stale_s` seconds."""
+        """Whether an executor of this host, as it named it in its beats, gave one in the last `stale_s` seconds."""
         fresh = workers.c.beat_at >= time.time() - stale_s
         query = select(workers.c.executor_id).where(workers.c.host == host, fresh).limit(1)
         with self._reading.connect() as connection:
