@@ -40,7 +40,7 @@ def test_the_api_is_well_when_it_says_so(tmp_path: Path, status: int) -> None:
     asked = []
 
     class Answer(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:  # noqa: N802 - http.server's name
+        def do_GET(self) -> None:
             asked.append(self.path)
             self.send_response(status)
             self.end_headers()
