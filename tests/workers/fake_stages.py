@@ -44,6 +44,7 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         elif name == "kill_worker":
             os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(600)  # dies with its worker; without this the stage could be over before
         elif name == "environment":
             names = ("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS", "FASTSPLAT_DATABASE_URL", "AWS_SECRET_ACCESS_KEY")
             values = {name: os.environ.get(name) for name in names}
