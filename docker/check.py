@@ -22,7 +22,10 @@ from pathlib import Path
 
 from images import ROOT, Builder, Image
 
-_PATIENCE_S = 120.0
+from fastsplat_client import Client
+from service.calls.types import SceneOptions
+
+_PATIENCE_S = 240.0
 _UID = 10001
 
 
@@ -78,37 +81,26 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
         for target, process in (("api", api), ("worker", worker)):
             _until(f"{target} is healthy", lambda target=target: _healthy(images[target], environment, data, models))
             assert process.poll() is None, f"{target} has ended"
-        _ask(data, f"http://127.0.0.1:{http}")
+        _ask(folder, (data / "key").read_text().strip(), f"http://127.0.0.1:{http}")
 
 
-def _ask(data: Path, url: str) -> None:
-    """Post a few photos with poses, wait for the scene, ask for the banana."""
-    key = (data / "key").read_text().strip()
-    call = ["curl", "--silent", "--show-error", "--fail-with-body", "--header", f"Authorization: Bearer {key}"]
-    sample = ROOT / "demo/sample"
+def _ask(folder: Path, key: str, url: str) -> None:
+    """Post a few photos with their poses, wait for the scene, ask for the banana."""
+    sample, capture = ROOT / "demo/sample", folder / "capture"
+    (capture / "images").mkdir(parents=True)
     names = sorted(path.name for path in (sample / "images").glob("*.jpg"))[::3]
+    for name in names:
+        shutil.copy(sample / "images" / name, capture / "images" / name)
     transforms = json.loads((sample / "transforms.json").read_text())
     transforms["frames"] = [frame for frame in transforms["frames"] if Path(frame["file_path"]).name in names]
-    post = [*call, "--form", "time_budget_s=5", "--form", "max_gaussians=5000"]
-    post += ["--form", "files=@-;filename=transforms.json"]
-    for name in names:
-        post += ["--form", f"files=@{sample / 'images' / name};filename=images/{name}"]
-    posted = subprocess.run(
-        [*post, f"{url}/v1/scenes"], input=json.dumps(transforms).encode(), check=True, capture_output=True
-    )
-    operation = json.loads(posted.stdout)
-
-    def done() -> bool:
-        got = subprocess.run([*call, f"{url}/v1/operations/{operation['id']}"], check=True, capture_output=True).stdout
-        state = json.loads(got)
-        assert state["state"] not in ("FAILED", "CANCELLED"), state
-        return bool(state["done"])
-
-    _until("the scene is trained", done)
-    asked = [*call, "--get", "--data-urlencode", "text=banana", "--data", f"scene={operation['scene_id']}"]
-    answer = json.loads(subprocess.run([*asked, f"{url}/query"], check=True, capture_output=True).stdout)
-    print(json.dumps(answer, indent=1)[:1500])
-    assert answer["answers"][0]["verdict"] == "exact", answer
+    (capture / "transforms.json").write_text(json.dumps(transforms))
+    with Client(url, key=key) as client:
+        posted = client.create_scene(capture, options=SceneOptions(time_budget_s=40.0, max_gaussians=5_000))
+        operation = client.wait(posted.id, timeout_s=_PATIENCE_S)
+        assert operation.state == "SUCCEEDED", operation
+        (answer,) = client.query(operation.scene_id, "banana")
+        print(answer.answer.explanation)
+        assert answer.answer.verdict == "exact", answer
 
 
 @contextmanager

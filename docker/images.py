@@ -70,6 +70,10 @@ class Builder:
     def close(self) -> None:
         """Unmount everything."""
         self._buildah("rm", "--all")
+        mounted = [line.split()[1] for line in Path("/proc/self/mounts").read_text().splitlines()]
+        for path in reversed(mounted):  # a process that has just ended may keep one busy for a moment
+            if path.startswith(f"{self._folder}/"):
+                subprocess.run(["umount", "--lazy", path], check=True)
 
     def _buildah(self, *arguments: str) -> str:
         """Run buildah; its last line on stdout, all of its log on stderr."""
