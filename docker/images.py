@@ -73,7 +73,7 @@ class Builder:
         mounted = [line.split()[1] for line in Path("/proc/self/mounts").read_text().splitlines()]
         for path in reversed(mounted):  # a process that has just ended may keep one busy for a moment
             if path.startswith(f"{self._folder}/"):
-                subprocess.run(["umount", "--lazy", path], check=True)
+                subprocess.run(["umount", "--lazy", path], check=False, stderr=subprocess.DEVNULL)
 
     def _buildah(self, *arguments: str) -> str:
         """Run buildah; its last line on stdout, all of its log on stderr."""
