@@ -46,8 +46,8 @@ bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev,cuda]'
 	$(BIN)/python -m benchmarks.raster.gpu
 
-bench-training: setup  ## PSNR against training seconds on the table-top benchmark
-	$(BIN)/python -m benchmarks.training
+bench-training: setup  ## PSNR against seconds; FASTSPLAT_TEST_DATA must name the data folder
+	$(BIN)/python -m benchmarks.training "$(FASTSPLAT_TEST_DATA)/tabletop"
 
 bench-serve: setup  ## the API under load, writes benchmarks/results/serve.json
 	$(BIN)/python -m benchmarks.serve
