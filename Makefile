@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-trade bench-semantics sample docker-check clean
+.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -40,7 +40,7 @@ protos: setup  ## regenerate the wire contract's Python
 	$(BIN)/python protos/generate.py
 
 bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/results/raster.json
-	$(BIN)/python -m benchmarks.raster
+	$(BIN)/python -m benchmarks.raster --peers benchmarks/results/peers.json
 
 bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-only training, frames a second
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev,cuda]'
