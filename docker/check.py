@@ -168,7 +168,7 @@ def _contained(
 
 def _until(what: str, holds: object) -> None:
     deadline = time.monotonic() + _PATIENCE_S
-    while not holds():  # type: ignore[operator]
+    while not holds():
         assert time.monotonic() < deadline, f"waited {_PATIENCE_S:.0f} s until {what}"
         time.sleep(1.0)
     print(what)

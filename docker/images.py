@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
 _BASE = "docker.io/library/debian:bookworm-slim"
@@ -119,11 +120,9 @@ def _package_settings(folder: Path) -> Mapping[Path, Path]:
     file = folder / "pip.conf"
     with file.open("w") as out:
         settings.write(out)
+    values = listed.replace("=", " ").replace("'", " ").split()
     named = {
-        Path(found)
-        for pair in re.findall(r"file://(/[^\s']+)|find-links='(/[^\s']+)'", listed)
-        for found in pair
-        if found
+        Path(urlsplit(value).path) for value in values if value.startswith("/") or urlsplit(value).scheme == "file"
     }
     # An index lies beside its files, so that the folder above "simple" is what must come along.
     folders = {path.parent if path.name == "simple" else path for path in named if path.is_absolute() and path.is_dir()}

@@ -68,7 +68,7 @@ def main() -> None:
     for labels in (20, 1_000):
         index = SceneIndex(labelled_garden(20_000, labels, encoder), encoder)
         for texts, name in (((_ASKED,), f"rank_{labels}_labels"), ((_ASKED,) * 64, f"rank_{labels}_labels_64_texts")):
-            row(name, lambda index=index, texts=texts: index.ask(texts), 3 * arguments.rounds)  # type: ignore[misc]
+            row(name, lambda index=index, texts=texts: index.ask(texts), 3 * arguments.rounds)
     for mode in ("codes", "evidence"):
         scene = labelled_garden(100_000, 20, encoder, mode)
         index, posed = SceneIndex(scene, encoder), scene.cameras[0]
@@ -121,7 +121,7 @@ def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
         Edit("move", label=label, transform=turn),
         Edit("duplicate", label=label, transform=turn),
     ):
-        row(f"edit_{edit.action}", lambda edit=edit: apply_edit(index, edit), rounds, gaussians=size)  # type: ignore[misc]
+        row(f"edit_{edit.action}", lambda edit=edit: apply_edit(index, edit), rounds, gaussians=size)
 
 
 class _Fixed:
@@ -129,7 +129,7 @@ class _Fixed:
 
     name, sha256 = "fixed", "0" * 64
 
-    def encode(self, texts: Any) -> np.ndarray:  # type: ignore[type-arg]
+    def encode(self, texts: Any) -> np.ndarray:
         return np.eye(1, 4, dtype=np.float32).repeat(len(texts), axis=0)
 
 

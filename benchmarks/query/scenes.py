@@ -56,7 +56,7 @@ def labelled_garden(
     )
 
 
-def _turned(pose: np.ndarray, angle: float) -> np.ndarray:  # type: ignore[type-arg]
+def _turned(pose: np.ndarray, angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
     turn[:2, :2] = [[c, -s], [s, c]]

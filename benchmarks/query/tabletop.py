@@ -84,11 +84,11 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
     }
 
 
-def _surfaces(data: Path) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+def _surfaces(data: Path) -> dict[str, np.ndarray]:
     """By label float64 [K, 3], the seen surface in world coordinates."""
     document = json.loads((data / "transforms.json").read_text())
     fx, fy, cx, cy = (document[key] for key in ("fl_x", "fl_y", "cx", "cy"))
-    parts: dict[int, list[np.ndarray]] = {}  # type: ignore[type-arg]
+    parts: dict[int, list[np.ndarray]] = {}
     for frame in document["frames"]:
         pose = np.array(frame["transform_matrix"], np.float64)
         pose[:3, 1:3] *= -1  # OpenGL's axes to OpenCV's

@@ -166,7 +166,7 @@ def rgb_step(scene: Scene) -> Callable[[], None]:
             render_mode="RGB+D",
             rasterize_mode="classic",
         )
-        image_loss(pictures[0, ..., :3], target, 0.2).backward()  # type: ignore[no-untyped-call]
+        image_loss(pictures[0, ..., :3], target, 0.2).backward()
         optimiser.step()
         optimiser.zero_grad()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from service.common.camera import Camera
@@ -70,5 +70,5 @@ def garden(count: int, width: int, height: int, channels: int) -> Scene:
     return Scene(splats, torch.tensor(data["viewmats"][0]), camera)
 
 
-def _tensor(array: np.ndarray) -> Tensor:  # type: ignore[type-arg]
+def _tensor(array: np.ndarray) -> Tensor:
     return torch.tensor(np.ascontiguousarray(array), dtype=torch.float32)

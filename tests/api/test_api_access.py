@@ -32,7 +32,7 @@ from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _ROUTES = [
     (context, method)
-    for context in iter_route_contexts(create_app(None, Settings()).routes)  # type: ignore[arg-type]
+    for context in iter_route_contexts(create_app(None, Settings()).routes)
     for method in sorted(context.methods or {"GET"})
 ]
 _RPCS = [(method.name, method) for method in pb.DESCRIPTOR.services_by_name["SceneService"].methods]
@@ -208,8 +208,8 @@ def _raw(faces: Faces, path: str, key: str) -> int:
 
 
 def test_the_decision_is_about_the_route_that_answers() -> None:
-    app = create_app(None, Settings())  # type: ignore[arg-type]
-    layer = AccessLayer(app, app, None)  # type: ignore[arg-type]
+    app = create_app(None, Settings())
+    layer = AccessLayer(app, app, None)
     for context, method in _ROUTES:
         path = re.sub(r"\{kind\}", "rgb", context.path)
         path = re.sub(r"\{\w+\}", "x", path)
@@ -311,7 +311,7 @@ def test_without_keys_pages_of_other_sites_stay_outside(faces: Faces) -> None:
 
 def test_without_a_source_of_keys_nobody_gets_in() -> None:
     async def asked() -> int:
-        transport = httpx.ASGITransport(create_app(None, Settings()))  # type: ignore[arg-type]
+        transport = httpx.ASGITransport(create_app(None, Settings()))
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return (await client.get("/v1/scenes", headers=_header(f"fsk_{'0' * 12}_{'x' * 43}"))).status_code
 

@@ -199,7 +199,7 @@ def test_json_is_read_strictly_and_the_field_is_named(faces: Faces, scene_id: st
 def test_messages_that_say_half_are_malformed(faces: Faces, scene_id: str) -> None:
     bare = pb.PosedCamera(intrinsics=camera_out(turned(0)).intrinsics)
     odd = camera_out(turned(0))
-    odd.convention = 17  # type: ignore[assignment]
+    odd.convention = 17
     cases = (
         (pb.QueryRequest(scene_id=scene_id, texts=["mug"], cameras=[bare]), "cameras[0].position"),
         (pb.QueryRequest(scene_id=scene_id, texts=["mug"], cameras=[odd]), "cameras[0].convention"),

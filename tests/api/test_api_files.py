@@ -96,7 +96,7 @@ def test_depth_is_metres_as_an_array_and_steps_as_a_picture(faces: Faces, client
     assert 3.0 < np.median(depth[seen]) < 5.0
     for scale in (0.0, 0.01):
         picture = Image.open(io.BytesIO(client.picture(scene_id, "depth", "front.png", depth_scale=scale)))
-        step = float(picture.text["depth_scale"])  # type: ignore[attr-defined]
+        step = float(picture.text["depth_scale"])
         assert step == (scale or 0.001)
         assert np.abs(np.asarray(picture) * step - depth).max() <= step / 2 + 1e-6
     near = np.asarray(Image.open(io.BytesIO(client.picture(scene_id, "depth", "front.png", depth_scale=1e-6))))

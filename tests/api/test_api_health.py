@@ -42,7 +42,7 @@ def test_findings_follow_the_check_and_are_told_once_each() -> None:
 
     async def run() -> None:
         readiness = Readiness(check)
-        readiness.PERIOD_S = 0.0  # type: ignore[misc]
+        readiness.PERIOD_S = 0.0
 
         async def changed(ready: bool) -> None:
             told.append(ready)

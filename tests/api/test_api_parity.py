@@ -51,7 +51,7 @@ def _questions(scene_id: str, count: int) -> list[QueryRequest]:
                 request |= {name: rng.choice(choices)}
         if rng.random() < 0.25:
             request |= rng.choice(_BAD)
-        requests.append(QueryRequest(**request))  # type: ignore[arg-type]
+        requests.append(QueryRequest(**request))
     return requests
 
 
@@ -143,7 +143,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
     text = None if kind == "rgb" else "ball"
     wire_kind = pb.PictureKind.Value(f"PICTURE_KIND_{kind.upper()}")
     for view in _VIEWS:
-        truth = service.view_picture(scene_id, text, kind, None, view)  # type: ignore[arg-type]
+        truth = service.view_picture(scene_id, text, kind, None, view)
         assert Image.open(io.BytesIO(truth)).size == (48, 36)
         params = {"view": view} | ({"text": text} if text else {})
         response = faces.rest.get(f"/v1/scenes/{scene_id}/{kind}.png", params=params)
@@ -151,7 +151,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
         request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", view=view)
         assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
     camera = turned(0.25)
-    truth = service.view_picture(scene_id, text, kind, camera, None)  # type: ignore[arg-type]
+    truth = service.view_picture(scene_id, text, kind, camera, None)
     body = {"kind": kind, "text": text, "camera": rest_camera_out(camera).model_dump()}
     assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == truth
     request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", camera=camera_out(camera))

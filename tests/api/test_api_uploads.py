@@ -62,7 +62,7 @@ def _huge_png() -> bytes:
 
 
 def _messages(files: _Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
-    yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))  # type: ignore[arg-type]
+    yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))
     for name, data in files:
         yield pb.CreateSceneRequest(file=pb.FileHeader(name=name, size_bytes=len(data)))
         for start in range(0, len(data), 1000):

@@ -113,9 +113,9 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
 def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: ResumableUploads, algorithm: str) -> None:
     made = uploads.create("k", "a.bin", 20)
     right = hashlib.new(algorithm, b"0123456789").digest()
-    uploads.append("k", made.id, 0, [b"01234", b"56789"], (algorithm, right))  # type: ignore[arg-type]
+    uploads.append("k", made.id, 0, [b"01234", b"56789"], (algorithm, right))
     with pytest.raises(ChecksumMismatchError):
-        uploads.append("k", made.id, 10, [b"abcdefghiX"], (algorithm, right))  # type: ignore[arg-type]
+        uploads.append("k", made.id, 10, [b"abcdefghiX"], (algorithm, right))
     assert uploads.get("k", made.id).offset == 10
 
     def broken() -> Iterator[bytes]:
@@ -123,9 +123,9 @@ def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: Resum
         raise _CutError
 
     with pytest.raises(_CutError):  # nobody can tell whether these bytes are right
-        uploads.append("k", made.id, 10, broken(), (algorithm, right))  # type: ignore[arg-type]
+        uploads.append("k", made.id, 10, broken(), (algorithm, right))
     assert uploads.get("k", made.id).offset == 10
-    uploads.append("k", made.id, 10, [b"0123456789"], (algorithm, right))  # type: ignore[arg-type]
+    uploads.append("k", made.id, 10, [b"0123456789"], (algorithm, right))
     assert _bytes_of(uploads, made.id) == b"01234567890123456789"
 
 

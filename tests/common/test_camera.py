@@ -46,7 +46,7 @@ def test_a_pixel_keeps_its_ray_when_the_image_is_resized(width: int, height: int
     ],
     ids=["nan", "singular", "scaled", "mirrored", "3x4"],
 )
-def test_a_pose_that_is_not_rigid_is_refused_by_name(damage) -> None:  # type: ignore[no-untyped-def]
+def test_a_pose_that_is_not_rigid_is_refused_by_name(damage) -> None:
     with pytest.raises(InvalidInputError, match=r"pose of a\.jpg") as caught:
         PosedCamera(_CAMERA, damage(_pose(0.3, 1.0)), name="a.jpg")
     assert caught.value.field == "pose of a.jpg"

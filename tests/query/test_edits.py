@@ -199,7 +199,7 @@ SCALED, MIRRORED, NAN = np.diag([2.0, 2, 2, 1]), np.diag([-1.0, 1, 1, 1]), np.fu
         (Edit("remove", object_id="9-9"), NotFoundError, "object_id"),
         (Edit("remove"), InvalidInputError, "label"),
         (Edit("remove", label="mug", object_id="1-1"), InvalidInputError, "label"),
-        (Edit("paint", label="mug"), InvalidInputError, "action"),  # type: ignore[arg-type]
+        (Edit("paint", label="mug"), InvalidInputError, "action"),
         (Edit("recolour", label="mug"), InvalidInputError, "colour"),
         (Edit("recolour", label="mug", colour=(2, 0, 0)), InvalidInputError, "colour"),
         (Edit("recolour", label="mug", colour=(np.nan, 0, 0)), InvalidInputError, "colour"),

@@ -51,7 +51,7 @@ class Remembering:
 
 @pytest.fixture(scope="session")
 def encoder(models_dir: Path) -> TextEncoder:
-    return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))  # type: ignore[return-value]
+    return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ def test_colours_and_gradients(degree: int, isa: str, monkeypatch: pytest.Monkey
     results = []
     for backend, dtype in (("reference", torch.float64), ("cpu", torch.float32)):
         parts = [part.to(dtype, copy=True).requires_grad_() for part in (means, sh)]
-        rgb = sh_to_rgb(*parts, camera.to(dtype), degree, backend=backend)  # type: ignore[arg-type]
+        rgb = sh_to_rgb(*parts, camera.to(dtype), degree, backend=backend)
         (rgb * up.to(dtype)).sum().backward()
         results.append((rgb.detach(), parts[0].grad if degree else torch.zeros(500, 3), parts[1].grad))
     for truth, ours in zip(*results, strict=True):
@@ -44,7 +44,7 @@ def test_poles_axes_and_a_gaussian_at_the_camera(degree: int, backend: str) -> N
     means = torch.tensor([[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0], [0, -1.0, 0], [0, 0, 0], [1e-30, 0, 0], [1e30, 0, 0]])
     means.requires_grad_()
     sh = torch.ones(7, 16, 3, requires_grad=True)
-    rgb = sh_to_rgb(means, sh, torch.zeros(3), degree, backend=backend)  # type: ignore[arg-type]
+    rgb = sh_to_rgb(means, sh, torch.zeros(3), degree, backend=backend)
     rgb.sum().backward()
     assert bool(torch.isfinite(rgb).all())
     assert sh.grad is not None and bool(torch.isfinite(sh.grad).all())

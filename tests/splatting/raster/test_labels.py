@@ -27,7 +27,7 @@ from service.splatting.raster.types import Backend
 def backend(request: pytest.FixtureRequest) -> Backend:
     if request.param == "cuda":
         request.getfixturevalue("gsplat_on_cpu")
-    return request.param  # type: ignore[no-any-return]
+    return request.param
 
 
 @pytest.fixture(params=instruction_sets())
@@ -50,9 +50,9 @@ def mapped(
         view.camera,
         weight,
         bias,
-        alpha_min=options.pop("alpha_min", 0.5),  # type: ignore[arg-type]
+        alpha_min=options.pop("alpha_min", 0.5),
         backend=backend,
-        **options,  # type: ignore[arg-type]
+        **options,
     )
 
 

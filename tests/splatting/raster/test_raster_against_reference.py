@@ -38,7 +38,7 @@ def test_the_gradient_of_the_camera(isa: str, seed: int) -> None:
     for backend, dtype in (("reference", torch.float64), ("cpu", torch.float32)):
         viewmat = view.viewmat.clone().requires_grad_()
         parts = [getattr(view.splats, name).to(dtype) for name in NAMES]
-        out = rasterize(Splats(*parts), viewmat, view.camera, backend=backend)  # type: ignore[arg-type]
+        out = rasterize(Splats(*parts), viewmat, view.camera, backend=backend)
         scalar = (out.image * view.grad_image.to(dtype)).sum() + (out.alpha * view.grad_alpha.to(dtype)).sum()
         (scalar + (out.depth * view.grad_depth.to(dtype)).sum()).backward()
         assert viewmat.grad is not None and viewmat.grad.dtype == torch.float64

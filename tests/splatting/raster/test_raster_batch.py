@@ -19,7 +19,7 @@ from service.splatting.raster.types import Backend
 def backend(request: pytest.FixtureRequest) -> Backend:
     if request.param == "cuda":
         request.getfixturevalue("gsplat_on_cpu")
-    return request.param  # type: ignore[no-any-return]
+    return request.param
 
 
 def poses(view: View, count: int) -> torch.Tensor:
@@ -63,7 +63,7 @@ def test_a_batch_is_its_views_and_its_gradients_are_their_sum(backend: Backend, 
                 rasterize(replace(splats, features=own), pose, camera, background=background, backend=backend)
                 for own, pose, camera in zip(each, viewmats, cameras, strict=True)
             )
-        scalar(view, out).backward()  # type: ignore[no-untyped-call]
+        scalar(view, out).backward()
         results.append((out, [part.grad for part in (*parts.values(), background)]))
     (ours, gradients), (singles, wanted) = results
     for one, other in zip(ours, singles, strict=True):

@@ -40,7 +40,7 @@ def test_parity_with_cpu() -> None:
         parts = {name: getattr(view.splats, name).to(device, copy=True).requires_grad_() for name in NAMES}
         out = rasterize(
             Splats(**parts), view.viewmat, view.camera, background=view.background.to(device), backend=backend
-        )  # type: ignore[arg-type]
+        )
         scalar = (out.image * view.grad_image.to(device)).sum() + (out.depth * view.grad_depth.to(device)).sum()
         (scalar + (out.alpha * view.grad_alpha.to(device)).sum()).backward()
         values = [out.image.detach().cpu(), out.depth.detach().cpu()]
