@@ -15,10 +15,10 @@ help:  ## this list
 
 setup: $(VENV)/.installed  ## a virtual environment with the product and its development tools
 
-$(VENV)/.installed: pyproject.toml constraints.txt CMakeLists.txt $(CPP)
+$(VENV)/.installed: pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { echo "Python 3.11 is needed; $(PYTHON) is $$($(PYTHON) --version). Set PYTHON=/path/to/python3.11"; exit 1; }
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ./client --editable '.[dev]'
 	@touch $@
 
 models: setup  ## fetch and verify the default models
@@ -43,7 +43,7 @@ bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/re
 	$(BIN)/python -m benchmarks.raster --peers benchmarks/results/peers.json
 
 bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-only training, frames a second
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev,cuda]'
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ./client --editable '.[dev,cuda]'
 	$(BIN)/python -m benchmarks.raster.gpu
 
 bench-training: setup  ## PSNR against seconds; FASTSPLAT_TEST_DATA must name the data folder

@@ -13,9 +13,9 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from service.calls.keys import KeyRing, key_id_of
-from service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
-from service.settings import Settings
+from fastsplat.service.calls.keys import KeyRing, key_id_of
+from fastsplat.service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
+from fastsplat.service.settings import Settings
 
 Need = Literal["open", "read", "write"]
 

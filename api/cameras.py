@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from service.calls.types import Quaternion
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import InvalidInputError
-from service.common.poses import quaternion_of, rotation_of
+from fastsplat.service.calls.types import Quaternion
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.poses import quaternion_of, rotation_of
 
 Convention = Literal["OPENCV", "OPENGL"]
 """Camera axes: OpenCV is x right, y down, z forward; OpenGL (nerfstudio, Blender) is x right, y up, z backward."""

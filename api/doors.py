@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from api.auth import Doorkeeper, Principal, Rule
-from api.limits import Entry, Limiter
-from api.metrics import Metrics
-from service.calls.admin import Admin
-from service.calls.keys import KeyRing
-from service.common.errors import FastSplatError
-from service.settings import Settings
+from fastsplat.api.auth import Doorkeeper, Principal, Rule
+from fastsplat.api.limits import Entry, Limiter
+from fastsplat.api.metrics import Metrics
+from fastsplat.service.calls.admin import Admin
+from fastsplat.service.calls.keys import KeyRing
+from fastsplat.service.common.errors import FastSplatError
+from fastsplat.service.settings import Settings
 
 
 @dataclass(frozen=True)

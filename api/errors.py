@@ -15,7 +15,7 @@ import grpc
 from google.protobuf import any_pb2, duration_pb2
 from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 
-from service.common.errors import FastSplatError, Kind
+from fastsplat.service.common.errors import FastSplatError, Kind
 
 DOMAIN = "fastsplat"
 """The `domain` of every ErrorInfo."""

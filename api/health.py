@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from service.common.errors import FastSplatError, Kind
+from fastsplat.service.common.errors import FastSplatError, Kind
 
 _log = logging.getLogger(__name__)
 _DEADLINE_S = 5.0

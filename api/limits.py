@@ -11,9 +11,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from api.auth import Principal, Rule
-from service.common.errors import OverloadedError, RateLimitedError
-from service.limits import LimitSettings
+from fastsplat.api.auth import Principal, Rule
+from fastsplat.service.common.errors import OverloadedError, RateLimitedError
+from fastsplat.service.limits import LimitSettings
 
 _REMEMBERED = 10_000
 

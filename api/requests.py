@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 
-from api.auth import current_principal
+from fastsplat.api.auth import current_principal
 
 _MAX_CHARS = 200
 

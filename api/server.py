@@ -16,17 +16,17 @@ from dataclasses import dataclass
 import uvicorn
 from fastapi import FastAPI
 
-from api.auth import check_exposure, is_loopback
-from api.doors import open_doors
-from api.grpc.server import start_server
-from api.health import Readiness
-from api.metrics import Metrics, serve_metrics
-from api.rest.app import create_app
-from api.threads import Threads
-from api.tls import Tls, tls_of
-from service.calls.service import SceneService, open_service
-from service.common.errors import ResourceError
-from service.settings import Settings
+from fastsplat.api.auth import check_exposure, is_loopback
+from fastsplat.api.doors import open_doors
+from fastsplat.api.grpc.server import start_server
+from fastsplat.api.health import Readiness
+from fastsplat.api.metrics import Metrics, serve_metrics
+from fastsplat.api.rest.app import create_app
+from fastsplat.api.threads import Threads
+from fastsplat.api.tls import Tls, tls_of
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.settings import Settings
 
 _log = logging.getLogger(__name__)
 

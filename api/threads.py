@@ -15,9 +15,9 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from api.metrics import Metrics
-from service.common.cancellation import Cancellation, cancellable
-from service.common.errors import CancelledError, InvalidInputError
+from fastsplat.api.metrics import Metrics
+from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.common.errors import CancelledError, InvalidInputError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import grpc
 
-from service.common.errors import InvalidInputError
-from service.settings import Settings
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.settings import Settings
 
 
 @dataclass(frozen=True)

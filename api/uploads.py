@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
-from service.calls.types import SceneOptions
-from service.common.errors import LimitExceededError
-from service.splatting.presets import PresetName
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.common.errors import LimitExceededError
+from fastsplat.service.splatting.presets import PresetName
 
 
 def scene_options(

@@ -7,8 +7,8 @@ import re
 import sys
 from collections.abc import Mapping
 
-from cli.serve import Role
-from service.common.errors import InvalidInputError
+from fastsplat.cli.serve import Role
+from fastsplat.service.common.errors import InvalidInputError
 
 _CPU = "cpu"
 
@@ -44,6 +44,6 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
                 threads = max(1, len(os.sched_getaffinity(0)) // count)
                 environment["FASTSPLAT_JOBS__THREADS_PER_JOB"] = str(threads)
             parts = ["worker", name, str(number) if workers > 1 else ""]
-            command = [sys.executable, "-m", "cli.main", "worker"]
+            command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
             roles["-".join(part for part in parts if part)] = Role(command, environment)
     return roles

@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from service.common.errors import InvalidInputError, NotFoundError, NotReadyError
-from service.common.progress import ProgressEvent
-from service.settings import Settings, load_settings
-from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, PresetName, with_preset
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError, NotReadyError
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, PresetName, with_preset
 
 _FIGURES = (
     "miou", "miou_micro", "miou_threshold", "boundary_iou", "pixel_accuracy", "localization",
@@ -62,12 +62,12 @@ def evaluate(
     Training views never score, a missing prediction counts as zero, and whatever was not measured is null in the JSON
     with the reason beside it.
     """
-    from service.evaluation.datasets import read_dataset  # loads torch, which `--help` can do without
-    from service.evaluation.scene import evaluate_scene
-    from service.evaluation.trial import train_on
-    from service.perception.text import open_text_encoder
-    from service.query import SceneIndex
-    from service.scene import read_scene, write_scene
+    from fastsplat.service.evaluation.datasets import read_dataset  # loads torch, which `--help` can do without
+    from fastsplat.service.evaluation.scene import evaluate_scene
+    from fastsplat.service.evaluation.trial import train_on
+    from fastsplat.service.perception.text import open_text_encoder
+    from fastsplat.service.query import SceneIndex
+    from fastsplat.service.scene import read_scene, write_scene
 
     _check_targets(json_file, pictures, keep)
     settings = _settings(preset, time_budget, max_gaussians, device)
@@ -134,7 +134,7 @@ def _artefact(scene: str, settings: Settings) -> Path:
     """Folder of a scene's arrays: of a path, or of the current version of an id."""
     if (Path(scene) / "scene.json").is_file():
         return Path(scene)
-    from service.store import open_store
+    from fastsplat.service.store import open_store
 
     if not settings.data_dir.is_dir():
         raise NotFoundError(
@@ -156,7 +156,7 @@ def _painter(index: Any, dictionary: Any, folder: Path | None) -> Callable[[Any,
     import numpy as np
     from PIL import Image
 
-    from service.evaluation.pictures import label_sheet, query_sheet
+    from fastsplat.service.evaluation.pictures import label_sheet, query_sheet
 
     def paint(view: Any, score: Any) -> None:
         if folder is None or score.rendered is None:

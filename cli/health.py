@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from service.settings import Settings, load_settings
-from workers.lifeline import machine
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.workers.lifeline import machine
 
 _TIMEOUT_S = 5.0
 
@@ -37,7 +37,7 @@ def _api_trouble(settings: Settings) -> str:
 
 
 def _worker_trouble(settings: Settings) -> str:
-    from service.store import open_store
+    from fastsplat.service.store import open_store
 
     store = open_store(settings.data_dir, settings.database_url)
     try:

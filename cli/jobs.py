@@ -12,11 +12,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from service.common.errors import InvalidInputError, NotFoundError
-from service.common.states import OperationState
-from service.settings import load_settings
-from service.store import Store, open_store
-from service.store.records import OperationRecord
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.common.states import OperationState
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.records import OperationRecord
 
 jobs_app = typer.Typer(name="jobs", help="Training jobs: list them, read a failed one's log.", no_args_is_help=True)
 

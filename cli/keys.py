@@ -12,9 +12,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from service.calls.keys import Keys
-from service.settings import load_settings
-from service.store import open_store
+from fastsplat.service.calls.keys import Keys
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store import open_store
 
 keys_app = typer.Typer(name="keys", help="Access keys: make, list, revoke them.", no_args_is_help=True)
 

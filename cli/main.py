@@ -8,15 +8,15 @@ from typing import Annotated
 
 import typer
 
-from cli.evaluate import evaluate
-from cli.health import health
-from cli.jobs import jobs_app
-from cli.keys import keys_app
-from cli.logs import log_to_stderr
-from cli.models import models_app
-from service.common.errors import FastSplatError
-from service.settings import load_settings
-from workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat.cli.evaluate import evaluate
+from fastsplat.cli.health import health
+from fastsplat.cli.jobs import jobs_app
+from fastsplat.cli.keys import keys_app
+from fastsplat.cli.logs import log_to_stderr
+from fastsplat.cli.models import models_app
+from fastsplat.service.common.errors import FastSplatError
+from fastsplat.service.settings import load_settings
+from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
 
 Devices = Annotated[
     str, typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: what CUDA shows.')
@@ -45,10 +45,10 @@ def serve(
     workers: Workers = 1,
 ) -> None:
     """Run the API and one worker a device on this machine until SIGTERM or SIGINT."""
-    from api.auth import check_exposure
-    from cli.devices import worker_roles
-    from cli.serve import Role
-    from cli.serve import serve as run
+    from fastsplat.api.auth import check_exposure
+    from fastsplat.cli.devices import worker_roles
+    from fastsplat.cli.serve import Role
+    from fastsplat.cli.serve import serve as run
 
     if no_auth:
         os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
@@ -58,14 +58,14 @@ def serve(
     entry = f"with the key in {settings.first_key}" if settings.auth == "on" else "without a key, on this machine alone"
     typer.echo(f"{scheme}://localhost:{settings.http_port}/ opens soon, {entry}")
     log_to_stderr("serve")
-    roles = {"api": Role([sys.executable, "-m", "cli.main", "api"])}
+    roles = {"api": Role([sys.executable, "-m", "fastsplat.cli.main", "api"])}
     raise typer.Exit(run({**roles, **worker_roles(devices, workers, settings.jobs.threads_per_job)}))
 
 
 @app.command()
 def api() -> None:
     """Run the REST and gRPC faces alone."""
-    from api.server import run
+    from fastsplat.api.server import run
 
     _start("api")
     run(load_settings())
@@ -75,12 +75,12 @@ def api() -> None:
 def worker(devices: Devices = "", workers: Workers = 1) -> None:
     """Run workers alone, one unless told otherwise; they find their jobs in the database."""
     if devices or workers != 1:
-        from cli.devices import worker_roles
-        from cli.serve import serve
+        from fastsplat.cli.devices import worker_roles
+        from fastsplat.cli.serve import serve
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
-    from workers.main import run
+    from fastsplat.workers.main import run
 
     _start("worker")
     run(load_settings())

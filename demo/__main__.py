@@ -16,9 +16,9 @@ from rich.console import Console
 from demo.process import running_service
 from demo.questions import SAMPLE_QUESTIONS, questions_for
 from demo.report import print_report, report_of, save_evidence, write_report
+from fastsplat.service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
+from fastsplat.service.common.errors import FastSplatError
 from fastsplat_client import Client
-from service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
-from service.common.errors import FastSplatError
 
 _ROOT = Path(__file__).parent.parent
 _SAMPLE = _ROOT / "demo" / "sample" / "images"

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from demo.sheet import caption_of, write_sheet
+from fastsplat.service.calls.types import Operation, PictureKind, QueryAnswer, SceneInfo
 from fastsplat_client import Client
-from service.calls.types import Operation, PictureKind, QueryAnswer, SceneInfo
 
 _SHOWN = 4
 _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")

@@ -22,8 +22,8 @@ from pathlib import Path
 
 from images import ROOT, Builder, Image
 
+from fastsplat.service.calls.types import SceneOptions
 from fastsplat_client import Client
-from service.calls.types import SceneOptions
 
 _PATIENCE_S = 240.0
 _UID = 10001

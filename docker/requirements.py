@@ -5,4 +5,6 @@ import tomllib
 from pathlib import Path
 
 project = tomllib.loads(Path("pyproject.toml").read_text())["project"]
-print("\n".join(project["optional-dependencies"][sys.argv[1]] if len(sys.argv) > 1 else project["dependencies"]))
+listed = project["optional-dependencies"][sys.argv[1]] if len(sys.argv) > 1 else project["dependencies"]
+# The client is built from this repository, like the product itself.
+print("\n".join(requirement for requirement in listed if not requirement.startswith("fastsplat")))

@@ -9,13 +9,13 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from service.calls.settings import CallSettings
-from service.capture.settings import CaptureSettings
-from service.limits import LimitSettings, QuotaSettings
-from service.perception.settings import PerceptionSettings
-from service.query.settings import QuerySettings
-from service.splatting.settings import TrainingSettings
-from service.store.settings import ArtefactSettings
+from fastsplat.service.calls.settings import CallSettings
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.limits import LimitSettings, QuotaSettings
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.store.settings import ArtefactSettings
 
 
 class JobSettings(BaseModel):

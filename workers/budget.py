@@ -11,16 +11,16 @@ import os
 import time
 from dataclasses import dataclass, replace
 
-from service.capture.types import Capture
-from service.common.progress import Progress, ProgressEvent
-from service.perception import label_capture
-from service.perception.settings import PerceptionSettings
-from service.splatting.plan import plan, plan_views, scene_size
-from service.splatting.presets import PERCEPTION_PRESETS, with_preset
-from service.splatting.probe import machine_speed
-from service.splatting.settings import TrainingSettings
-from workers.protocol import Job
-from workers.results import stage_seconds
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.splatting.plan import plan, plan_views, scene_size
+from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, with_preset
+from fastsplat.service.splatting.probe import machine_speed
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.workers.protocol import Job
+from fastsplat.workers.results import stage_seconds
 
 _SEARCH_SHARE = 1.2  # of what cutting out takes, for the search before it
 _FEW_VIEWS = 3

@@ -23,14 +23,14 @@ from typing import Any
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
 
-from service.common.progress import STAGES
-from service.settings import Settings
-from service.store import Store
-from service.store.engine import IDLE_TRANSACTION_S, resolve_url
-from service.store.jobs import FencedError
-from workers.janitor import clean
-from workers.supervisor import DONE, StoppingError, Supervisor
-from workers.sweep import Pulse, kill_frozen, sweep
+from fastsplat.service.common.progress import STAGES
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
+from fastsplat.service.store.engine import IDLE_TRANSACTION_S, resolve_url
+from fastsplat.service.store.jobs import FencedError
+from fastsplat.workers.janitor import clean
+from fastsplat.workers.supervisor import DONE, StoppingError, Supervisor
+from fastsplat.workers.sweep import Pulse, kill_frozen, sweep
 
 logger = logging.getLogger(__name__)
 

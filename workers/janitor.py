@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 
-from service.store import Store
-from service.store.blobs import Blobs, remove
+from fastsplat.service.store import Store
+from fastsplat.service.store.blobs import Blobs, remove
 
 
 def clean(store: Store, abandoned_upload_s: float, keep_ended_s: float) -> None:

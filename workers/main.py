@@ -7,12 +7,12 @@ import os
 import signal
 import threading
 
-from service.settings import Settings
-from service.store import open_store
-from workers.engine import Worker, start, stop
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import open_store
+from fastsplat.workers.engine import Worker, start, stop
 
 logger = logging.getLogger(__name__)
-_STAGES = "workers.stages:STAGES_OF_THE_PRODUCT"
+_STAGES = "fastsplat.workers.stages:STAGES_OF_THE_PRODUCT"
 
 
 def run(settings: Settings, stages: str = _STAGES) -> None:

@@ -13,8 +13,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from workers.lifeline import PARENT_VARIABLE
-from workers.protocol import Event, Job, read_event
+from fastsplat.workers.lifeline import PARENT_VARIABLE
+from fastsplat.workers.protocol import Event, Job, read_event
 
 # The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.
 _forker = ThreadPoolExecutor(1, thread_name_prefix="forker")
@@ -99,7 +99,7 @@ def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)
     with log.open("ab") as stderr:
         return subprocess.Popen(
-            [sys.executable, "-m", "workers.trainer"],
+            [sys.executable, "-m", "fastsplat.workers.trainer"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=stderr,

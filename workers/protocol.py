@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from service.calls.translate import options_of
-from service.calls.types import SceneOptions
-from service.common.progress import Progress, ProgressEvent
-from service.settings import Settings
+from fastsplat.service.calls.translate import options_of
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.settings import Settings
 
 
 @dataclass(frozen=True)

@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from service.calls.translate import camera_to_json
-from service.capture import build_capture, load_capture
-from service.capture.types import Capture
-from service.common.progress import STAGES, Progress, ProgressEvent
-from service.perception import label_capture, load_labelling, save_labelling
-from service.perception.text import open_text_encoder
-from service.perception.types import Labelling
-from service.query import embed_labels
-from service.query.fields import label_field
-from service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
-from service.splatting.train import train
-from service.splatting.types import TrainedSplats
-from workers.budget import kept_plan, plan_perception, plan_training
-from workers.protocol import Job, Stages
-from workers.results import checkpoint_folder, stage_seconds
+from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.capture import build_capture, load_capture
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
+from fastsplat.service.perception import label_capture, load_labelling, save_labelling
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.query import embed_labels
+from fastsplat.service.query.fields import label_field
+from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.workers.budget import kept_plan, plan_perception, plan_training
+from fastsplat.workers.protocol import Job, Stages
+from fastsplat.workers.results import checkpoint_folder, stage_seconds
 
 _GIVEN_UP = "given_up.json"
 

@@ -13,19 +13,19 @@ from typing import Any, TypeVar
 
 from sqlalchemy.exc import DBAPIError
 
-from service.calls.translate import options_of
-from service.common.errors import ResourceError
-from service.common.progress import STAGES, ProgressEvent
-from service.settings import Settings
-from service.store import Store
-from service.store.blobs import remove
-from service.store.errors import DatabaseError, ObjectStoreError
-from service.store.jobs import Claim, FencedError
-from service.store.records import SceneSummary
-from workers.errors import TrainerCrashedError, WorkerCrashedError
-from workers.process import TrainerProcess
-from workers.protocol import Done, Event, Failed, Job
-from workers.results import FULL, disk_full, error_to_json
+from fastsplat.service.calls.translate import options_of
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.common.progress import STAGES, ProgressEvent
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
+from fastsplat.service.store.jobs import Claim, FencedError
+from fastsplat.service.store.records import SceneSummary
+from fastsplat.workers.errors import TrainerCrashedError, WorkerCrashedError
+from fastsplat.workers.process import TrainerProcess
+from fastsplat.workers.protocol import Done, Event, Failed, Job
+from fastsplat.workers.results import FULL, disk_full, error_to_json
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")

@@ -20,9 +20,9 @@ from collections.abc import Mapping
 
 from dbos import DBOS
 
-from service.store import Store
-from service.store.records import WorkerRecord
-from workers.lifeline import machine, process_state
+from fastsplat.service.store import Store
+from fastsplat.service.store.records import WorkerRecord
+from fastsplat.workers.lifeline import machine, process_state
 
 logger = logging.getLogger(__name__)
 

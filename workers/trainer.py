@@ -1,4 +1,4 @@
-"""The trainer process: `python -m workers.trainer`, one job, then exit.
+"""The trainer process: `python -m fastsplat.workers.trainer`, one job, then exit.
 
 It reads its spec as the first line of stdin; stdin then stays open as long as its supervisor lives. Events leave as
 JSON lines on what was stdout; whatever native code prints goes to stderr, the job's log.
@@ -12,13 +12,13 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from workers.lifeline import PARENT_VARIABLE, die_with_parent, guard_group
+from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent, guard_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from service.common.progress import ProgressEvent
-    from workers.protocol import Event, Job, Stages
+    from fastsplat.service.common.progress import ProgressEvent
+    from fastsplat.workers.protocol import Event, Job, Stages
 
 _NICENESS = 5
 _PROGRESS_S = 0.1
@@ -33,16 +33,16 @@ def main() -> int:
     spec = _first_line(0)
     guard_group()
 
-    from workers.protocol import event_to_line, read_job
+    from fastsplat.workers.protocol import event_to_line, read_job
 
     job, name = read_job(spec)
     return _run(job, name, lambda event: _write(events, event_to_line(event)))
 
 
 def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
-    from service.common.progress import STAGES, ProgressEvent
-    from workers.protocol import Done, Failed
-    from workers.results import describe, finish_stage, start_stage
+    from fastsplat.service.common.progress import STAGES, ProgressEvent
+    from fastsplat.workers.protocol import Done, Failed
+    from fastsplat.workers.results import describe, finish_stage, start_stage
 
     progress = _throttled(send)
     stages: Stages | None = None

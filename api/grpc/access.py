@@ -8,11 +8,11 @@ from typing import Any, TypeAlias
 import grpc
 from grpc import aio
 
-from api.auth import Principal, Rule, current_principal, decided, rule_of, sent_key
-from api.doors import Doors
-from api.grpc.guard import Context, guarded
-from api.limits import Entry
-from service.common.errors import FastSplatError
+from fastsplat.api.auth import Principal, Rule, current_principal, decided, rule_of, sent_key
+from fastsplat.api.doors import Doors
+from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.limits import Entry
+from fastsplat.service.common.errors import FastSplatError
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 from grpc import aio
 from grpc_status import rpc_status
 
-from api.errors import accepted_request_id, problem_of
-from api.requests import log_request
+from fastsplat.api.errors import accepted_request_id, problem_of
+from fastsplat.api.requests import log_request
 
 Context: TypeAlias = aio.ServicerContext[Any, Any]
 

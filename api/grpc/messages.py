@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from api.grpc.translate import answer_out, match_out, object_out
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls import types
+from fastsplat.api.grpc.translate import answer_out, match_out, object_out
+from fastsplat.service.calls import types
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 CHUNK_BYTES = 2**20
 """Size of the pieces of anything that could pass gRPC's 4 MiB."""

@@ -8,14 +8,14 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from api.doors import Doors
-from api.grpc.access import AccessInterceptor
-from api.grpc.servicer import SceneServicer
-from api.threads import Threads
-from api.tls import Tls
-from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
-from service.calls.service import SceneService
-from service.common.errors import ResourceError
+from fastsplat.api.doors import Doors
+from fastsplat.api.grpc.access import AccessInterceptor
+from fastsplat.api.grpc.servicer import SceneServicer
+from fastsplat.api.threads import Threads
+from fastsplat.api.tls import Tls
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.common.errors import ResourceError
+from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 
 MAX_MESSAGE_BYTES = 4 * 2**20
 """gRPC's own default, which every client has; what could pass it is streamed."""

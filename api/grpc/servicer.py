@@ -10,10 +10,10 @@ from typing import TypeVar
 
 from google.protobuf import empty_pb2
 
-from api.grpc.guard import Context, guarded
-from api.grpc.messages import CHUNK_BYTES, chunks, messages_of
-from api.grpc.standing import answer_stream
-from api.grpc.translate import (
+from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.grpc.messages import CHUNK_BYTES, chunks, messages_of
+from fastsplat.api.grpc.standing import answer_stream
+from fastsplat.api.grpc.translate import (
     camera_format_in,
     edits_in,
     label_out,
@@ -25,12 +25,12 @@ from api.grpc.translate import (
     state_in,
     version_out,
 )
-from api.grpc.upload import receive_scene
-from api.threads import Threads
-from fastsplat.v1 import fastsplat_pb2 as pb
-from fastsplat.v1 import fastsplat_pb2_grpc as pb_grpc
-from service.calls.service import SceneService
-from service.common.errors import CancelledError, InvalidInputError
+from fastsplat.api.grpc.upload import receive_scene
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.common.errors import CancelledError, InvalidInputError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
 M = TypeVar("M")
 _POLL_S = 0.25

@@ -12,14 +12,14 @@ from typing import Any
 
 from google.protobuf import timestamp_pb2
 
-from api.grpc.messages import messages_of
-from api.grpc.translate import camera_in, query_in
-from api.threads import Threads
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.service import SceneService
-from service.calls.types import QueryRequest
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError
+from fastsplat.api.grpc.messages import messages_of
+from fastsplat.api.grpc.translate import camera_in, query_in
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import QueryRequest
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _SHORTEST_HEARTBEAT_S = 0.1
 _LONGEST_HEARTBEAT_S = 300.0

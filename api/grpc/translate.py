@@ -10,12 +10,12 @@ from typing import Any, TypeVar
 from google.protobuf import json_format, struct_pb2, timestamp_pb2
 from google.protobuf.message import Message
 
-from api.cameras import WORLD, Convention, orientation_of, posed_camera, position_of, unit_quaternion
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls import types
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import InvalidInputError
-from service.common.states import OperationState
+from fastsplat.api.cameras import WORLD, Convention, orientation_of, posed_camera, position_of, unit_quaternion
+from fastsplat.service.calls import types
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.states import OperationState
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 M = TypeVar("M", bound=Message)
 E = TypeVar("E")

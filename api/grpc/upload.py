@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from api.auth import caller_id
-from api.uploads import scene_options
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.service import SceneService
-from service.calls.types import Operation
-from service.common.errors import InvalidInputError
+from fastsplat.api.auth import caller_id
+from fastsplat.api.uploads import scene_options
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import Operation
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
 def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneRequest]) -> Operation:

@@ -11,19 +11,19 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
-from api.auth import rule_of
-from api.doors import Doors, open_doors
-from api.health import Readiness
-from api.rest import problems
-from api.rest.access import AccessLayer
-from api.rest.health import health_routes
-from api.rest.middleware import OuterLayer
-from api.rest.queries import query_routes
-from api.rest.routes import operation_routes, scene_routes
-from api.rest.tus import tus_routes
-from api.threads import Threads
-from service.calls.service import SceneService
-from service.settings import Settings
+from fastsplat.api.auth import rule_of
+from fastsplat.api.doors import Doors, open_doors
+from fastsplat.api.health import Readiness
+from fastsplat.api.rest import problems
+from fastsplat.api.rest.access import AccessLayer
+from fastsplat.api.rest.health import health_routes
+from fastsplat.api.rest.middleware import OuterLayer
+from fastsplat.api.rest.queries import query_routes
+from fastsplat.api.rest.routes import operation_routes, scene_routes
+from fastsplat.api.rest.tus import tus_routes
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.settings import Settings
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (

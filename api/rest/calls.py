@@ -10,8 +10,8 @@ from pydantic import BaseModel
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from api.rest.problems import PROBLEM_RESPONSE
-from api.threads import Threads
+from fastsplat.api.rest.problems import PROBLEM_RESPONSE
+from fastsplat.api.threads import Threads
 
 _R = TypeVar("_R")
 

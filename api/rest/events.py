@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from api.rest.models import Operation
+from fastsplat.api.rest.models import Operation
 
 MEDIA_TYPE = "text/event-stream"
 EVENT_SCHEMA = {

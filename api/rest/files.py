@@ -8,7 +8,7 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from service.common.errors import FastSplatError, Kind
+from fastsplat.service.common.errors import FastSplatError, Kind
 
 _RANGE = re.compile(r"bytes=\s*(?:\d+-\d*|-\d+)\s*(?:,\s*(?:\d+-\d*|-\d+)\s*)*", re.IGNORECASE)
 _FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")

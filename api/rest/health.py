@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from api.health import Readiness
-from api.rest.problems import PROBLEM_RESPONSE
+from fastsplat.api.health import Readiness
+from fastsplat.api.rest.problems import PROBLEM_RESPONSE
 
 
 def health_routes(readiness: Readiness) -> APIRouter:

@@ -10,9 +10,9 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.errors import accepted_request_id
-from api.requests import log_request
-from api.rest.problems import BodyTooLargeError, problem_response
+from fastsplat.api.errors import accepted_request_id
+from fastsplat.api.requests import log_request
+from fastsplat.api.rest.problems import BodyTooLargeError, problem_response
 
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")

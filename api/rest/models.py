@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.calls.types import EditAction, Mask3dEncoding, MaskEncoding, Output, PictureFormat, PictureKind
+from fastsplat.service.calls.types import EditAction, Mask3dEncoding, MaskEncoding, Output, PictureFormat, PictureKind
 
 PICTURES = (
     "rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colours; mask: 0 and 255; label_map: "

@@ -1,4 +1,4 @@
-"""Rewrites `openapi.json`, the committed contract of the REST face: `python -m api.rest.openapi`."""
+"""Rewrites `openapi.json`, the committed contract of the REST face: `python -m fastsplat.api.rest.openapi`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any, cast
 
-from api.rest.app import create_app
-from service.calls.service import SceneService
-from service.settings import Settings
+from fastsplat.api.rest.app import create_app
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.settings import Settings
 
 COMMITTED = Path(__file__).with_name("openapi.json")
 

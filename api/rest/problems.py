@@ -14,8 +14,8 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Match
 
-from api.errors import problem_of
-from service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
+from fastsplat.api.errors import problem_of
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
 
 MEDIA_TYPE = "application/problem+json"
 

@@ -8,14 +8,14 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from api.rest import models
-from api.rest.calls import PROBLEMS, answered, called, file_response
-from api.rest.files import immutable_file
-from api.rest.routes import Version
-from api.rest.translate import answer_out, camera_in, query_in
-from api.threads import Threads
-from service.calls.service import SceneService
-from service.calls.types import (
+from fastsplat.api.rest import models
+from fastsplat.api.rest.calls import PROBLEMS, answered, called, file_response
+from fastsplat.api.rest.files import immutable_file
+from fastsplat.api.rest.routes import Version
+from fastsplat.api.rest.translate import answer_out, camera_in, query_in
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import (
     Mask3dEncoding,
     PictureFormat,
     PictureKind,

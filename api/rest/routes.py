@@ -9,17 +9,17 @@ from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
-from api.rest import models
-from api.rest.calls import PROBLEMS, answered, called
-from api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
-from api.rest.translate import edits_in, object_out, operation_out, scene_out, summary_out, version_out
-from api.rest.upload import BODY_SCHEMA, receive_scene
-from api.threads import Threads
-from service.calls.cameras import MEDIA_TYPES
-from service.calls.service import SceneService
-from service.calls.types import CameraFormat
-from service.common.states import OperationState
-from service.settings import Settings
+from fastsplat.api.rest import models
+from fastsplat.api.rest.calls import PROBLEMS, answered, called
+from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
+from fastsplat.api.rest.translate import edits_in, object_out, operation_out, scene_out, summary_out, version_out
+from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.cameras import MEDIA_TYPES
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import CameraFormat
+from fastsplat.service.common.states import OperationState
+from fastsplat.service.settings import Settings
 
 _POLL_S = 0.25
 

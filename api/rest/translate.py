@@ -5,10 +5,10 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 
-from api.cameras import WORLD, orientation_of, posed_camera, position_of, unit_quaternion
-from api.rest import models
-from service.calls import types
-from service.common.camera import Camera, PosedCamera
+from fastsplat.api.cameras import WORLD, orientation_of, posed_camera, position_of, unit_quaternion
+from fastsplat.api.rest import models
+from fastsplat.service.calls import types
+from fastsplat.service.common.camera import Camera, PosedCamera
 
 
 def camera_in(camera: models.PosedCamera, field: str) -> PosedCamera:

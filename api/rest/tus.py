@@ -13,12 +13,12 @@ from typing import Any
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from api.auth import caller_id
-from api.rest.problems import PROBLEM_RESPONSE, problem_response
-from api.threads import Threads
-from service.calls.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
-from service.calls.service import SceneService
-from service.common.errors import FastSplatError, InvalidInputError, Kind
+from fastsplat.api.auth import caller_id
+from fastsplat.api.rest.problems import PROBLEM_RESPONSE, problem_response
+from fastsplat.api.threads import Threads
+from fastsplat.service.calls.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind
 
 _VERSION = "1.0.0"
 _PIECE = "application/offset+octet-stream"

@@ -9,14 +9,14 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.requests import ClientDisconnect, Request
 
-from api.auth import caller_id
-from api.rest.multipart import Part, read_parts
-from api.threads import Threads
-from api.uploads import check_announced, scene_options
-from service.calls.service import SceneService
-from service.calls.types import Operation
-from service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
-from service.settings import Settings
+from fastsplat.api.auth import caller_id
+from fastsplat.api.rest.multipart import Part, read_parts
+from fastsplat.api.threads import Threads
+from fastsplat.api.uploads import check_announced, scene_options
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import Operation
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat.service.settings import Settings
 
 _FILE_FIELDS = ("capture", "images")
 _MAX_TEXT_BYTES = 2**20

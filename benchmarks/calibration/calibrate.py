@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
-from service.common.dictionary import dictionary_of
-from service.perception.text import TextEncoder, open_text_encoder
-from service.query.calibration import FILE, Score, calibration_key
-from service.query.embeddings import TextCache
-from service.query.names import candidate_names, noun_phrase
-from service.query.probability import (
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.query.calibration import FILE, Score, calibration_key
+from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.names import candidate_names, noun_phrase
+from fastsplat.service.query.probability import (
     Logistic,
     ScoreCalibration,
     candidates,
@@ -43,8 +43,8 @@ from service.query.probability import (
     nonconformity_bound,
     present_probability,
 )
-from service.query.relevancy import entries, score
-from service.query.settings import QuerySettings
+from fastsplat.service.query.relevancy import entries, score
+from fastsplat.service.query.settings import QuerySettings
 
 F64 = NDArray[np.float64]
 _ABSENT_RATE = 0.01

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.query.scenes import labelled_garden
-from service.perception.text import open_text_encoder
-from service.query import QuerySettings, SceneIndex
-from service.query.edits import Edit, apply_edit
-from service.query.objects import find_objects
-from service.splatting.raster.cpu import instruction_set, thread_count
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.objects import find_objects
+from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
 
 _RESULTS = Path(__file__).parents[1] / "results" / "query.json"
 _ASKED = "something to drink from"
@@ -106,7 +106,7 @@ def _questions(index: SceneIndex, new: Iterator[str], posed: Any) -> Iterator[tu
 
 
 def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
-    from service.query.fields import label_field
+    from fastsplat.service.query.fields import label_field
 
     size = len(scene.gaussians)
     index = SceneIndex(scene, _Fixed())

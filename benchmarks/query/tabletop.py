@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from service.query.boxes import oriented_box, vertical_axis
-from service.query.fields import label_field
-from service.query.objects import find_objects
-from service.scene import Scene, read_scene
+from fastsplat.service.query.boxes import oriented_box, vertical_axis
+from fastsplat.service.query.fields import label_field
+from fastsplat.service.query.objects import find_objects
+from fastsplat.service.scene import Scene, read_scene
 
 _RESULTS = Path(__file__).parents[1] / "results"
 _PATCH = 0.003

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from benchmarks.raster.scenes import Scene
-from service.splatting.losses import ImageTarget, image_loss, semantic_loss
-from service.splatting.optim import adam_update
-from service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.losses import ImageTarget, image_loss, semantic_loss
+from fastsplat.service.splatting.optim import adam_update
+from fastsplat.service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
 
 # Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
 # channel.

@@ -31,23 +31,23 @@ from typing import Any
 
 import numpy as np
 
-from service.capture.types import Capture
-from service.common.progress import ProgressEvent, silent
-from service.evaluation.datasets import Dataset, read_dataset, training_capture
-from service.evaluation.datasets.reading import TEST_EVERY
-from service.evaluation.datasets.types import TrueView
-from service.evaluation.scene import evaluate_scene
-from service.evaluation.segmentation import Confusion, confusion
-from service.perception import label_capture
-from service.perception.settings import PerceptionSettings
-from service.perception.text import open_text_encoder
-from service.perception.types import Labelling, Regions
-from service.query import SceneIndex, embed_labels
-from service.scene import Scene, read_scene, write_scene
-from service.settings import Settings
-from service.splatting.evidence import views_evidence
-from service.splatting.train import train
-from service.splatting.views import load_views
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
+from fastsplat.service.evaluation.datasets.reading import TEST_EVERY
+from fastsplat.service.evaluation.datasets.types import TrueView
+from fastsplat.service.evaluation.scene import evaluate_scene
+from fastsplat.service.evaluation.segmentation import Confusion, confusion
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.query import SceneIndex, embed_labels
+from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.evidence import views_evidence
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.views import load_views
 
 _RESULTS = Path("benchmarks/results/semantics.json")
 _SURFACES = ("table", "floor", "wall")

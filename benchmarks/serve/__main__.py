@@ -25,12 +25,12 @@ import grpc
 from benchmarks.serve.load import Load
 from benchmarks.serve.process import Api, load_of
 from benchmarks.serve.scenes import add_scene, room
-from fastsplat.v1 import fastsplat_pb2 as pb
-from fastsplat.v1 import fastsplat_pb2_grpc as rpc
-from service.calls.service import open_service
-from service.calls.types import QueryRequest
-from service.settings import Settings
-from service.store import open_store
+from fastsplat.service.calls.service import open_service
+from fastsplat.service.calls.types import QueryRequest
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import open_store
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
 _OUT = Path(__file__).parent.parent / "results" / "serve.json"
 _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")

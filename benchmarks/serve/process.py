@@ -15,7 +15,7 @@ from typing import Any, Self
 import httpx
 
 from benchmarks.serve.load import Load, as_job
-from service.settings import Settings
+from fastsplat.service.settings import Settings
 
 _START_S = 60.0
 
@@ -40,7 +40,7 @@ class Api:
 
     def __enter__(self) -> Self:
         log = open(self._settings.data_dir.parent / "api.log", "ab")
-        command = [sys.executable, "-m", "cli.main", "api"]
+        command = [sys.executable, "-m", "fastsplat.cli.main", "api"]
         self._process = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)
         log.close()
         deadline = time.monotonic() + _START_S

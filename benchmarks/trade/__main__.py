@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.trade.draw import draw
 from benchmarks.trade.rows import BASE, Row, all_rows
-from service.splatting.raster.cpu import instruction_set
+from fastsplat.service.splatting.raster.cpu import instruction_set
 
 _RESULTS = Path(__file__).parents[1] / "results"
 _LONGEST_ROW_S = 900

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.trade.__main__ import machine
-from service.calls.service import open_service
-from service.calls.types import SceneOptions
-from service.settings import Settings
+from fastsplat.service.calls.service import open_service
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.settings import Settings
 
 _ROOT = Path(__file__).parents[2]
 _OUT = _ROOT / "benchmarks" / "results" / "trade_budgets.json"

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.training.data import load_posed_folder
-from service.capture import admit_upload, build_capture, load_capture
-from service.capture.settings import CaptureSettings
-from service.capture.types import Capture
-from service.common.progress import silent
-from service.perception import label_capture
-from service.perception.settings import PerceptionSettings
-from service.perception.types import Labelling, Regions
-from service.splatting.views import split_views
+from fastsplat.service.capture import admit_upload, build_capture, load_capture
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.splatting.views import split_views
 
 HELD_OUT_EVERY = 5
 SCRATCH = Path(tempfile.gettempdir()) / "fastsplat-trade"

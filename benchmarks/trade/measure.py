@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from benchmarks.trade.data import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.rows import Row
 from benchmarks.trade.score import Pictures, localization, maps_iou, score
-from service.common.camera import PosedCamera
-from service.common.progress import silent
-from service.perception.settings import PerceptionSettings
-from service.perception.text import open_text_encoder
-from service.query import SceneIndex, embed_labels
-from service.scene import Scene, read_scene, write_scene
-from service.splatting.raster import RasterSettings, Splats, label_map, rasterize, sh_to_rgb
-from service.splatting.train import train
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import SceneIndex, embed_labels
+from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.splatting.raster import RasterSettings, Splats, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.train import train
 
 _ENCODER = "minilm_l6_int8"
 _TIMED = 5

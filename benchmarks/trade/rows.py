@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from benchmarks.trade.data import HELD_OUT_EVERY
-from service.splatting.plan import SceneSize, steps_per_second
-from service.splatting.presets import PRESETS, PresetName
-from service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.plan import SceneSize, steps_per_second
+from fastsplat.service.splatting.presets import PRESETS, PresetName
+from fastsplat.service.splatting.settings import TrainingSettings
 
 BASE: dict[str, Any] = {
     "iterations": 400,

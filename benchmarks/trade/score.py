@@ -10,17 +10,17 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.trade.data import BenchData
-from service.capture.images import load_rgb
-from service.common.camera import PosedCamera
-from service.common.dictionary import Dictionary, label_key
-from service.evaluation.boundary import boundary_counts
-from service.evaluation.ghosts import GhostCounts, ghost_counts
-from service.evaluation.localization import box_of, peak_in_box
-from service.evaluation.masks import MaskCounts
-from service.evaluation.segmentation import confusion
-from service.perception.types import Labelling
-from service.query import SceneIndex
-from service.splatting.quality import psnr, ssim
+from fastsplat.service.capture.images import load_rgb
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.evaluation.boundary import boundary_counts
+from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
+from fastsplat.service.evaluation.localization import box_of, peak_in_box
+from fastsplat.service.evaluation.masks import MaskCounts
+from fastsplat.service.evaluation.segmentation import confusion
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.splatting.quality import psnr, ssim
 
 Map = Callable[[PosedCamera], NDArray[np.generic]]
 

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.training.data import load_posed_folder
-from service.common.progress import ProgressEvent
-from service.splatting.raster.cpu import instruction_set, thread_count
-from service.splatting.settings import TrainingSettings
-from service.splatting.train import train
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
 
 
 def main() -> None:
@@ -71,7 +71,7 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
     trained = train(capture, labelling, settings, listen)
     cpu, load_after = time.process_time() - cpu_before, os.getloadavg()[0]
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
-    from service.evaluation import evaluate_views  # its libraries are not training's, and not in its peak
+    from fastsplat.service.evaluation import evaluate_views  # its libraries are not training's, and not in its peak
 
     report = evaluate_views(
         trained.gaussians, trained.head, capture, labelling, trained.held_out,

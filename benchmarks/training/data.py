@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image
 from plyfile import PlyData
 
-from service.capture.types import Capture, CaptureReport, View
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import Dictionary, dictionary_of
-from service.perception.types import Labelling
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.perception.types import Labelling
 
 
 def load_posed_folder(root: Path) -> tuple[Capture, Labelling]:

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 from sqlalchemy import text
 
-from service.calls.figures import Figures
-from service.calls.keys import Keys
-from service.common.errors import ModelUnavailableError, ResourceError
-from service.settings import Settings
-from service.store import Store
-from service.store.figures import FigureRows
-from service.store.rows import transaction
+from fastsplat.service.calls.figures import Figures
+from fastsplat.service.calls.keys import Keys
+from fastsplat.service.common.errors import ModelUnavailableError, ResourceError
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
+from fastsplat.service.store.figures import FigureRows
+from fastsplat.service.store.rows import transaction
 
 
 class Admin:
@@ -55,7 +55,7 @@ class Admin:
             ) from error
 
     def _check_models(self) -> None:
-        from service.perception.models.manifest import find_model
+        from fastsplat.service.perception.models.manifest import find_model
 
         name = self._settings.perception.text_encoder
         _, inside = find_model(name, "text_encoder")

@@ -6,20 +6,20 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from service.calls.masks import encode_mask3d, mask_ply, view_mask
-from service.calls.objects import described
-from service.calls.paging import page_of
-from service.calls.pictures import ASKING, check_picture, picture
-from service.calls.scenes import OpenScenes, view_of
-from service.calls.types import PictureFormat, PictureKind, QueryAnswer, QueryRequest, SceneObject
-from service.calls.validate import check_page_size
-from service.common.camera import PosedCamera
-from service.common.cancellation import check_cancelled
-from service.common.errors import InvalidInputError, LimitExceededError, NotFoundError
-from service.query import SceneIndex
-from service.query.names import check_texts
-from service.settings import Settings
-from service.store import Store
+from fastsplat.service.calls.masks import encode_mask3d, mask_ply, view_mask
+from fastsplat.service.calls.objects import described
+from fastsplat.service.calls.paging import page_of
+from fastsplat.service.calls.pictures import ASKING, check_picture, picture
+from fastsplat.service.calls.scenes import OpenScenes, view_of
+from fastsplat.service.calls.types import PictureFormat, PictureKind, QueryAnswer, QueryRequest, SceneObject
+from fastsplat.service.calls.validate import check_page_size
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.names import check_texts
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
 
 
 class Answers:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from service.calls.types import CameraFormat
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError
-from service.common.poses import quaternion_of
+from fastsplat.service.calls.types import CameraFormat
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.poses import quaternion_of
 
 MEDIA_TYPES: dict[CameraFormat, str] = {
     "json": "application/json",

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from service.store.figures import FigureRows
+from fastsplat.service.store.figures import FigureRows
 
 _OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
 

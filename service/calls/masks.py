@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.calls.types import Mask3dEncoding, MaskEncoding, RleMask, ViewMask
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError
-from service.query import Answer, SceneIndex
-from service.query.pictures import png_bytes
-from service.query.rle import encode_rle, pack_bits, unpack_bits
-from service.scene import Gaussians, write_ply
+from fastsplat.service.calls.types import Mask3dEncoding, MaskEncoding, RleMask, ViewMask
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.query import Answer, SceneIndex
+from fastsplat.service.query.pictures import png_bytes
+from fastsplat.service.query.rle import encode_rle, pack_bits, unpack_bits
+from fastsplat.service.scene import Gaussians, write_ply
 
 _U32 = np.dtype("<u4")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from service.calls.types import Box, Pose, SceneObject, Vector
+from fastsplat.service.calls.types import Box, Pose, SceneObject, Vector
 
 if TYPE_CHECKING:  # what finds objects loads with the first question for some
-    from service.query.objects import SceneObject as FoundObject
+    from fastsplat.service.query.objects import SceneObject as FoundObject
 
 
 def described(thing: FoundObject) -> SceneObject:

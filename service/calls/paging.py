@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeVar
 
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.errors import InvalidInputError
 
 T = TypeVar("T")
 

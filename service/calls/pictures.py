@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from service.calls.types import PictureFormat, PictureKind
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError
-from service.query import SceneIndex, pictures
+from fastsplat.service.calls.types import PictureFormat, PictureKind
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.query import SceneIndex, pictures
 
 KINDS: tuple[PictureKind, ...] = ("rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture")
 ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")

@@ -23,10 +23,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Literal
 
-from service.calls.quotas import Quotas
-from service.calls.uploads import disk_error, safe_parts
-from service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
-from service.store.blobs import Blobs, remove, sync_folder
+from fastsplat.service.calls.quotas import Quotas
+from fastsplat.service.calls.uploads import disk_error, safe_parts
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
+from fastsplat.service.store.blobs import Blobs, remove, sync_folder
 
 Algorithm = Literal["sha1", "sha256"]
 ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")

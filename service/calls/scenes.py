@@ -7,16 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from service.calls.cache import LeastRecentlyUsed
-from service.common.camera import PosedCamera
-from service.common.errors import NotFoundError, NotReadyError
-from service.query import SceneIndex
-from service.scene import Scene, read_scene
-from service.settings import Settings
-from service.store import Store
+from fastsplat.service.calls.cache import LeastRecentlyUsed
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import NotFoundError, NotReadyError
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene import Scene, read_scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
-    from service.perception.text import TextEncoder
+    from fastsplat.service.perception.text import TextEncoder
 
 T = TypeVar("T")
 _MAX_NAMED = 20
@@ -109,7 +109,7 @@ class OpenScenes:
         return SceneIndex(scene, self._encoder(scene.text_encoder[0]), self._settings.query)
 
     def _encoder(self, name: str) -> TextEncoder:
-        from service.perception.text import open_text_encoder
+        from fastsplat.service.perception.text import open_text_encoder
 
         with self._encoder_lock:
             if name not in self._encoders:

@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
-from service.calls.admin import Admin
-from service.calls.answers import Answers
-from service.calls.cameras import camera_file
-from service.calls.paging import page_of, read_page_token, write_page_token
-from service.calls.quotas import Quotas
-from service.calls.resumable import ResumableUploads
-from service.calls.scenes import OpenScenes
-from service.calls.translate import label_of, operation_of, scene_of
-from service.calls.types import (
+from fastsplat.service.calls.admin import Admin
+from fastsplat.service.calls.answers import Answers
+from fastsplat.service.calls.cameras import camera_file
+from fastsplat.service.calls.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.calls.quotas import Quotas
+from fastsplat.service.calls.resumable import ResumableUploads
+from fastsplat.service.calls.scenes import OpenScenes
+from fastsplat.service.calls.translate import label_of, operation_of, scene_of
+from fastsplat.service.calls.types import (
     CameraFormat,
     DictionaryRow,
     Edit,
@@ -30,17 +30,17 @@ from service.calls.types import (
     SceneOptions,
     SceneVersion,
 )
-from service.calls.uploads import UploadSession
-from service.calls.validate import check_page_size, check_request
-from service.calls.versions import Versions
-from service.capture.settings import CaptureSettings
-from service.capture.types import AdmittedUpload
-from service.common.camera import PosedCamera
-from service.common.states import OperationState
-from service.settings import Settings
-from service.store import Store, open_store
-from service.store.blobs import remove
-from service.store.records import NewJob
+from fastsplat.service.calls.uploads import UploadSession
+from fastsplat.service.calls.validate import check_page_size, check_request
+from fastsplat.service.calls.versions import Versions
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.states import OperationState
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.records import NewJob
 
 Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
 
@@ -379,7 +379,7 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
 
 
 def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
-    from service.capture.admission import admit_isolated  # loads with the first upload, not with the server
+    from fastsplat.service.capture.admission import admit_isolated  # loads with the first upload, not with the server
 
     return admit_isolated(folder, settings)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from service.calls.types import (
+from fastsplat.service.calls.types import (
     DictionaryRow,
     Operation,
     OperationError,
@@ -16,8 +16,8 @@ from service.calls.types import (
     SceneOptions,
     StageProgress,
 )
-from service.common.camera import Camera, PosedCamera
-from service.store.records import OperationRecord, SceneRecord
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.store.records import OperationRecord, SceneRecord
 
 
 def operation_of(record: OperationRecord) -> Operation:

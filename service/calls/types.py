@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from service.common.camera import PosedCamera
-from service.common.states import OperationState, SceneState
-from service.query.rle import decode_rle
-from service.query.types import Answer
-from service.splatting.presets import PresetName
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.states import OperationState, SceneState
+from fastsplat.service.query.rle import decode_rle
+from fastsplat.service.query.types import Answer
+from fastsplat.service.splatting.presets import PresetName
 
 Output = Literal["mask2d", "mask3d", "objects"]
 MaskEncoding = Literal["rle", "png"]

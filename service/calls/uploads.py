@@ -14,11 +14,11 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from service.calls.types import Operation, SceneOptions
-from service.capture.settings import CaptureSettings
-from service.common.errors import InvalidInputError, LimitExceededError, ResourceError
-from service.store.blobs import remove
-from service.store.errors import DatabaseError
+from fastsplat.service.calls.types import Operation, SceneOptions
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ResourceError
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.errors import DatabaseError
 
 _CHUNK = 1 << 20
 _MAX_DEPTH = 16

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from service.calls.scenes import OpenScenes
-from service.calls.types import Edit, Pose, SceneVersion
-from service.calls.validate import check_request_id
-from service.common.cancellation import check_cancelled
-from service.common.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
-from service.common.poses import rotation_of
-from service.query import SceneIndex
-from service.scene import Scene, write_ply, write_scene
-from service.settings import Settings
-from service.store import Store
-from service.store.blobs import remove
-from service.store.versions import NewVersion, VersionRecord
+from fastsplat.service.calls.scenes import OpenScenes
+from fastsplat.service.calls.types import Edit, Pose, SceneVersion
+from fastsplat.service.calls.validate import check_request_id
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat.service.common.poses import rotation_of
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene import Scene, write_ply, write_scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.versions import NewVersion, VersionRecord
 
 _TRIES = 5
 
@@ -94,8 +94,8 @@ class Versions:
         return self._named(scene_id, version)
 
     def _apply(self, index: SceneIndex, edits: Sequence[Edit]) -> tuple[Scene, list[int]]:
-        from service.query.edits import Edit as SceneEdit
-        from service.query.edits import apply_edit
+        from fastsplat.service.query.edits import Edit as SceneEdit
+        from fastsplat.service.query.edits import apply_edit
 
         for number, edit in enumerate(edits):
             wanted = SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, _matrix(edit.transform))

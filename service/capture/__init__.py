@@ -9,9 +9,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from service.capture.build import build_capture, load_image
-    from service.capture.files import load_capture
-    from service.capture.upload import admit_upload
+    from fastsplat.service.capture.build import build_capture, load_image
+    from fastsplat.service.capture.files import load_capture
+    from fastsplat.service.capture.upload import admit_upload
 
 __all__ = ["admit_upload", "build_capture", "load_capture", "load_image"]
 

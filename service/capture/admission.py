@@ -8,10 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from service.capture.isolation import run_isolated
-from service.capture.settings import CaptureSettings
-from service.capture.types import AdmittedUpload
-from service.common.cancellation import check_cancelled
+from fastsplat.service.capture.isolation import run_isolated
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.cancellation import check_cancelled
 
 
 def admit_isolated(upload_dir: Path, settings: CaptureSettings) -> AdmittedUpload:
@@ -36,6 +36,6 @@ def admit_isolated(upload_dir: Path, settings: CaptureSettings) -> AdmittedUploa
 
 def run(request: dict[str, Any]) -> dict[str, Any]:
     """In the child: admit, and tell the result as JSON."""
-    upload = importlib.import_module("service.capture.upload")  # below the memory limit, and only here
+    upload = importlib.import_module("fastsplat.service.capture.upload")  # below the memory limit, and only here
     admitted = upload.admit_upload(Path(request["upload"]), CaptureSettings(**request["settings"]))
     return {**asdict(admitted), "folder": str(admitted.folder)}

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.files import holds_capture, load_capture, save_capture
-from service.capture.folders import appearing
-from service.capture.frame import settle
-from service.capture.given import GivenPhoto, GivenPoses
-from service.capture.images import PhotoInfo, load_rgb, load_upright, save_rgb
-from service.capture.isolation import Listener, run_isolated
-from service.capture.labels import LabelTable
-from service.capture.lens import Lens, check_lens, undistortion
-from service.capture.manifest import Manifest, read_manifest
-from service.capture.settings import CaptureSettings
-from service.capture.types import Capture, CaptureReport, GivenLabels, View
-from service.capture.upload import read_labels, read_poses
-from service.capture.views import (
+from fastsplat.service.capture.files import holds_capture, load_capture, save_capture
+from fastsplat.service.capture.folders import appearing
+from fastsplat.service.capture.frame import settle
+from fastsplat.service.capture.given import GivenPhoto, GivenPoses
+from fastsplat.service.capture.images import PhotoInfo, load_rgb, load_upright, save_rgb
+from fastsplat.service.capture.isolation import Listener, run_isolated
+from fastsplat.service.capture.labels import LabelTable
+from fastsplat.service.capture.lens import Lens, check_lens, undistortion
+from fastsplat.service.capture.manifest import Manifest, read_manifest
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
+from fastsplat.service.capture.upload import read_labels, read_poses
+from fastsplat.service.capture.views import (
     IMAGES,
     LABELS,
     MASKS,
@@ -34,8 +34,8 @@ from service.capture.views import (
     reduced_size,
     write_view,
 )
-from service.common.errors import InvalidInputError, ReconstructionError
-from service.common.progress import Progress, ProgressEvent
+from fastsplat.service.common.errors import InvalidInputError, ReconstructionError
+from fastsplat.service.common.progress import Progress, ProgressEvent
 
 _STAGE = "capture"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))

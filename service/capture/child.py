@@ -1,4 +1,4 @@
-"""The isolated side of `service.capture.isolation`: `python -m service.capture.child TASK FOLDER`."""
+"""The isolated side of `service.capture.isolation`: `python -m fastsplat.service.capture.child TASK FOLDER`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from service.common.errors import FastSplatError, ResourceError
+from fastsplat.service.common.errors import FastSplatError, ResourceError
 
 _PR_SET_PDEATHSIG = 1
 _POLITE = 5
@@ -47,13 +47,13 @@ def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
     # Imported only now, below the memory limit, and only what the task needs.
     if task == "admit":
         os.nice(_POLITE)  # its parent answers questions meanwhile
-        admission = importlib.import_module("service.capture.admission")
+        admission = importlib.import_module("fastsplat.service.capture.admission")
         return dict(admission.run(request))
     if task in ("probe", "frames"):
-        video = importlib.import_module("service.capture.video")
+        video = importlib.import_module("fastsplat.service.capture.video")
         result: dict[str, Any] = video.probe(request) if task == "probe" else video.extract(request, _tell)
     else:
-        sfm = importlib.import_module("service.capture.sfm")
+        sfm = importlib.import_module("fastsplat.service.capture.sfm")
         result = getattr(sfm, task)(request, folder, _tell)
     return result
 

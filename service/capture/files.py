@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file, save_file
 
-from service.capture.types import Capture, CaptureReport, GivenLabels, View
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import Dictionary, DictionaryEntry
-from service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 
 _VERSION = 1
 _CAPTURE = "capture.json"

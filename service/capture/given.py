@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.labels import LabelTable
-from service.capture.lens import Lens
-from service.capture.types import Scale
-from service.common.errors import InvalidInputError
+from fastsplat.service.capture.labels import LabelTable
+from fastsplat.service.capture.lens import Lens
+from fastsplat.service.capture.types import Scale
+from fastsplat.service.common.errors import InvalidInputError
 
 _ASPECT_SLACK_PX = 1.0
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
-from service.capture.settings import CaptureSettings
-from service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
 UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})

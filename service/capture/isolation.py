@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from service.capture.settings import CaptureSettings
-from service.common import errors
-from service.common.errors import FastSplatError, ReconstructionError, ResourceError
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common import errors
+from fastsplat.service.common.errors import FastSplatError, ReconstructionError, ResourceError
 
 Task = Literal["admit", "probe", "frames", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]
@@ -68,7 +68,7 @@ def run_isolated(
     (folder / "request.json").write_text(json.dumps({**request, **limits}))
     with (folder / "log.txt").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "service.capture.child", task, str(folder)],
+            [sys.executable, "-m", "fastsplat.service.capture.child", task, str(folder)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=log,

@@ -10,8 +10,8 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from service.common.camera import Camera
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
 
 _PLAIN = frozenset({"SIMPLE_PINHOLE", "PINHOLE"})
 _ZERO_IS_PLAIN = frozenset({"SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "SIMPLE_DIVISION", "DIVISION"})

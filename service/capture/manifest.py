@@ -6,9 +6,9 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from service.capture.images import PhotoInfo
-from service.capture.types import Source
-from service.common.errors import InvalidInputError
+from fastsplat.service.capture.images import PhotoInfo
+from fastsplat.service.capture.types import Source
+from fastsplat.service.common.errors import InvalidInputError
 
 ADMITTED = ".admitted"
 """Name of the admitted folder, inside the raw upload's, so that both are removed together."""

@@ -9,8 +9,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.settings import CaptureSettings
-from service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",

@@ -16,8 +16,8 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from service.capture import geometry, pairs
-from service.common.errors import ReconstructionError
+from fastsplat.service.capture import geometry, pairs
+from fastsplat.service.common.errors import ReconstructionError
 
 Tell = Callable[[float, str], None]
 

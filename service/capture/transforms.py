@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.colmap_model import inside
-from service.capture.documents import read_json
-from service.capture.given import GivenPhoto, GivenPoses, no_points
-from service.capture.images import IMAGE_SUFFIXES
-from service.capture.labels import LabelTable, label_table
-from service.capture.lens import Lens, check_lens
-from service.capture.ply_points import read_points
-from service.capture.settings import CaptureSettings
-from service.capture.types import Scale
-from service.common.camera import check_rigid
-from service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.capture.colmap_model import inside
+from fastsplat.service.capture.documents import read_json
+from fastsplat.service.capture.given import GivenPhoto, GivenPoses, no_points
+from fastsplat.service.capture.images import IMAGE_SUFFIXES
+from fastsplat.service.capture.labels import LabelTable, label_table
+from fastsplat.service.capture.lens import Lens, check_lens
+from fastsplat.service.capture.ply_points import read_points
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Scale
+from fastsplat.service.common.camera import check_rigid
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."

@@ -9,21 +9,21 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 
-from service.capture.archive import is_archive, unpack
-from service.capture.colmap_model import read_colmap
-from service.capture.contents import Contents, classify, common_folder
-from service.capture.documents import read_json
-from service.capture.folders import appearing
-from service.capture.given import GivenPoses, fits, wrong_aspect
-from service.capture.images import PhotoInfo, check_image, open_map, read_header
-from service.capture.isolation import run_isolated
-from service.capture.labels import LabelTable, check_label_map, label_table
-from service.capture.manifest import ADMITTED, FILES, Manifest, write_manifest
-from service.capture.names import is_litter
-from service.capture.settings import CaptureSettings
-from service.capture.transforms import read_transforms
-from service.capture.types import AdmittedUpload
-from service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.capture.archive import is_archive, unpack
+from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.capture.contents import Contents, classify, common_folder
+from fastsplat.service.capture.documents import read_json
+from fastsplat.service.capture.folders import appearing
+from fastsplat.service.capture.given import GivenPoses, fits, wrong_aspect
+from fastsplat.service.capture.images import PhotoInfo, check_image, open_map, read_header
+from fastsplat.service.capture.isolation import run_isolated
+from fastsplat.service.capture.labels import LabelTable, check_label_map, label_table
+from fastsplat.service.capture.manifest import ADMITTED, FILES, Manifest, write_manifest
+from fastsplat.service.capture.names import is_litter
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.transforms import read_transforms
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
 _VIDEO_HEADS = (

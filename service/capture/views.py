@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from service.capture.given import GivenPhoto, fits
-from service.capture.images import PhotoInfo, open_map, save_rgb, turn
-from service.capture.lens import Undistortion, turned, turned_pose, undistortion
-from service.capture.settings import CaptureSettings
-from service.capture.types import View
-from service.common.camera import PosedCamera
+from fastsplat.service.capture.given import GivenPhoto, fits
+from fastsplat.service.capture.images import PhotoInfo, open_map, save_rgb, turn
+from fastsplat.service.capture.lens import Undistortion, turned, turned_pose, undistortion
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import View
+from fastsplat.service.common.camera import PosedCamera
 
 IMAGES, MASKS, LABELS = "images", "masks", "labels"
 

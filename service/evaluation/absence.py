@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from service.evaluation.detection import auroc, false_positive_rate_at
-from service.query import Answer, SceneIndex
+from fastsplat.service.evaluation.detection import auroc, false_positive_rate_at
+from fastsplat.service.query import Answer, SceneIndex
 
 RECALL = 0.95
 

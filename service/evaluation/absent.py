@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from service.common.dictionary import label_key
+from fastsplat.service.common.dictionary import label_key
 
 AbsentList = Literal["nouns", "household"]
 """`nouns`: things that fit on no table and in no kitchen. `household`: things that might well be there, for scenes

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.evaluation.masks import MaskCounts
-from service.evaluation.segmentation import check_maps
+from fastsplat.service.evaluation.masks import MaskCounts
+from fastsplat.service.evaluation.segmentation import check_maps
 
 DIAGONAL_SHARE = 0.02
 """Width of the boundary region as a share of the image's diagonal (Cheng et al. 2021 use 2 % for COCO and LVIS)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

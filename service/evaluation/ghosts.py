@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED
-from service.evaluation.segmentation import check_maps
+from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.evaluation.segmentation import check_maps
 
 EDGE_PX = 2
 NEAR_PX = 4

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from service.common.errors import InvalidInputError
-from service.evaluation.datasets.types import Dataset
-from service.scene.types import Scene
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat.service.scene.types import Scene
 
 _SAME = 1e-4
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED
+from fastsplat.service.common.dictionary import UNDETECTED
 
 
 @dataclass(frozen=True)

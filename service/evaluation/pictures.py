@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from service.common.dictionary import Dictionary
-from service.evaluation.datasets.types import TrueView
-from service.evaluation.scoring import ViewScore
-from service.query.pictures import overlay
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.evaluation.datasets.types import TrueView
+from fastsplat.service.evaluation.scoring import ViewScore
+from fastsplat.service.query.pictures import overlay
 
 U8 = NDArray[np.uint8]
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from service.evaluation.bootstrap import Interval
-from service.evaluation.scoring import QueryScore
+from fastsplat.service.evaluation.bootstrap import Interval
+from fastsplat.service.evaluation.scoring import QueryScore
 
 
 @dataclass(frozen=True)

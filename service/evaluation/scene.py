@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.progress import Progress, ProgressEvent, silent
-from service.evaluation.absence import RECALL, Absence, ask_all, measure_absence
-from service.evaluation.absent import AbsentList, absent_nouns
-from service.evaluation.bootstrap import Interval, bootstrap_interval
-from service.evaluation.boundary import DIAGONAL_SHARE
-from service.evaluation.datasets.types import Dataset, TrueView
-from service.evaluation.ghosts import EDGE_PX, NEAR_PX, GhostCounts
-from service.evaluation.guard import check_unseen
-from service.evaluation.masks import MaskCounts
-from service.evaluation.report import Report
-from service.evaluation.scoring import ViewScore, score_view, texts_of
-from service.evaluation.solid import TrueSurface, gaussian_truth, mask3d_counts
-from service.query import SceneIndex
-from service.scene.types import Scene
+from fastsplat.service.common.progress import Progress, ProgressEvent, silent
+from fastsplat.service.evaluation.absence import RECALL, Absence, ask_all, measure_absence
+from fastsplat.service.evaluation.absent import AbsentList, absent_nouns
+from fastsplat.service.evaluation.bootstrap import Interval, bootstrap_interval
+from fastsplat.service.evaluation.boundary import DIAGONAL_SHARE
+from fastsplat.service.evaluation.datasets.types import Dataset, TrueView
+from fastsplat.service.evaluation.ghosts import EDGE_PX, NEAR_PX, GhostCounts
+from fastsplat.service.evaluation.guard import check_unseen
+from fastsplat.service.evaluation.masks import MaskCounts
+from fastsplat.service.evaluation.report import Report
+from fastsplat.service.evaluation.scoring import ViewScore, score_view, texts_of
+from fastsplat.service.evaluation.solid import TrueSurface, gaussian_truth, mask3d_counts
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene.types import Scene
 
 _Scores = Sequence[ViewScore]
 _NAN = float("nan")

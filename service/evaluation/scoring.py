@@ -9,16 +9,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED, Dictionary
-from service.evaluation.boundary import boundary_counts, mask_boundary_counts
-from service.evaluation.datasets.types import QueryTruth, TrueView
-from service.evaluation.depth import DepthErrors, depth_errors
-from service.evaluation.ghosts import GhostCounts, ghost_counts
-from service.evaluation.localization import box_of, peak_in_box, peak_in_mask
-from service.evaluation.masks import MaskCounts
-from service.evaluation.segmentation import mask_counts
-from service.query import Answer, SceneIndex
-from service.splatting.quality import psnr, ssim
+from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
+from fastsplat.service.evaluation.boundary import boundary_counts, mask_boundary_counts
+from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
+from fastsplat.service.evaluation.depth import DepthErrors, depth_errors
+from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
+from fastsplat.service.evaluation.localization import box_of, peak_in_box, peak_in_mask
+from fastsplat.service.evaluation.masks import MaskCounts
+from fastsplat.service.evaluation.segmentation import mask_counts
+from fastsplat.service.query import Answer, SceneIndex
+from fastsplat.service.splatting.quality import psnr, ssim
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.errors import InvalidInputError
-from service.evaluation.masks import MaskCounts
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation.masks import MaskCounts
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from service.capture.types import Capture
-from service.common.dictionary import Dictionary
-from service.common.errors import InvalidInputError
-from service.common.progress import Progress
-from service.evaluation.datasets import Dataset, training_capture
-from service.perception import label_capture
-from service.perception.text import open_text_encoder
-from service.perception.types import Labelling
-from service.query import embed_labels
-from service.scene import Scene
-from service.settings import Settings
-from service.splatting.train import train
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import Progress
+from fastsplat.service.evaluation.datasets import Dataset, training_capture
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.query import embed_labels
+from fastsplat.service.scene import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.train import train
 
 LabelSource = Literal["given", "detected"]
 

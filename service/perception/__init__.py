@@ -9,8 +9,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from service.perception.labelling import label_capture
-    from service.perception.storage import load_labelling, save_labelling
+    from fastsplat.service.perception.labelling import label_capture
+    from fastsplat.service.perception.storage import load_labelling, save_labelling
 
 __all__ = ["label_capture", "load_labelling", "save_labelling"]
 

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from service.capture import load_image
-from service.capture.types import Capture, GivenLabels, View
-from service.common.errors import InvalidInputError
-from service.common.progress import Progress, ProgressEvent
-from service.perception.finding import find
-from service.perception.maps import clean_mask, paint, settle_masks
-from service.perception.segmenters import open_segmenter
-from service.perception.settings import PerceptionSettings
-from service.perception.text import open_text_encoder
-from service.perception.types import Detections, Image, Labelling, Regions
-from service.perception.vocabulary import counted, finished, renamed, synonyms
-from service.perception.votes import settle, votes_for, weights
+from fastsplat.service.capture import load_image
+from fastsplat.service.capture.types import Capture, GivenLabels, View
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.finding import find
+from fastsplat.service.perception.maps import clean_mask, paint, settle_masks
+from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
+from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
+from fastsplat.service.perception.votes import settle, votes_for, weights
 
 _FINDING = 0.3  # share of the stage's progress; segmentation takes the rest
 

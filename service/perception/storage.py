@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import Dictionary, DictionaryEntry
-from service.common.errors import InvalidInputError
-from service.perception.types import Labelling, Regions
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.perception.types import Labelling, Regions
 
 _INDEX = "dictionary.json"
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.common.dictionary import dictionary_of
-from service.perception.detectors.coco import COCO_80
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.detectors.coco import COCO_80
 
 _MORE = """table, desk, shelf, cabinet, drawer, wardrobe, stool, armchair, sofa cushion, pillow, blanket, carpet,
 curtain, window, door, mirror, picture frame, lamp, ceiling lamp, candle, plate, pan, pot, kettle, coffee

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import Dictionary
+from fastsplat.service.common.dictionary import Dictionary
 
 Image = NDArray[np.uint8]
 """uint8 [H, W, 3] RGB."""

@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import Dictionary, DictionaryEntry, label_key
-from service.common.errors import InvalidInputError
-from service.perception.boxes import box_iou
-from service.perception.types import Detections, Labelling, Regions, TextEncoder
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, label_key
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.perception.boxes import box_iou
+from fastsplat.service.perception.types import Detections, Labelling, Regions, TextEncoder
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:

@@ -9,10 +9,10 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import label_key
-from service.perception.boxes import box_iou, suppress
-from service.perception.settings import PerceptionSettings
-from service.perception.types import Detections
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.perception.boxes import box_iou, suppress
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Detections
 
 
 def one_name_each(detections: Sequence[Detections], names: Sequence[str] = ()) -> list[Detections]:

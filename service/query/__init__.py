@@ -1,8 +1,8 @@
 """Plain words and poses to ranked objects, 2D masks and 3D masks. Torch loads with the first picture, not before."""
 
-from service.query.embeddings import embed_labels
-from service.query.index import SceneIndex
-from service.query.settings import QuerySettings
-from service.query.types import Answer, Mask2D, Match, Verdict
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.types import Answer, Mask2D, Match, Verdict
 
 __all__ = ["Answer", "Mask2D", "Match", "QuerySettings", "SceneIndex", "Verdict", "embed_labels"]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.camera import PosedCamera
+from fastsplat.service.common.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 

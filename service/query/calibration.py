@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from service.query.probability import ScoreCalibration
+from fastsplat.service.query.probability import ScoreCalibration
 
 Score = Literal["similarity", "relevancy"]
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components  # type: ignore[import-unt
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from service.scene.types import Gaussians
+from fastsplat.service.scene.types import Gaussians
 
 F64 = NDArray[np.float64]
 

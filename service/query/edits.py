@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from service.common.camera import check_rigid
-from service.common.errors import InvalidInputError, NotFoundError
-from service.query.objects import MIN_OPACITY, masses
-from service.scene.evidence import rows_of
-from service.scene.types import F32, Gaussians, Scene
+from fastsplat.service.common.camera import check_rigid
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.query.objects import MIN_OPACITY, masses
+from fastsplat.service.scene.evidence import rows_of
+from fastsplat.service.scene.types import F32, Gaussians, Scene
 
 if TYPE_CHECKING:
-    from service.query.index import SceneIndex
+    from fastsplat.service.query.index import SceneIndex
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -218,7 +218,9 @@ def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
     """
     import torch
 
-    from service.splatting.raster.harmonics import basis  # torch loads with the first edit that turns something
+    from fastsplat.service.splatting.raster.harmonics import (
+        basis,  # torch loads with the first edit that turns something
+    )
 
     degree = round(sh.shape[1] ** 0.5) - 1
     if degree == 0:

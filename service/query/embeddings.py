@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import Dictionary
-from service.common.errors import ModelUnavailableError
-from service.query.settings import QuerySettings
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat.service.query.settings import QuerySettings
 
 if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely know the settings
-    from service.perception.text import TextEncoder
+    from fastsplat.service.perception.text import TextEncoder
 
 F32 = NDArray[np.float32]
 _DEFAULTS = QuerySettings()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from service.query.calibration import Score
-from service.query.types import Answer, Match
+from fastsplat.service.query.calibration import Score
+from fastsplat.service.query.types import Answer, Match
 
 _SHOWN = 3
 _MAX_QUOTED = 60

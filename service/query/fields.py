@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.query.labels import codes_field
-from service.scene.evidence import posterior
-from service.scene.types import F32, Scene
+from fastsplat.service.query.labels import codes_field
+from fastsplat.service.scene.evidence import posterior
+from fastsplat.service.scene.types import F32, Scene
 
 
 @dataclass(frozen=True)

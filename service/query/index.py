@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError, LimitExceededError
-from service.query.fields import LabelField, label_field
-from service.query.ranking import Ranker
-from service.query.settings import QuerySettings
-from service.query.types import Answer, Mask2D
-from service.scene.types import Scene
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.query.fields import LabelField, label_field
+from fastsplat.service.query.ranking import Ranker
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.types import Answer, Mask2D
+from fastsplat.service.scene.types import Scene
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
-    from service.perception.text import TextEncoder
-    from service.query.objects import SceneObject
-    from service.query.views import Renderer
+    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.query.objects import SceneObject
+    from fastsplat.service.query.views import Renderer
 
 _DEFAULTS = QuerySettings()
 
@@ -106,7 +106,7 @@ class SceneIndex:
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """All things of this scene, see `find_objects`; found with the first question for them."""
-        from service.query.objects import find_objects
+        from fastsplat.service.query.objects import find_objects
 
         with self._objects_lock:
             if self._objects is None:
@@ -181,7 +181,7 @@ class SceneIndex:
             )
         with self._renderer_lock:
             if self._renderer is None:
-                from service.query.views import Renderer
+                from fastsplat.service.query.views import Renderer
 
                 self._renderer = Renderer(self.scene, self.settings)
             return self._renderer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from service.scene.types import F32, SemanticHead
+from fastsplat.service.scene.types import F32, SemanticHead
 
 _CHUNK_LOGITS = 4 << 20
 

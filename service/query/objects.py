@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.poses import quaternion_of
-from service.query.boxes import oriented_box, vertical_axis
-from service.query.connectivity import components
-from service.query.fields import LabelField
-from service.query.visibility import best_views
-from service.scene.types import F32, Scene
+from fastsplat.service.common.poses import quaternion_of
+from fastsplat.service.query.boxes import oriented_box, vertical_axis
+from fastsplat.service.query.connectivity import components
+from fastsplat.service.query.fields import LabelField
+from fastsplat.service.query.visibility import best_views
+from fastsplat.service.scene.types import F32, Scene
 
 F64 = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
-from service.query.calibration import calibration_for
-from service.query.embeddings import TextCache, embed_labels
-from service.query.explain import explain
-from service.query.names import candidate_names, check_negatives, check_templates, check_texts, noun_phrase
-from service.query.probability import (
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
+from fastsplat.service.query.calibration import calibration_for
+from fastsplat.service.query.embeddings import TextCache, embed_labels
+from fastsplat.service.query.explain import explain
+from fastsplat.service.query.names import candidate_names, check_negatives, check_templates, check_texts, noun_phrase
+from fastsplat.service.query.probability import (
     ScoreCalibration,
     candidates,
     entry_probability,
@@ -25,13 +25,13 @@ from service.query.probability import (
     nonconformity_bound,
     present_probability,
 )
-from service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
-from service.query.settings import QuerySettings
-from service.query.types import Answer, Match, Verdict
-from service.scene.types import Scene
+from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.types import Answer, Match, Verdict
+from fastsplat.service.scene.types import Scene
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
-    from service.perception.text import TextEncoder
+    from fastsplat.service.perception.text import TextEncoder
 
 F64 = NDArray[np.float64]
 _NOWHERE = np.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.errors import InvalidInputError
 
 _MAX_PIXELS = 1 << 28
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from service.common.errors import ConflictError, InvalidInputError, NotFoundError
-from service.scene.arrays import (
+from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat.service.scene.arrays import (
     Array,
     Shapes,
     check_evidence,
@@ -24,15 +24,15 @@ from service.scene.arrays import (
     save_arrays,
     scene_shapes,
 )
-from service.scene.errors import SceneFileError
-from service.scene.manifest import (
+from fastsplat.service.scene.errors import SceneFileError
+from fastsplat.service.scene.manifest import (
     Manifest,
     cameras_from_bytes,
     cameras_to_bytes,
     manifest_from_bytes,
     manifest_to_bytes,
 )
-from service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead
 
 _MANIFEST = "scene.json"
 _ARRAYS = "gaussians.safetensors"

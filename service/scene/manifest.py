@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import Dictionary, DictionaryEntry
-from service.common.errors import FastSplatError, InvalidInputError
-from service.scene.errors import SceneFileError, SceneSchemaError
-from service.scene.types import LabelMode
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError
+from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
+from fastsplat.service.scene.types import LabelMode
 
 SCHEMA = 2
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes."""

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.camera import PosedCamera
-from service.common.dictionary import Dictionary
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.dictionary import Dictionary
 
 F32 = NDArray[np.float32]
 

@@ -14,13 +14,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from service.common.dictionary import UNDETECTED
-from service.perception.types import Regions
-from service.scene.types import Evidence, Gaussians
-from service.splatting.blending import EvidenceBlend
-from service.splatting.evidence import activated, region_sums, views_evidence
-from service.splatting.raster import Backend, LabelSums
-from service.splatting.views import TrainingView, speaking, with_labels
+from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.perception.types import Regions
+from fastsplat.service.scene.types import Evidence, Gaussians
+from fastsplat.service.splatting.blending import EvidenceBlend
+from fastsplat.service.splatting.evidence import activated, region_sums, views_evidence
+from fastsplat.service.splatting.raster import Backend, LabelSums
+from fastsplat.service.splatting.views import TrainingView, speaking, with_labels
 
 _SEEN_PX = 0.05
 _INSIDE = 0.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from service.common.errors import InvalidInputError
-from service.splatting.raster import Backend
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.raster import Backend
 
 
 @torch.no_grad()
@@ -51,7 +51,7 @@ def adam_update(
     if backend != "cpu":
         _by_torch(value, grad.to(torch.float32), first, second, rate, step, betas, epsilon)
         return
-    from service.splatting.raster.cpu import instruction_set, kernels, thread_count
+    from fastsplat.service.splatting.raster.cpu import instruction_set, kernels, thread_count
 
     arrays = [value.detach().numpy(), grad.to(torch.float32).contiguous().numpy(), first.numpy(), second.numpy()]
     kernels.adam(*arrays, rate, *betas, epsilon, step, thread_count(), instruction_set())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
-from service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import TrainingSettings
 
 PresetName = Literal["draft", "balanced", "best"]
 

@@ -6,7 +6,7 @@ import math
 
 from torch import Tensor
 
-from service.splatting.losses import image_loss
+from fastsplat.service.splatting.losses import image_loss
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:

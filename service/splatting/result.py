@@ -9,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from service.scene.types import Gaussians, SemanticHead
-from service.splatting.morton import morton_order
-from service.splatting.semantics import ghost_share
-from service.splatting.state import SplatState
-from service.splatting.types import TrainingDivergedError
+from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.splatting.morton import morton_order
+from fastsplat.service.splatting.semantics import ghost_share
+from fastsplat.service.splatting.state import SplatState
+from fastsplat.service.splatting.types import TrainingDivergedError
 
 
 def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, SemanticHead]:

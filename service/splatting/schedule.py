@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import TrainingSettings
 
 
 def run_share(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:

@@ -11,10 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from service.common.dictionary import UNDETECTED
-from service.splatting.initial import F32, project
-from service.splatting.losses import semantic_loss
-from service.splatting.views import TrainingView
+from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.splatting.initial import F32, project
+from fastsplat.service.splatting.losses import semantic_loss
+from fastsplat.service.splatting.views import TrainingView
 
 _MAX_AUTO_SIZE = 13
 _HEAD_SCALE = 6.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from service.splatting.densify import split_in_place
-from service.splatting.optim import adam_update
-from service.splatting.raster import Backend
+from fastsplat.service.splatting.densify import split_in_place
+from fastsplat.service.splatting.optim import adam_update
+from fastsplat.service.splatting.raster import Backend
 
 GAUSSIAN_PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh_dc", "sh_rest", "codes")
 """Row g of each belongs to Gaussian g; "weight" and "bias" of the semantic head are the only others."""

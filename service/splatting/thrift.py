@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from service.scene.types import Gaussians
-from service.splatting.raster import Backend, Splats, blend_sums, device_of
-from service.splatting.views import TrainingView
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splatting.raster import Backend, Splats, blend_sums, device_of
+from fastsplat.service.splatting.views import TrainingView
 
 JUDGES = 8
 """Held-out views that judge, at most."""

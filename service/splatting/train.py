@@ -14,24 +14,31 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from service.capture.types import Capture
-from service.common.errors import InvalidInputError
-from service.common.progress import Progress, ProgressEvent
-from service.perception.types import Labelling
-from service.scene.evidence import posterior
-from service.scene.types import Gaussians, LabelMode
-from service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
-from service.splatting.consensus import voted_maps
-from service.splatting.densify import planned_count
-from service.splatting.evidence import views_evidence
-from service.splatting.initial import scene_extent, start_gaussians, start_points
-from service.splatting.losses import image_loss
-from service.splatting.memory import release_free_memory
-from service.splatting.quality import psnr, ssim
-from service.splatting.raster import Splats, device_of, rasterize, sh_to_rgb
-from service.splatting.result import color_parameters, final_scene, ghosts_of, present_gaussians
-from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
-from service.splatting.semantics import (
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.evidence import posterior
+from fastsplat.service.scene.types import Gaussians, LabelMode
+from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
+from fastsplat.service.splatting.consensus import voted_maps
+from fastsplat.service.splatting.densify import planned_count
+from fastsplat.service.splatting.evidence import views_evidence
+from fastsplat.service.splatting.initial import scene_extent, start_gaussians, start_points
+from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.memory import release_free_memory
+from fastsplat.service.splatting.quality import psnr, ssim
+from fastsplat.service.splatting.raster import Splats, device_of, rasterize, sh_to_rgb
+from fastsplat.service.splatting.result import color_parameters, final_scene, ghosts_of, present_gaussians
+from fastsplat.service.splatting.schedule import (
+    event_due,
+    image_level,
+    image_scales,
+    learning_rates,
+    run_share,
+    sh_degree,
+)
+from fastsplat.service.splatting.semantics import (
     class_weights,
     code_size,
     label_loss,
@@ -39,12 +46,12 @@ from service.splatting.semantics import (
     start_codes,
     start_head,
 )
-from service.splatting.settings import TrainingSettings
-from service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
-from service.splatting.threads import one_torch_thread
-from service.splatting.thrift import JUDGES, seen_weight, without_surplus
-from service.splatting.types import TrainedSplats, TrainingDivergedError
-from service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking, with_labels
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
+from fastsplat.service.splatting.threads import one_torch_thread
+from fastsplat.service.splatting.thrift import JUDGES, seen_weight, without_surplus
+from fastsplat.service.splatting.types import TrainedSplats, TrainingDivergedError
+from fastsplat.service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking, with_labels
 
 _AGREED = "agreed."
 _REPORT_EVERY_S = 0.5

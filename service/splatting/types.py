@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from service.common.errors import FastSplatError, Kind
-from service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
+from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
 
 
 class TrainingDivergedError(FastSplatError):

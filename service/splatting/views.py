@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from service.capture.images import load_rgb  # not `service.capture.load_image`, whose module loads COLMAP too
-from service.capture.types import Capture, View
-from service.common.camera import Camera
-from service.common.dictionary import UNDETECTED
-from service.common.errors import InvalidInputError
-from service.perception.types import Labelling
+from fastsplat.service.capture.images import load_rgb  # not `service.capture.load_image`, whose module loads COLMAP too
+from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.perception.types import Labelling
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from sqlalchemy import Engine
 
-from service.common.errors import ResourceError
-from service.store.blobs import Blobs
-from service.store.engine import open_engine, resolve_url
-from service.store.holdings import HoldingRows
-from service.store.jobs import JobRows
-from service.store.keys import KeyRows
-from service.store.objects import open_blobs
-from service.store.rows import Rows
-from service.store.settings import ArtefactSettings
-from service.store.versions import VersionRows
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.store.blobs import Blobs
+from fastsplat.service.store.engine import open_engine, resolve_url
+from fastsplat.service.store.holdings import HoldingRows
+from fastsplat.service.store.jobs import JobRows
+from fastsplat.service.store.keys import KeyRows
+from fastsplat.service.store.objects import open_blobs
+from fastsplat.service.store.rows import Rows
+from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.versions import VersionRows
 
 
 @dataclass(frozen=True)

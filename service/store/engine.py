@@ -10,9 +10,9 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from service.common.errors import InvalidInputError
-from service.store.errors import DatabaseError
-from service.store.migrations import migrate
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.store.errors import DatabaseError
+from fastsplat.service.store.migrations import migrate
 
 _BUSY_MS = 30_000
 

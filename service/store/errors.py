@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.common.errors import FastSplatError, Kind
+from fastsplat.service.common.errors import FastSplatError, Kind
 
 
 class DatabaseError(FastSplatError):

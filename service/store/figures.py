@@ -7,8 +7,8 @@ from typing import Any
 
 from sqlalchemy import Engine, func, select
 
-from service.store.rows import transaction
-from service.store.schema import operations
+from fastsplat.service.store.rows import transaction
+from fastsplat.service.store.schema import operations
 
 _STATES = ("QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED")
 

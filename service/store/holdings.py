@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from sqlalchemy import BigInteger, Column, Connection, Engine, String, Table, delete, func, insert, select, text
 
-from service.store.rows import transaction
-from service.store.schema import metadata, operations, scenes
+from fastsplat.service.store.rows import transaction
+from fastsplat.service.store.schema import metadata, operations, scenes
 
 _LOCK_SPACE = 0x484F4C44  # any number, the same for all processes that open one PostgreSQL database
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from sqlalchemy import Engine, delete, exists, insert, select, update
 
-from service.store.records import OperationRecord, SceneSummary, WorkerRecord
-from service.store.rows import as_operation
-from service.store.schema import operations, scenes, workers
+from fastsplat.service.store.records import OperationRecord, SceneSummary, WorkerRecord
+from fastsplat.service.store.rows import as_operation
+from fastsplat.service.store.schema import operations, scenes, workers
 
 
 class FencedError(Exception):

@@ -9,9 +9,9 @@ from typing import Literal
 from sqlalchemy import Column, Double, Engine, String, Table, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from service.common.errors import NotFoundError
-from service.store.rows import transaction
-from service.store.schema import metadata
+from fastsplat.service.common.errors import NotFoundError
+from fastsplat.service.store.rows import transaction
+from fastsplat.service.store.schema import metadata
 
 KeyKind = Literal["write", "read"]
 

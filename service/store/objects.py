@@ -25,10 +25,10 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from service.common.errors import InvalidInputError
-from service.store.blobs import Blobs, remove
-from service.store.errors import ArtefactError, ObjectStoreError
-from service.store.settings import ArtefactSettings
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.errors import ArtefactError, ObjectStoreError
+from fastsplat.service.store.settings import ArtefactSettings
 
 _MANIFEST = "manifest.json"
 _PARTS = "parts-"

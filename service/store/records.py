@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from service.common.states import OperationState, SceneState
+from fastsplat.service.common.states import OperationState, SceneState
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import Any
 from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from service.common.errors import ConflictError, NotFoundError
-from service.common.states import OperationState, SceneState
-from service.store.errors import DatabaseError
-from service.store.records import NewJob, OperationRecord, SceneRecord
-from service.store.schema import operations, scenes
+from fastsplat.service.common.errors import ConflictError, NotFoundError
+from fastsplat.service.common.states import OperationState, SceneState
+from fastsplat.service.store.errors import DatabaseError
+from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.schema import operations, scenes
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
 

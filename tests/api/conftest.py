@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from service.calls.service import SceneService, open_service
-from service.capture.settings import CaptureSettings
-from service.perception.settings import PerceptionSettings
-from service.query.settings import QuerySettings
-from service.settings import Settings
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.settings import Settings
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
 from tests.api.served import Faces, served

@@ -14,9 +14,9 @@ import httpx
 from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
-from api.server import Ports, serve
-from fastsplat.v1 import fastsplat_pb2_grpc as rpc
-from service.settings import Settings
+from fastsplat.api.server import Ports, serve
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
 
 @dataclass(frozen=True)

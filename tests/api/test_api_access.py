@@ -19,15 +19,15 @@ from google.protobuf import descriptor_pool, message_factory
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from api.auth import _RULES, check_exposure, decided, rule_of
-from api.rest.access import AccessLayer, route_name
-from api.rest.app import create_app
-from api.server import run
-from cli.logs import JsonLines
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.service import SceneService, open_service
-from service.common.errors import InvalidInputError
-from service.settings import Settings
+from fastsplat.api.auth import _RULES, check_exposure, decided, rule_of
+from fastsplat.api.rest.access import AccessLayer, route_name
+from fastsplat.api.rest.app import create_app
+from fastsplat.api.server import run
+from fastsplat.cli.logs import JsonLines
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _ROUTES = [

@@ -12,9 +12,9 @@ import grpc
 import httpx
 import pytest
 
-from api.grpc.translate import camera_out
-from api.rest.translate import camera_out as rest_camera_out
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.api.grpc.translate import camera_out
+from fastsplat.api.rest.translate import camera_out as rest_camera_out
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import turned
 from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
 

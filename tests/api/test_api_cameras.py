@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.cameras import orientation_of, posed_camera, position_of
-from service.common.camera import Camera
-from service.common.errors import InvalidInputError
+from fastsplat.api.cameras import orientation_of, posed_camera, position_of
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
 
 _CAMERA = Camera(8, 6, 5.0, 5.0, 4.0, 3.0)
 _number = st.floats(-1, 1)

@@ -16,14 +16,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import QueryAnswer, QueryRequest, SceneOptions
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import (
+    CancelledError,
+    InvalidInputError,
+    PermissionDeniedError,
+    UnauthenticatedError,
+)
+from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
 from fastsplat_client.messages import query_message
-from service.calls.service import SceneService
-from service.calls.types import QueryAnswer, QueryRequest, SceneOptions
-from service.common.camera import PosedCamera
-from service.common.cancellation import check_cancelled
-from service.common.errors import CancelledError, InvalidInputError, PermissionDeniedError, UnauthenticatedError
-from service.settings import Settings
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import Faces, served, serving

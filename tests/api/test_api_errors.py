@@ -8,11 +8,11 @@ from typing import Any
 import grpc
 import pytest
 
-from api.errors import problem_of, status_of
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.common import errors
-from service.common.errors import FastSplatError, Kind
-from service.settings import Settings
+from fastsplat.api.errors import problem_of, status_of
+from fastsplat.service.common import errors
+from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _STATUSES = {

@@ -13,14 +13,14 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from api.grpc.translate import camera_in
-from api.rest.models import PosedCamera as PosedCameraModel
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.api.grpc.translate import camera_in
+from fastsplat.api.rest.models import PosedCamera as PosedCameraModel
+from fastsplat.service.calls.cameras import camera_file
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
 from fastsplat_client import Client
-from service.calls.cameras import camera_file
-from service.calls.service import SceneService
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import InvalidInputError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal

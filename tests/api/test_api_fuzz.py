@@ -18,9 +18,9 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from api.rest import openapi
-from service.calls.service import SceneService
-from service.settings import Settings
+from fastsplat.api.rest import openapi
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.settings import Settings
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces
 

@@ -7,9 +7,9 @@ import threading
 
 import pytest
 
-from api import health
-from api.health import NotReadyNowError, Readiness
-from service.common.errors import ResourceError
+from fastsplat.api import health
+from fastsplat.api.health import NotReadyNowError, Readiness
+from fastsplat.service.common.errors import ResourceError
 
 
 def _why(readiness: Readiness) -> str:

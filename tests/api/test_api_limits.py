@@ -13,12 +13,12 @@ from grpc_status import rpc_status
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api.auth import Principal, Rule
-from api.limits import Limiter
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.common.errors import NotFoundError, OverloadedError, RateLimitedError
-from service.limits import LimitSettings
-from service.settings import Settings
+from fastsplat.api.auth import Principal, Rule
+from fastsplat.api.limits import Limiter
+from fastsplat.service.common.errors import NotFoundError, OverloadedError, RateLimitedError
+from fastsplat.service.limits import LimitSettings
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _COMPUTES = Rule("read")

@@ -10,14 +10,14 @@ from collections.abc import Iterator
 import grpc
 import pytest
 
-from api.grpc.translate import operation_out
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.api.grpc.translate import operation_out
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import DictionaryRow, Operation
+from fastsplat.service.common.errors import NotFoundError
+from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
-from service.calls.service import SceneService
-from service.calls.types import DictionaryRow, Operation
-from service.common.errors import NotFoundError
-from service.store.records import NewJob
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS
 from tests.api.served import Faces, rest_refusal, rpc_refusal

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from api.grpc.translate import camera_out
-from api.rest.translate import camera_out as rest_camera_out
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.masks import decode_mask3d
-from service.calls.service import SceneService
-from service.calls.types import QueryAnswer, QueryRequest
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import FastSplatError
+from fastsplat.api.grpc.translate import camera_out
+from fastsplat.api.rest.translate import camera_out as rest_camera_out
+from fastsplat.service.calls.masks import decode_mask3d
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import QueryAnswer, QueryRequest
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import FastSplatError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import KINDRED, LABELS, STRANGERS, turned
 from tests.api.served import Faces

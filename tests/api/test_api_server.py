@@ -21,11 +21,11 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from api.server import _listen, serve
-from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
-from service.calls.service import SceneService, open_service
-from service.common.errors import ResourceError
-from service.settings import Settings
+from fastsplat.api.server import _listen, serve
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from tests.api.made_scene import write_words
 from tests.api.served import Faces, served
 
@@ -150,10 +150,10 @@ def test_slow_calls_hold_up_nobody(api_settings: Settings) -> None:
 _SERVE = """
 import logging, sys, time
 from pathlib import Path
-from api.server import run
-from fastsplat.v1 import fastsplat_pb2, fastsplat_pb2_grpc
-from service.calls.service import SceneService, open_service
-from service.settings import Settings
+from fastsplat.api.server import run
+from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.settings import Settings
 logging.basicConfig(level=logging.INFO)
 def slow(self, scene_id):
     print("BEGUN", flush=True)

@@ -11,15 +11,15 @@ import grpc
 import numpy as np
 import pytest
 
-from api.grpc.translate import camera_out
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.api.grpc.translate import camera_out
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.calls.types import QueryAnswer, QueryRequest
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import NotFoundError
+from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion
 from fastsplat_client.messages import query_message
-from service.calls.service import SceneService
-from service.calls.types import QueryAnswer, QueryRequest
-from service.common.cancellation import check_cancelled
-from service.common.errors import NotFoundError
-from service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import Faces, rpc_refusal, served

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.v1 import fastsplat_pb2 as pb
-from service.calls.service import SceneService
-from service.settings import Settings
+from fastsplat.service.calls.service import SceneService
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
 

@@ -11,13 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from api.grpc.translate import version_out
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.api.grpc.translate import version_out
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.calls.types import Edit, Pose, QueryRequest
+from fastsplat.service.common.errors import (
+    ConflictError,
+    FastSplatError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+)
+from fastsplat.service.settings import Settings
 from fastsplat_client import Client
-from service.calls.service import SceneService, open_service
-from service.calls.types import Edit, Pose, QueryRequest
-from service.common.errors import ConflictError, FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
-from service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.calls.service import SceneService, open_service
-from service.calls.translate import camera_to_json
-from service.calls.types import SceneInfo, SceneOptions
-from service.capture.settings import CaptureSettings
-from service.capture.types import AdmittedUpload
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import dictionary_of
-from service.common.errors import CorruptImageError
-from service.perception.text import open_text_encoder
-from service.query import QuerySettings, embed_labels
-from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from service.settings import Settings, StoreSettings
-from service.store import open_store
-from service.store.records import SceneSummary
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.calls.types import SceneInfo, SceneOptions
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.errors import CorruptImageError
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings, embed_labels
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.settings import Settings, StoreSettings
+from fastsplat.service.store import open_store
+from fastsplat.service.store.records import SceneSummary
 
 LABELS = ("mug", "banana")
 ENCODER = "minilm_l6_int8"

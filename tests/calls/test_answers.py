@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.calls.service import open_service
-from service.calls.types import QueryRequest
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import (
+from fastsplat.service.calls.service import open_service
+from fastsplat.service.calls.types import QueryRequest
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import (
     InvalidInputError,
     LimitExceededError,
     ModelUnavailableError,
     NotFoundError,
     NotReadyError,
 )
-from service.query.rle import decode_rle
-from service.scene import read_ply
-from service.settings import Settings
+from fastsplat.service.query.rle import decode_rle
+from fastsplat.service.scene import read_ply
+from fastsplat.service.settings import Settings
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from service.calls.keys import Keys, key_id_of
-from service.common.errors import InvalidInputError, NotFoundError, ResourceError
-from service.store import Store, open_store
+from fastsplat.service.calls.keys import Keys, key_id_of
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError, ResourceError
+from fastsplat.service.store import Store, open_store
 
 
 @pytest.fixture

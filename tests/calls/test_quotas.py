@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from service.calls.service import SceneService, open_service
-from service.calls.types import SceneOptions
-from service.capture.settings import CaptureSettings
-from service.capture.types import AdmittedUpload
-from service.common.errors import QuotaError
-from service.limits import QuotaSettings
-from service.settings import Settings
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.errors import QuotaError
+from fastsplat.service.limits import QuotaSettings
+from fastsplat.service.settings import Settings
 
 
 @pytest.fixture

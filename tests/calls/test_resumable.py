@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from service.calls.resumable import (
+from fastsplat.service.calls.resumable import (
     ChecksumMismatchError,
     OffsetConflictError,
     ResumableUploads,
     UploadLockedError,
 )
-from service.common.errors import InvalidInputError, LimitExceededError, NotFoundError, ResourceError
-from service.store.blobs import Blobs
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError, ResourceError
+from fastsplat.service.store.blobs import Blobs
 
 _ROOT = Path(__file__).parents[2]
 
@@ -67,7 +67,7 @@ def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: Resumab
 _APPEND = """
 import sys
 from pathlib import Path
-from service.calls import resumable
+from fastsplat.service.calls import resumable
 resumable._DURABLE_BYTES = 1 << 16
 uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset

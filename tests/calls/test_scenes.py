@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from service.calls.types import QueryRequest
-from service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.calls.types import QueryRequest
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 
 
 def test_unknown_ids_are_not_found(service):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from service.calls.types import SceneOptions
-from service.common.errors import (
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.common.errors import (
     ConflictError,
     CorruptImageError,
     FastSplatError,

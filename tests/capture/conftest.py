@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture.settings import CaptureSettings
-from service.common.errors import FastSplatError
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import FastSplatError
 
 Upload = Callable[[dict[str, bytes]], Path]
 Refused = Callable[..., AbstractContextManager[None]]

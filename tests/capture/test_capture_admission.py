@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture import admit_upload, isolation
-from service.capture.admission import admit_isolated
-from service.capture.settings import CaptureSettings
-from service.common.cancellation import Cancellation, cancellable
-from service.common.errors import CancelledError, FastSplatError, ResourceError
+from fastsplat.service.capture import admit_upload, isolation
+from fastsplat.service.capture.admission import admit_isolated
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.common.errors import CancelledError, FastSplatError, ResourceError
 
 
 def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:

@@ -13,10 +13,10 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from service.capture import admit_upload
-from service.capture.archive import unpack
-from service.capture.settings import CaptureSettings
-from service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture.archive import unpack
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 
 
 def _zip(entries: list[tuple[str, bytes]], **attributes: int) -> bytes:

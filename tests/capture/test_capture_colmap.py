@@ -9,10 +9,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from service.capture import admit_upload, build_capture
-from service.capture.colmap_model import read_colmap
-from service.common.errors import InvalidInputError, LimitExceededError
-from service.common.progress import silent
+from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.common.progress import silent
 
 _SIZE = (64, 48)
 

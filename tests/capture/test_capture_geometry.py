@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from service.capture.frame import settle
-from service.capture.geometry import (
+from fastsplat.service.capture.frame import settle
+from fastsplat.service.capture.geometry import (
     Reconstruction,
     contradictions,
     depths,
@@ -19,9 +19,9 @@ from service.capture.geometry import (
     repetition_warning,
     widest_angle_deg,
 )
-from service.capture.pairs import choose_pairs, probe_scores, probes
-from service.capture.video import sharpest_per_interval
-from service.common.errors import ReconstructionError
+from fastsplat.service.capture.pairs import choose_pairs, probe_scores, probes
+from fastsplat.service.capture.video import sharpest_per_interval
+from fastsplat.service.common.errors import ReconstructionError
 
 
 def _ring(count: int = 8, radius: float = 3.0) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from service.capture import admit_upload
-from service.capture.images import check_image, load_upright, open_map
-from service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture.images import check_image, load_upright, open_map
+from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -7,8 +7,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from service.capture.lens import Lens, check_lens, model_names, turned, turned_pose, undistortion
-from service.common.errors import InvalidInputError
+from fastsplat.service.capture.lens import Lens, check_lens, model_names, turned, turned_pose, undistortion
+from fastsplat.service.common.errors import InvalidInputError
 
 _W, _H, _F = 320, 240, 260.0
 _OPENCV = Lens("OPENCV", _W, _H, (_F, 0.98 * _F, 163.0, 118.0, -0.18, 0.04, 0.002, -0.001))

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture import admit_upload, build_capture, load_image
-from service.capture.types import Capture
-from service.common.errors import CancelledError, ReconstructionError, ResourceError
-from service.common.progress import ProgressEvent, silent
+from fastsplat.service.capture import admit_upload, build_capture, load_image
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.errors import CancelledError, ReconstructionError, ResourceError
+from fastsplat.service.common.progress import ProgressEvent, silent
 
 _FRAMES = range(0, 40, 4)
 
@@ -37,7 +37,7 @@ def _truth(test_data: Path, names: Sequence[str]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def tabletop(test_data: Path, tmp_path_factory) -> tuple[Capture, list[ProgressEvent]]:
     """Ten views of the table top, without their poses."""
-    from service.capture.settings import CaptureSettings
+    from fastsplat.service.capture.settings import CaptureSettings
 
     settings = CaptureSettings(sfm_threads=2)
     folder = _photos(test_data, tmp_path_factory.mktemp("sfm") / "upload")

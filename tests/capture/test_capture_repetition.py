@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from service.capture import admit_upload, build_capture
-from service.common.errors import ReconstructionError
-from service.common.progress import silent
+from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.common.errors import ReconstructionError
+from fastsplat.service.common.progress import silent
 
 _TILE = 256  # texture pixels; a world unit
 _K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture import admit_upload, build_capture, load_capture, load_image
-from service.capture.ply_points import read_points
-from service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
-from service.common.progress import silent
+from fastsplat.service.capture import admit_upload, build_capture, load_capture, load_image
+from fastsplat.service.capture.ply_points import read_points
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat.service.common.progress import silent
 
 _SIZE = (64, 48)
 _POINTS = b"""ply

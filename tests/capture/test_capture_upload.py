@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture import admit_upload, build_capture
-from service.capture.labels import label_table
-from service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
-from service.common.progress import silent
+from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture.labels import label_table
+from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat.service.common.progress import silent
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:

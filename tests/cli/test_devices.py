@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from cli.devices import worker_roles
-from service.common.errors import InvalidInputError
+from fastsplat.cli.devices import worker_roles
+from fastsplat.service.common.errors import InvalidInputError
 
 _CPUS = len(os.sched_getaffinity(0))
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from cli.main import app
-from service.calls.service import open_service
-from service.calls.types import SceneOptions
-from service.capture.types import AdmittedUpload
-from service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
-from service.scene import write_scene
-from service.settings import Settings, load_settings
-from service.store import open_store
-from service.store.records import SceneSummary
+from fastsplat.cli.main import app
+from fastsplat.service.calls.service import open_service
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat.service.scene import write_scene
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.store import open_store
+from fastsplat.service.store.records import SceneSummary
 from tests.evaluation import made_data
 from tests.evaluation.test_scene_report import KEYS
 

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from service.store import open_store
-from workers.lifeline import machine
+from fastsplat.service.store import open_store
+from fastsplat.workers.lifeline import machine
 
 ROOT = Path(__file__).parent.parent.parent
 
 
 def health(role: str, folder: Path, port: int = 1) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "FASTSPLAT_DATA_DIR": str(folder), "FASTSPLAT_HTTP_PORT": str(port)}
-    command = [sys.executable, "-m", "cli.main", "health", role]
+    command = [sys.executable, "-m", "fastsplat.cli.main", "health", role]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
 
 

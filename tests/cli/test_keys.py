@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from cli.main import app
-from service.calls.keys import Keys
-from service.common.errors import InvalidInputError, NotFoundError
-from service.settings import load_settings
-from service.store import open_store
+from fastsplat.cli.main import app
+from fastsplat.service.calls.keys import Keys
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store import open_store
 
 
 @pytest.fixture

@@ -15,16 +15,16 @@ import pytest
 ROOT = Path(__file__).parent.parent.parent
 _SERVE = """
 import sys
-from cli.logs import log_to_stderr
-import cli.serve
-from cli.serve import Role, serve
+from fastsplat.cli.logs import log_to_stderr
+import fastsplat.cli.serve
+from fastsplat.cli.serve import Role, serve
 log_to_stderr("serve")
 cli.serve._FROZEN_S, cli.serve._AFTER_CRASH_S = 0.5, 0.1
 sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) for name in sys.argv[2:]}))
 """
 _STEADY = """
 import os, pathlib, signal, sys, time
-from workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
 here = pathlib.Path(sys.argv[1]) / pathlib.Path(__file__).stem
 def leave(*_):
     here.with_suffix(".stopped").touch()

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.common.camera import Camera, PosedCamera
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
 
 _CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
 

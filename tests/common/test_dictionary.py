@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
-from service.common.errors import InvalidInputError
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
+from fastsplat.service.common.errors import InvalidInputError
 
 
 @pytest.mark.parametrize(

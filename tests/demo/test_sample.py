@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from service.capture import admit_upload
-from service.capture.settings import CaptureSettings
+from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture.settings import CaptureSettings
 
 SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _LIMIT_BYTES = 5_000_000

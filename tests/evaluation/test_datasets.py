@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture.settings import CaptureSettings
-from service.common.dictionary import Dictionary
-from service.common.errors import (
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.errors import (
     CorruptImageError,
     FastSplatError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
 )
-from service.common.progress import silent
-from service.evaluation.datasets import Dataset, TrueView, read_dataset, training_capture
+from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.datasets import Dataset, TrueView, read_dataset, training_capture
 from tests.evaluation import made_data
 
 SETTINGS = CaptureSettings()

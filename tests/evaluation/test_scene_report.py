@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.capture.settings import CaptureSettings
-from service.common.camera import PosedCamera
-from service.common.errors import InvalidInputError
-from service.evaluation import evaluate_scene
-from service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
-from service.query import SceneIndex
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation import evaluate_scene
+from fastsplat.service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
+from fastsplat.service.query import SceneIndex
 from tests.evaluation import made_data
 
 KEYS = (

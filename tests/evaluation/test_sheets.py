@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from service.capture.settings import CaptureSettings
-from service.common.dictionary import dictionary_of
-from service.evaluation import evaluate_scene
-from service.evaluation.datasets import QueryTruth, TrueView, read_dataset
-from service.evaluation.pictures import label_colours, label_sheet, query_sheet
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.evaluation import evaluate_scene
+from fastsplat.service.evaluation.datasets import QueryTruth, TrueView, read_dataset
+from fastsplat.service.evaluation.pictures import label_colours, label_sheet, query_sheet
 from tests.evaluation import made_data
 
 

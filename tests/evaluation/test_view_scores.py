@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.capture.types import Capture, CaptureReport, View
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import dictionary_of
-from service.common.errors import InvalidInputError
-from service.evaluation import evaluate_views, render_view
-from service.perception.types import Labelling
-from service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation import evaluate_views, render_view
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.types import Gaussians, SemanticHead
 
 HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.float32))
 

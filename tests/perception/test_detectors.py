@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from service.common.errors import InvalidInputError, ModelUnavailableError
-from service.perception.boxes import box_iou
-from service.perception.detectors import open_closed_set_detector, open_open_set_detector
-from service.perception.detectors.coco import COCO_80
-from service.perception.detectors.grounding_dino import GroundingDino
-from service.perception.detectors.picodet import PicoDet
-from service.perception.settings import PerceptionSettings
-from service.perception.types import Detections
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception.boxes import box_iou
+from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.detectors.coco import COCO_80
+from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
+from fastsplat.service.perception.detectors.picodet import PicoDet
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Detections
 
 _IMAGE = np.zeros((100, 200, 3), np.uint8)
 

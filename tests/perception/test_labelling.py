@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from service.capture.types import GivenLabels
-from service.common.dictionary import dictionary_of
-from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
-from service.common.progress import ProgressEvent, silent
-from service.perception import label_capture
-from service.perception.finding import find
-from service.perception.settings import PerceptionSettings
-from service.perception.tags import TAGS
+from fastsplat.service.capture.types import GivenLabels
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.finding import find
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.tags import TAGS
 
 _SETTINGS = PerceptionSettings(threads=2)
 

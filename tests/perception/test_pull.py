@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cli.models import models_app
-from service.common.errors import InvalidInputError, ModelUnavailableError
-from service.perception.models import sources
-from service.perception.models.manifest import PERMISSIVE, ROLES, find_model, load_manifest
-from service.perception.models.pull import Step, model_state, pull
-from service.perception.text import open_text_encoder
+from fastsplat.cli.models import models_app
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception.models import sources
+from fastsplat.service.perception.models.manifest import PERMISSIVE, ROLES, find_model, load_manifest
+from fastsplat.service.perception.models.pull import Step, model_state, pull
+from fastsplat.service.perception.text import open_text_encoder
 
 
 def _sha256(data: bytes) -> str:

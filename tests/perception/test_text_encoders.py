@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.common.errors import InvalidInputError, ModelUnavailableError
-from service.perception.text import open_text_encoder
-from service.perception.text.clip import ClipTextEncoder
-from service.perception.text.sentence import SentenceEncoder
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.clip import ClipTextEncoder
+from fastsplat.service.perception.text.sentence import SentenceEncoder
 
 
 @pytest.mark.parametrize(

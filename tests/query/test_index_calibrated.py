@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from service.query import QuerySettings, SceneIndex, calibration
-from service.scene import Scene
+from fastsplat.service.query import QuerySettings, SceneIndex, calibration
+from fastsplat.service.scene import Scene
 
 
 @pytest.mark.parametrize(

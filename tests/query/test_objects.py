@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from service.common.errors import InvalidInputError
-from service.query import QuerySettings, SceneIndex
-from service.query.boxes import oriented_box, vertical_axis
-from service.query.edits import Edit, apply_edit
-from service.query.objects import SceneObject
-from service.scene import Scene, read_scene, write_scene
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.boxes import oriented_box, vertical_axis
+from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.objects import SceneObject
+from fastsplat.service.scene import Scene, read_scene, write_scene
 from tests.query.things import Thing, look, orbit, rigid, scene_of, with_cameras_moved
 
 MUG = Thing("mug", (0.2, 0.1, 0.04), yaw=0.5)

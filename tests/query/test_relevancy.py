@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from service.query.relevancy import Scores, entries
-from service.query.relevancy import score as score_entries
+from fastsplat.service.query.relevancy import Scores, entries
+from fastsplat.service.query.relevancy import score as score_entries
 
 
 def unit(count: int, seed: int, size: int = 12) -> np.ndarray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import dictionary_of
-from service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.common.errors import InvalidInputError
-from service.scene import Evidence
-from service.scene.evidence import (
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.scene import Evidence
+from fastsplat.service.scene.evidence import (
     UNIT,
     evidence_from_dense,
     evidence_of,

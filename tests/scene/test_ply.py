@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.common.errors import InvalidInputError, LimitExceededError
-from service.scene import Gaussians, read_ply, write_ply
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.scene import Gaussians, read_ply, write_ply
 
 
 def assert_same(a: Gaussians, b: Gaussians) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from service.common.errors import InvalidInputError
-from service.store.errors import ArtefactError, ObjectStoreError
-from service.store.objects import ObjectBlobs, open_blobs
-from service.store.settings import ArtefactSettings
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.store.errors import ArtefactError, ObjectStoreError
+from fastsplat.service.store.objects import ObjectBlobs, open_blobs
+from fastsplat.service.store.settings import ArtefactSettings
 
 
 @pytest.fixture(params=["s3", "file", "memory"])

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from service.common.errors import ConflictError, InvalidInputError, NotFoundError
-from service.store import Store, open_store
-from service.store.engine import resolve_url
-from service.store.errors import DatabaseError
-from service.store.jobs import FencedError
-from service.store.records import NewJob, SceneSummary
+from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.engine import resolve_url
+from fastsplat.service.store.errors import DatabaseError
+from fastsplat.service.store.jobs import FencedError
+from fastsplat.service.store.records import NewJob, SceneSummary
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
 
@@ -135,7 +135,7 @@ def test_a_release_takes_the_start_back_but_not_the_fence(store):
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
-    monkeypatch.setattr("service.store.rows.time.time", lambda: 1000.0)
+    monkeypatch.setattr("fastsplat.service.store.rows.time.time", lambda: 1000.0)
     for number in range(7):
         store.rows.admit(job(number))
     seen, after = [], None
@@ -147,7 +147,7 @@ def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
 
 def test_silent_workers_are_found_and_buried(store, monkeypatch):
     clock = [1000.0]
-    monkeypatch.setattr("service.store.jobs.time.time", lambda: clock[0])
+    monkeypatch.setattr("fastsplat.service.store.jobs.time.time", lambda: clock[0])
 
     def silent() -> list[str]:
         return [worker.executor_id for worker in store.jobs.workers() if worker.silent(10, clock[0])]

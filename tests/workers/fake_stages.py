@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from service.calls.translate import camera_to_json
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import dictionary_of
-from service.common.errors import ReconstructionError
-from service.common.progress import Progress, ProgressEvent
-from service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from workers.protocol import Job, Stages
-from workers.results import checkpoint_folder
+from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.errors import ReconstructionError
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.workers.protocol import Job, Stages
+from fastsplat.workers.results import checkpoint_folder
 
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:

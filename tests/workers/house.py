@@ -22,25 +22,25 @@ import psycopg
 from PIL import Image
 from sqlalchemy import create_engine
 
-from service.calls.service import SceneService, open_service
-from service.calls.types import Operation, SceneOptions
-from service.capture.settings import CaptureSettings
-from service.capture.types import AdmittedUpload
-from service.common.progress import STAGES
-from service.settings import JobSettings, Settings
-from service.store.engine import resolve_url
+from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.calls.types import Operation, SceneOptions
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.common.progress import STAGES
+from fastsplat.service.settings import JobSettings, Settings
+from fastsplat.service.store.engine import resolve_url
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _WORKER = """
 import os
-import workers.sweep
-from workers.lifeline import PARENT_VARIABLE, die_with_parent
+import fastsplat.workers.sweep
+from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
-from cli.logs import log_to_stderr
-from service.settings import load_settings
-from workers.main import run
+from fastsplat.cli.logs import log_to_stderr
+from fastsplat.service.settings import load_settings
+from fastsplat.workers.main import run
 if {elsewhere}:
     workers.sweep.machine = lambda: "another machine"
 log_to_stderr("worker")
@@ -91,7 +91,7 @@ class House:
 
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
-        api = self._start([sys.executable, "-m", "cli.main", "api"])
+        api = self._start([sys.executable, "-m", "fastsplat.cli.main", "api"])
         if wait:
             self.wait_for(lambda: _answers(f"{self.http}/livez"))
         return api

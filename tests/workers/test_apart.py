@@ -8,8 +8,8 @@ from pathlib import Path
 
 import fsspec
 
-from service.scene import read_scene
-from service.store.settings import ArtefactSettings
+from fastsplat.service.scene import read_scene
+from fastsplat.service.store.settings import ArtefactSettings
 from tests.postgres import PostgresServer
 from tests.workers.house import House, kill
 

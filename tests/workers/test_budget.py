@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.calls.types import SceneOptions
-from service.capture.types import Capture, CaptureReport, View
-from service.common.camera import Camera, PosedCamera
-from service.common.progress import silent
-from service.settings import Settings
-from service.splatting.plan import Speed
-from service.splatting.presets import PERCEPTION_PRESETS, PRESETS
-from service.splatting.settings import TrainingSettings
-from workers.budget import kept_plan, plan_perception, plan_training
-from workers.protocol import Job
+from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.progress import silent
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.plan import Speed
+from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.workers.budget import kept_plan, plan_perception, plan_training
+from fastsplat.workers.protocol import Job
 
 
 @pytest.fixture(autouse=True)
 def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """How busy the machine is while tests run must not decide what they see."""
-    monkeypatch.setattr("workers.budget.machine_speed", lambda backend: Speed())
+    monkeypatch.setattr("fastsplat.workers.budget.machine_speed", lambda backend: Speed())
 
 
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:

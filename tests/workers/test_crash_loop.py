@@ -11,8 +11,8 @@ from functools import partial
 
 import httpx
 
+from fastsplat.workers.janitor import clean
 from tests.workers.house import House, children, kill
-from workers.janitor import clean
 
 _KILLS = 15  # on each database
 _JOBS = 10

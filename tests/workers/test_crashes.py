@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cli.devices import worker_roles
-from service.common.progress import STAGES
+from fastsplat.cli.devices import worker_roles
+from fastsplat.service.common.progress import STAGES
 from tests.postgres import PostgresServer
 from tests.workers.house import House, kill
 
@@ -63,8 +63,8 @@ def test_after_a_reboot_everything_acknowledged_runs_once(
 
 _SERVE = """
 import sys
-from cli.logs import log_to_stderr
-from cli.serve import Role, serve
+from fastsplat.cli.logs import log_to_stderr
+from fastsplat.cli.serve import Role, serve
 log_to_stderr("serve")
 sys.exit(serve({"worker": Role([sys.executable, "-c", sys.argv[1]])}))
 """
@@ -134,7 +134,7 @@ def test_a_frozen_worker_of_another_machine_that_wakes_is_fenced(house: House) -
 
 _FREEZE_INSIDE = """
 import os, signal, threading, time
-import service.store.jobs as jobs
+import fastsplat.service.store.jobs as jobs
 report = jobs.JobRows.report
 def freeze(self, claim, stages):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):

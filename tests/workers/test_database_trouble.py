@@ -8,10 +8,10 @@ from contextlib import closing
 import pytest
 from sqlalchemy import event
 
-from service.common.progress import STAGES
-from service.store.errors import DatabaseError
+from fastsplat.service.common.progress import STAGES
+from fastsplat.service.store.errors import DatabaseError
+from fastsplat.workers.janitor import clean
 from tests.workers.house import House
-from workers.janitor import clean
 
 
 def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(house, database_url, request):

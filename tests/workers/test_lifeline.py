@@ -8,8 +8,8 @@ import subprocess
 import sys
 import time
 
+from fastsplat.workers.lifeline import machine, process_state
 from tests.workers.house import House
-from workers.lifeline import machine, process_state
 
 _EVER = float("inf")
 

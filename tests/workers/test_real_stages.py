@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from service.calls.service import open_service
-from service.calls.types import QueryRequest, SceneOptions
-from service.common.errors import InvalidInputError
-from service.scene import read_ply
-from service.settings import Settings
-from service.splatting.settings import TrainingSettings
+from fastsplat.service.calls.service import open_service
+from fastsplat.service.calls.types import QueryRequest, SceneOptions
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.scene import read_ply
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.settings import TrainingSettings
 
 _SIZE = (120, 90)
 _VIEWS = 8

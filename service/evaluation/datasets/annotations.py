@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.documents import read_json
-from service.capture.images import load_stored
-from service.capture.settings import CaptureSettings
-from service.common.errors import InvalidInputError, LimitExceededError
-from service.evaluation.datasets.types import Kind
+from fastsplat.service.capture.documents import read_json
+from fastsplat.service.capture.images import load_stored
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.evaluation.datasets.types import Kind
 
 _WHITE = 127
 _MAX_TEXT = 200

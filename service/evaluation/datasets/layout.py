@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from service.capture.colmap_model import inside
-from service.capture.contents import Contents, classify
-from service.capture.documents import read_json
-from service.capture.given import GivenPhoto, GivenPoses
-from service.capture.labels import LabelTable
-from service.capture.settings import CaptureSettings
-from service.capture.upload import ImageSizes, match_labels, read_labels, read_poses
-from service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.capture.colmap_model import inside
+from fastsplat.service.capture.contents import Contents, classify
+from fastsplat.service.capture.documents import read_json
+from fastsplat.service.capture.given import GivenPhoto, GivenPoses
+from fastsplat.service.capture.labels import LabelTable
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.upload import ImageSizes, match_labels, read_labels, read_poses
+from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
 _NERFSTUDIO_DEPTH_UNIT = 1e-3  # its default: millimetres

@@ -8,18 +8,18 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from service.capture.given import GivenPhoto, fits, wrong_aspect
-from service.capture.images import check_image, load_upright
-from service.capture.labels import check_label_map
-from service.capture.settings import CaptureSettings
-from service.capture.views import Placement, load_upright_map, placement, reduce, reduce_ids
-from service.common.camera import PosedCamera
-from service.common.dictionary import Dictionary, dictionary_of
-from service.common.errors import InvalidInputError
-from service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
-from service.evaluation.datasets.layout import Layout, read_layout
-from service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
-from service.evaluation.localization import box_of
+from fastsplat.service.capture.given import GivenPhoto, fits, wrong_aspect
+from fastsplat.service.capture.images import check_image, load_upright
+from fastsplat.service.capture.labels import check_label_map
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.views import Placement, load_upright_map, placement, reduce, reduce_ids
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
+from fastsplat.service.evaluation.datasets.layout import Layout, read_layout
+from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from fastsplat.service.evaluation.localization import box_of
 
 TEST_EVERY = 8
 

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from service.capture.build import build_capture
-from service.capture.contents import common_folder
-from service.capture.documents import read_json
-from service.capture.images import open_map
-from service.capture.settings import CaptureSettings
-from service.capture.types import Capture
-from service.capture.upload import admit_upload
-from service.common.errors import InvalidInputError
-from service.common.progress import Progress
-from service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
-from service.evaluation.datasets.types import Dataset
+from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.contents import common_folder
+from fastsplat.service.capture.documents import read_json
+from fastsplat.service.capture.images import open_map
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.upload import admit_upload
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import Progress
+from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
+from fastsplat.service.evaluation.datasets.types import Dataset
 
 _MASKS = "mask_labels"
 

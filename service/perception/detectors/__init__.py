@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.common.errors import ModelUnavailableError
-from service.perception.detectors.grounding_dino import GroundingDino
-from service.perception.detectors.picodet import PicoDet
-from service.perception.detectors.yolo_world import YoloWorld
-from service.perception.models.files import only_network
-from service.perception.models.manifest import find_model
-from service.perception.settings import PerceptionSettings
-from service.perception.text import open_text_encoder
-from service.perception.types import ClosedSetDetector, OpenSetDetector
+from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
+from fastsplat.service.perception.detectors.picodet import PicoDet
+from fastsplat.service.perception.detectors.yolo_world import YoloWorld
+from fastsplat.service.perception.models.files import only_network
+from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector
 
 
 def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> ClosedSetDetector:

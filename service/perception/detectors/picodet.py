@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from service.perception.boxes import clip_boxes
-from service.perception.detectors.coco import COCO_80
-from service.perception.pixels import imagenet_tensor
-from service.perception.runtime import check_contract, open_session
-from service.perception.types import Detections, Image
+from fastsplat.service.perception.boxes import clip_boxes
+from fastsplat.service.perception.detectors.coco import COCO_80
+from fastsplat.service.perception.pixels import imagenet_tensor
+from fastsplat.service.perception.runtime import check_contract, open_session
+from fastsplat.service.perception.types import Detections, Image
 
 
 class PicoDet:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from service.common.errors import InvalidInputError, ModelUnavailableError
-from service.perception.models.convert import convert
-from service.perception.models.manifest import ModelEntry, load_manifest
-from service.perception.models.sources import fetch_file
-from service.perception.models.trial import try_model
-from service.perception.runtime import file_sha256
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception.models.convert import convert
+from fastsplat.service.perception.models.manifest import ModelEntry, load_manifest
+from fastsplat.service.perception.models.sources import fetch_file
+from fastsplat.service.perception.models.trial import try_model
+from fastsplat.service.perception.runtime import file_sha256
 
 ModelState = Literal["ready", "unverified", "damaged", "absent"]
 

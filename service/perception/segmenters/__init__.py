@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.perception.models.files import encoder_and_decoder
-from service.perception.models.manifest import find_model
-from service.perception.segmenters.sam1 import Sam1
-from service.perception.segmenters.sam2 import Sam2
-from service.perception.settings import PerceptionSettings
-from service.perception.types import Segmenter
+from fastsplat.service.perception.models.files import encoder_and_decoder
+from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.segmenters.sam1 import Sam1
+from fastsplat.service.perception.segmenters.sam2 import Sam2
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Segmenter
 
 
 def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:

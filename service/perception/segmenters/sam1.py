@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.perception.pixels import long_side_padded
-from service.perception.runtime import check_contract, open_session
-from service.perception.segmenters.choice import choose
-from service.perception.types import Image
+from fastsplat.service.perception.pixels import long_side_padded
+from fastsplat.service.perception.runtime import check_contract, open_session
+from fastsplat.service.perception.segmenters.choice import choose
+from fastsplat.service.perception.types import Image
 
 _SIDE = 1024
 _MEAN = np.array([123.675, 116.28, 103.53], np.float32)

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.perception.pixels import imagenet_tensor
-from service.perception.runtime import check_contract, open_session
-from service.perception.segmenters.choice import choose
-from service.perception.types import Image
+from fastsplat.service.perception.pixels import imagenet_tensor
+from fastsplat.service.perception.runtime import check_contract, open_session
+from fastsplat.service.perception.segmenters.choice import choose
+from fastsplat.service.perception.types import Image
 
 _SIDE = 1024
 _FEATURES = ("high_res_feats_0", "high_res_feats_1", "image_embed")

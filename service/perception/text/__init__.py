@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.perception.models.files import only_network, only_table
-from service.perception.models.manifest import find_model
-from service.perception.text.clip import ClipTextEncoder
-from service.perception.text.sentence import SentenceEncoder
-from service.perception.text.table import LabelTable
-from service.perception.types import TextEncoder
+from fastsplat.service.perception.models.files import only_network, only_table
+from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.text.clip import ClipTextEncoder
+from fastsplat.service.perception.text.sentence import SentenceEncoder
+from fastsplat.service.perception.text.table import LabelTable
+from fastsplat.service.perception.types import TextEncoder
 
 
 def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncoder:

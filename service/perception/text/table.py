@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.dictionary import label_key
-from service.common.errors import InvalidInputError, ModelUnavailableError
-from service.perception.runtime import file_sha256
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception.runtime import file_sha256
 
 
 class LabelTable:

@@ -11,8 +11,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from service.common.errors import InvalidInputError
-from service.splatting.losses import reference
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.losses import reference
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class ImageTarget:
     @cached_property
     def moments(self) -> tuple[Tensor, Tensor]:
         """Windowed mean and variance of a float32 image on the CPU, each [H, W, 3]."""
-        from service.splatting.losses import cpu
+        from fastsplat.service.splatting.losses import cpu
 
         return cpu.target_moments(self.image)
 
@@ -61,7 +61,7 @@ def image_loss(image: Tensor, target: Tensor | ImageTarget, ssim_weight: float, 
         raise InvalidInputError(f"valid {tuple(target.valid.shape)} for {tuple(image.shape)}", field="valid")
     if not _fused(image, target.image):
         return reference.image_loss(image, target.image, ssim_weight, target.valid)
-    from service.splatting.losses import cpu
+    from fastsplat.service.splatting.losses import cpu
 
     if not target.image.is_contiguous():
         target = ImageTarget(target.image.contiguous(), target.valid)
@@ -105,7 +105,7 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
         raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
     if not _single(codes_image, weight, bias, class_weights):
         return reference.semantic_loss(codes_image, weight, bias, labels, class_weights)
-    from service.splatting.losses import chunked
+    from fastsplat.service.splatting.losses import chunked
 
     loss: Tensor = chunked.SemanticLoss.apply(  # type: ignore[no-untyped-call]
         codes_image.flatten(0, 1), weight, bias, labels.reshape(-1), class_weights
@@ -125,7 +125,7 @@ def _fused(*tensors: Tensor) -> bool:
 
 
 def _fused_semantic(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
-    from service.splatting.losses import cpu
+    from fastsplat.service.splatting.losses import cpu
 
     # A slice of an image's channels is read in place: one stride from pixel to pixel is all the kernel needs.
     size = codes.shape[2]

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from service.splatting.losses.reference import LOGIT_LIMIT
+from fastsplat.service.splatting.losses.reference import LOGIT_LIMIT
 
 _LOGITS = 1 << 24
 

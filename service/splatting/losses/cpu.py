@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from service.splatting.raster.cpu import instruction_set, kernels, thread_count
+from fastsplat.service.splatting.raster.cpu import instruction_set, kernels, thread_count
 
 
 def target_moments(target: Tensor) -> tuple[Tensor, Tensor]:

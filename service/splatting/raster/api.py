@@ -8,11 +8,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from service.common.camera import Camera
-from service.common.errors import InvalidInputError
-from service.splatting.raster import harmonics
-from service.splatting.raster.checks import backend_module, check_call
-from service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.raster import harmonics
+from fastsplat.service.splatting.raster.checks import backend_module, check_call
+from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
 
 _DEFAULTS = RasterSettings()
 
@@ -155,7 +155,7 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
             field="means",
         )
     if backend == "cpu" and means.dtype == sh.dtype == torch.float32 and not camera_position.requires_grad:
-        from service.splatting.raster import cpu
+        from fastsplat.service.splatting.raster import cpu
 
         return cpu.sh_to_rgb(means, sh, camera_position, degree)
     backend_module(backend)

@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from service.common.camera import Camera
-from service.common.errors import InvalidInputError
-from service.splatting.raster.types import Backend, RasterSettings, Splats
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
 
 _MAX_SIDE = 16384
 
@@ -24,7 +24,7 @@ def backend_module(backend: str) -> Any:
     """
     if backend not in ("reference", "cpu", "cuda"):
         raise InvalidInputError(f"no rasterizer backend {backend!r}", field="backend", hint="reference, cpu or cuda")
-    return importlib.import_module(f"service.splatting.raster.{backend}")
+    return importlib.import_module(f"fastsplat.service.splatting.raster.{backend}")
 
 
 def device_of(backend: Backend) -> torch.device:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from service.splatting.raster.types import LabelMap, LabelSums, Rendering
+from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, Rendering
 
 LOGIT_LIMIT = 1e30
 _CHUNK = 1 << 22

@@ -12,15 +12,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from service.common.camera import Camera
-from service.common.cancellation import check_cancelled
-from service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
-from service.splatting.raster import classify
-from service.splatting.raster.reference import pair_bound_error
-from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from fastsplat.service.splatting.raster import classify
+from fastsplat.service.splatting.raster.reference import pair_bound_error
+from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 try:
-    from service.splatting.raster import _cpu
+    from fastsplat.service.splatting.raster import _cpu
 except ImportError as error:  # pragma: no cover - only in a checkout that was not built
     raise ModelUnavailableError(
         "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from service.common.camera import Camera
-from service.common.errors import ResourceError
-from service.splatting.raster import classify
-from service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.splatting.raster import classify
+from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 _CHUNK = 4_000_000
 _TILE = 16

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from service.common.errors import InvalidInputError
-from service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
-from service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
+from fastsplat.service.splatting.raster.cpu import instruction_sets
 
 
 @pytest.fixture(params=instruction_sets())

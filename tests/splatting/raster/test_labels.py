@@ -8,8 +8,8 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render
 
-from service.common.errors import InvalidInputError, ResourceError
-from service.splatting.raster import (
+from fastsplat.service.common.errors import InvalidInputError, ResourceError
+from fastsplat.service.splatting.raster import (
     LabelMap,
     LabelSums,
     RasterSettings,
@@ -19,8 +19,8 @@ from service.splatting.raster import (
     label_sums,
     rasterize,
 )
-from service.splatting.raster.cpu import instruction_sets
-from service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.splatting.raster.types import Backend
 
 
 @pytest.fixture(params=["reference", "cpu", "cuda"])

@@ -9,10 +9,10 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative
 
-from service.common.camera import Camera
-from service.common.errors import InvalidInputError
-from service.splatting.raster import Rendering, Splats, rasterize, rasterize_batch
-from service.splatting.raster.types import Backend
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.raster import Rendering, Splats, rasterize, rasterize_batch
+from fastsplat.service.splatting.raster.types import Backend
 
 
 @pytest.fixture(params=["reference", "cpu", "cuda"])

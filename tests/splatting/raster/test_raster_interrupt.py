@@ -8,8 +8,8 @@ from types import FrameType
 import pytest
 import torch
 
-from service.common.camera import Camera
-from service.splatting.raster import Rendering, Splats, rasterize
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
 
 
 class _StopError(Exception):

@@ -11,12 +11,12 @@ import pytest
 import torch
 from PIL import Image
 
-from service.capture.types import Capture, CaptureReport, View
-from service.common.camera import Camera, PosedCamera
-from service.common.dictionary import dictionary_of
-from service.perception.types import Labelling
-from service.splatting.raster import Splats, rasterize
-from service.splatting.settings import TrainingSettings
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat.service.splatting.settings import TrainingSettings
 
 LABELS = ("floor", "ball", "block")
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import torch
 
-from service.capture.types import Capture
-from service.common.errors import CancelledError
-from service.common.progress import ProgressEvent, silent
-from service.perception.types import Labelling, Regions
-from service.scene import Gaussians
-from service.splatting.consensus import name_things, things_of, voted_maps
-from service.splatting.raster import LabelSums
-from service.splatting.settings import TrainingSettings
-from service.splatting.train import train
-from service.splatting.views import load_views, split_views
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.errors import CancelledError
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.scene import Gaussians
+from fastsplat.service.splatting.consensus import name_things, things_of, voted_maps
+from fastsplat.service.splatting.raster import LabelSums
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.views import load_views, split_views
 
 World = tuple[Capture, Labelling]
 FLOOR, BALL, BLOCK = 1, 2, 3
@@ -189,7 +189,7 @@ def test_a_run_interrupted_after_the_vote_ends_as_if_it_had_not_been(
         if event.metrics.get("iteration", 0) >= 25:
             raise CancelledError("stop")
 
-    monkeypatch.setattr("service.splatting.train._REPORT_EVERY_S", 0.0)
+    monkeypatch.setattr("fastsplat.service.splatting.train._REPORT_EVERY_S", 0.0)
     with pytest.raises(CancelledError):
         train(capture, noisy, settings, stop, tmp_path)
     assert (tmp_path / "training.safetensors").exists()

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from service.capture.types import Capture
-from service.common.dictionary import dictionary_of
-from service.common.errors import InvalidInputError
-from service.common.progress import silent
-from service.perception.types import Labelling
-from service.scene import Evidence
-from service.scene.evidence import merged, posterior, seen_pixels, without
-from service.splatting.evidence import view_evidence, views_evidence
-from service.splatting.raster import Splats, blend_sums
-from service.splatting.settings import TrainingSettings
-from service.splatting.train import train
-from service.splatting.types import TrainedSplats
-from service.splatting.views import load_views, speaking, split_views
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene import Evidence
+from fastsplat.service.scene.evidence import merged, posterior, seen_pixels, without
+from fastsplat.service.splatting.evidence import view_evidence, views_evidence
+from fastsplat.service.splatting.raster import Splats, blend_sums
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.service.splatting.views import load_views, speaking, split_views
 
 CLASSES = 4
 World = tuple[Capture, Labelling]

@@ -8,13 +8,21 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from service.common.errors import InvalidInputError
-from service.common.progress import silent
-from service.splatting.plan import SceneSize, Speed, plan, plan_views, scene_size, step_seconds, steps_per_second
-from service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
-from service.splatting.probe import machine_speed
-from service.splatting.settings import TrainingSettings
-from service.splatting.train import train
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import silent
+from fastsplat.service.splatting.plan import (
+    SceneSize,
+    Speed,
+    plan,
+    plan_views,
+    scene_size,
+    step_seconds,
+    steps_per_second,
+)
+from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
+from fastsplat.service.splatting.probe import machine_speed
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
 
 TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from service.common.errors import CancelledError, ModelUnavailableError
-from service.common.progress import ProgressEvent, silent
-from service.splatting.raster import cuda
-from service.splatting.train import train
+from fastsplat.service.common.errors import CancelledError, ModelUnavailableError
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.splatting.train import train
 
 _GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.common.dictionary import Dictionary
-from service.common.errors import CancelledError, ConflictError, InvalidInputError
-from service.common.progress import ProgressEvent, silent
-from service.evaluation import evaluate_views
-from service.perception.types import Labelling
-from service.splatting.morton import morton_order
-from service.splatting.settings import LearningRates
-from service.splatting.train import train
-from service.splatting.types import TrainedSplats, TrainingDivergedError
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.errors import CancelledError, ConflictError, InvalidInputError
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.evaluation import evaluate_views
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.splatting.morton import morton_order
+from fastsplat.service.splatting.settings import LearningRates
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats, TrainingDivergedError
 
 
 def _same(a: TrainedSplats, b: TrainedSplats) -> bool:

@@ -11,17 +11,24 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.common.camera import Camera
-from service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from service.splatting.densify import MAX_COPIES, planned_count, split_in_place
-from service.splatting.initial import StartPoints, start_gaussians, start_points
-from service.splatting.morton import morton_order
-from service.splatting.quality import psnr, ssim
-from service.splatting.schedule import event_due, image_level, image_scales, learning_rates, run_share, sh_degree
-from service.splatting.semantics import code_size, ghost_share, separated_codes, start_codes, start_head
-from service.splatting.settings import TrainingSettings
-from service.splatting.state import new_state, relocate_and_grow, rotate
-from service.splatting.views import load_views, split_views, training_size
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, split_in_place
+from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
+from fastsplat.service.splatting.morton import morton_order
+from fastsplat.service.splatting.quality import psnr, ssim
+from fastsplat.service.splatting.schedule import (
+    event_due,
+    image_level,
+    image_scales,
+    learning_rates,
+    run_share,
+    sh_degree,
+)
+from fastsplat.service.splatting.semantics import code_size, ghost_share, separated_codes, start_codes, start_head
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import new_state, relocate_and_grow, rotate
+from fastsplat.service.splatting.views import load_views, split_views, training_size
 
 
 @given(st.integers(0, 200), st.integers(0, 50))

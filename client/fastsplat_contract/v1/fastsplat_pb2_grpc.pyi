@@ -14,7 +14,7 @@ Conventions
 """
 
 from collections import abc as _abc
-from fastsplat.v1 import fastsplat_pb2 as _fastsplat_pb2
+from fastsplat_contract.v1 import fastsplat_pb2 as _fastsplat_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
 from grpc import aio as _aio
 import abc as _abc_1

@@ -14,6 +14,10 @@ from urllib.parse import quote, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.calls import types
+from fastsplat.service.calls.masks import decode_mask3d
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.states import OperationState
 from fastsplat_client import parse
 from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError
@@ -21,10 +25,6 @@ from fastsplat_client.events import events_of
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry, Transport
-from service.calls import types
-from service.calls.masks import decode_mask3d
-from service.common.camera import PosedCamera
-from service.common.states import OperationState
 
 _USUAL = Retry()
 _LONG_POLL_S = 20.0

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from service.calls import types
-from service.common.camera import Camera, PosedCamera
-from service.common.poses import quaternion_of, rotation_of
-from service.query.types import Answer, Match
+from fastsplat.service.calls import types
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.poses import quaternion_of, rotation_of
+from fastsplat.service.query.types import Answer, Match
 
 Json = Mapping[str, Any]
 

@@ -11,13 +11,13 @@ import grpc
 from google.rpc import error_details_pb2  # type: ignore[import-untyped]
 from grpc_status import rpc_status
 
-from fastsplat.v1 import fastsplat_pb2 as pb
-from fastsplat.v1 import fastsplat_pb2_grpc as rpc
+from fastsplat.service.calls.types import QueryAnswer, QueryRequest
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import CancelledError, FastSplatError, Kind
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
 from fastsplat_client.messages import answers_of, camera_message, query_message
-from service.calls.types import QueryAnswer, QueryRequest
-from service.common.camera import PosedCamera
-from service.common.errors import CancelledError, FastSplatError, Kind
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from fastsplat.v1 import fastsplat_pb2 as pb
+from fastsplat.service.calls import types
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.query.types import Answer, Match, Verdict
 from fastsplat_client.parse import camera_to
-from service.calls import types
-from service.common.camera import PosedCamera
-from service.query.types import Answer, Match, Verdict
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _VERDICTS: dict[int, Verdict] = {
     pb.VERDICT_EXACT: "exact",

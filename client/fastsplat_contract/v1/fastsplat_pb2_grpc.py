@@ -3,7 +3,7 @@
 import grpc
 import warnings
 
-from fastsplat.v1 import fastsplat_pb2 as fastsplat_dot_v1_dot_fastsplat__pb2
+from fastsplat_contract.v1 import fastsplat_pb2 as fastsplat_dot_v1_dot_fastsplat__pb2
 from google.protobuf import empty_pb2 as google_dot_protobuf_dot_empty__pb2
 
 GRPC_GENERATED_VERSION = '1.85.1'

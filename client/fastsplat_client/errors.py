@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from service.common.errors import FastSplatError, Kind
+from fastsplat.service.common.errors import FastSplatError, Kind
 
 
 class RemoteError(FastSplatError):
