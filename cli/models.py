@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
 
 from fastsplat.service.common.errors import FastSplatError
-from fastsplat.service.perception.models.manifest import load_manifest
+from fastsplat.service.perception.models.model_manifest import load_manifest
 from fastsplat.service.perception.models.pull import Step, model_state
 from fastsplat.service.perception.models.pull import pull as pull_models
 from fastsplat.service.settings import load_settings

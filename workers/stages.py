@@ -18,7 +18,7 @@ from fastsplat.service.perception import label_capture, load_labelling, save_lab
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query import embed_labels
-from fastsplat.service.query.fields import label_field
+from fastsplat.service.query.gaussian_labels import label_field
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats

@@ -32,7 +32,6 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query.calibration import FILE, Score, calibration_key
 from fastsplat.service.query.embeddings import TextCache
-from fastsplat.service.query.names import candidate_names, noun_phrase
 from fastsplat.service.query.probability import (
     Logistic,
     ScoreCalibration,
@@ -43,6 +42,7 @@ from fastsplat.service.query.probability import (
     nonconformity_bound,
     present_probability,
 )
+from fastsplat.service.query.query_text import candidate_names, noun_phrase
 from fastsplat.service.query.relevancy import entries, score
 from fastsplat.service.query.settings import QuerySettings
 

@@ -106,7 +106,7 @@ def _questions(index: SceneIndex, new: Iterator[str], posed: Any) -> Iterator[tu
 
 
 def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
-    from fastsplat.service.query.fields import label_field
+    from fastsplat.service.query.gaussian_labels import label_field
 
     size = len(scene.gaussians)
     index = SceneIndex(scene, _Fixed())

@@ -12,7 +12,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query import QuerySettings, embed_labels
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
-from fastsplat.service.scene.evidence import evidence_from_dense
+from fastsplat.service.scene.label_evidence import evidence_from_dense
 
 CODE = 8
 _VIEWS = 40

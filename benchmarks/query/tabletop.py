@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
-from fastsplat.service.query.fields import label_field
+from fastsplat.service.query.gaussian_labels import label_field
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
 

@@ -55,7 +55,7 @@ class Admin:
             ) from error
 
     def _check_models(self) -> None:
-        from fastsplat.service.perception.models.manifest import find_model
+        from fastsplat.service.perception.models.model_manifest import find_model
 
         name = self._settings.perception.text_encoder
         _, inside = find_model(name, "text_encoder")

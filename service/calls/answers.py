@@ -17,7 +17,7 @@ from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.query.names import check_texts
+from fastsplat.service.query.query_text import check_texts
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.labelling import label_capture
-    from fastsplat.service.perception.storage import load_labelling, save_labelling
+    from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 
 __all__ = ["label_capture", "load_labelling", "save_labelling"]
 
-_HOMES = {"label_capture": "labelling", "load_labelling": "storage", "save_labelling": "storage"}
+_HOMES = {"label_capture": "labelling", "load_labelling": "labelling_files", "save_labelling": "labelling_files"}
 
 
 def __getattr__(name: str) -> Any:

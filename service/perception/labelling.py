@@ -13,14 +13,14 @@ from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.finding import find
-from fastsplat.service.perception.maps import clean_mask, paint, settle_masks
+from fastsplat.service.perception.capture_detection import find
+from fastsplat.service.perception.detection_voting import settle, votes_for, weights
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, settle_masks
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
 from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
-from fastsplat.service.perception.votes import settle, votes_for, weights
 
 _FINDING = 0.3  # share of the stage's progress; segmentation takes the rest
 

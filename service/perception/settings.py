@@ -37,7 +37,7 @@ class PerceptionSettings(BaseModel):
     """What an open-set detector looks for when the user names nothing: the kinds that the closed-set detector finds in
     the capture (the tag list if it finds none), or the tag list at once."""
     tags: tuple[str, ...] = ()
-    """Replaces the built-in tag list (`service.perception.tags.TAGS`)."""
+    """Replaces the built-in tag list (`service.perception.class_names.TAGS`)."""
     prompts_per_pass: int = Field(1, ge=1)
     """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
     scores only the first of several."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, label_key
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.perception.boxes import box_iou
+from fastsplat.service.perception.box_ops import box_iou
 from fastsplat.service.perception.types import Detections, Labelling, Regions, TextEncoder
 
 

@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 from fastsplat.service.common.camera import check_rigid
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.query.objects import MIN_OPACITY, masses
-from fastsplat.service.scene.evidence import rows_of
+from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.types import F32, Gaussians, Scene
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.index import SceneIndex
+    from fastsplat.service.query.scene_index import SceneIndex
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]

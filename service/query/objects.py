@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.poses import quaternion_of
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.connectivity import components
-from fastsplat.service.query.fields import LabelField
+from fastsplat.service.query.gaussian_labels import LabelField
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.types import F32, Scene
 

@@ -16,7 +16,6 @@ from fastsplat.service.common.errors import InvalidInputError, LimitExceededErro
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache, embed_labels
 from fastsplat.service.query.explain import explain
-from fastsplat.service.query.names import candidate_names, check_negatives, check_templates, check_texts, noun_phrase
 from fastsplat.service.query.probability import (
     ScoreCalibration,
     candidates,
@@ -24,6 +23,13 @@ from fastsplat.service.query.probability import (
     label_set,
     nonconformity_bound,
     present_probability,
+)
+from fastsplat.service.query.query_text import (
+    candidate_names,
+    check_negatives,
+    check_templates,
+    check_texts,
+    noun_phrase,
 )
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
 from fastsplat.service.query.settings import QuerySettings

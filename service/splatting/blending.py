@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
-from fastsplat.service.scene.evidence import posterior
+from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead
 from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize
 

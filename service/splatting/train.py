@@ -18,7 +18,7 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.evidence import posterior
+from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import Gaussians, LabelMode
 from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.consensus import voted_maps

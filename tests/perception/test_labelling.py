@@ -16,9 +16,9 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception import label_capture
-from fastsplat.service.perception.finding import find
+from fastsplat.service.perception.capture_detection import find
+from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.tags import TAGS
 
 _SETTINGS = PerceptionSettings(threads=2)
 

@@ -12,7 +12,7 @@ import pytest
 
 from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.segmenters import open_segmenter
-from fastsplat.service.perception.segmenters.choice import choose
+from fastsplat.service.perception.segmenters.mask_selection import choose
 from fastsplat.service.perception.settings import PerceptionSettings
 
 

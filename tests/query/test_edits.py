@@ -12,14 +12,14 @@ import pytest
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
-from fastsplat.service.query.fields import label_field
+from fastsplat.service.query.gaussian_labels import label_field
 from fastsplat.service.query.objects import masses
 from fastsplat.service.scene import Gaussians, Scene
-from fastsplat.service.scene.evidence import evidence_from_dense
-from tests.query.things import Thing, look, orbit, rigid, scene_of
+from fastsplat.service.scene.label_evidence import evidence_from_dense
+from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 
-MUG = Thing("mug", (0.1, 0.1, 0.04))
-BOOK = Thing("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
+MUG = BoxShell("mug", (0.1, 0.1, 0.04))
+BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
 FIELDS = tuple(Gaussians.__dataclass_fields__)
 FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

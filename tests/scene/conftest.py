@@ -10,7 +10,7 @@ import pytest
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead
-from fastsplat.service.scene.evidence import evidence_of
+from fastsplat.service.scene.label_evidence import evidence_of
 
 
 def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene import Evidence
-from fastsplat.service.scene.evidence import (
+from fastsplat.service.scene.label_evidence import (
     UNIT,
     evidence_from_dense,
     evidence_of,

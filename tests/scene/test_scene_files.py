@@ -23,7 +23,7 @@ from fastsplat.service.scene import (
     read_scene,
     write_scene,
 )
-from fastsplat.service.scene.manifest import SCHEMA
+from fastsplat.service.scene.scene_manifest import SCHEMA
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
@@ -261,7 +261,7 @@ def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
         write_scene(scene, tmp_path / "v1")
     assert list(tmp_path.iterdir()) == []
     with monkeypatch.context() as patch:
-        patch.setattr("fastsplat.service.scene.files.check_evidence", lambda *_: "")
+        patch.setattr("fastsplat.service.scene.scene_files.check_evidence", lambda *_: "")
         write_scene(scene, tmp_path / "v1")
     with pytest.raises(SceneFileError, match=wrong):
         read_scene(tmp_path / "v1")

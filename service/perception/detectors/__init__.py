@@ -8,8 +8,8 @@ from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
-from fastsplat.service.perception.models.files import only_network
-from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.models.model_files import only_network
+from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector

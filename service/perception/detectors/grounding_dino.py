@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.perception.boxes import clip_boxes, suppress
-from fastsplat.service.perception.pixels import imagenet_tensor
-from fastsplat.service.perception.runtime import check_contract, open_session
+from fastsplat.service.perception.box_ops import clip_boxes, suppress
+from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.text.tokens import load_tokenizer
 from fastsplat.service.perception.types import Detections, Image, joined
 

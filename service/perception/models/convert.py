@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from fastsplat.service.common.errors import ModelUnavailableError
-from fastsplat.service.perception.models.manifest import Conversion
+from fastsplat.service.perception.models.model_manifest import Conversion
 from fastsplat.service.perception.models.sources import run_pip
 
 _TIMEOUT_S = 900

@@ -13,10 +13,10 @@ from typing import Literal
 
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.models.convert import convert
-from fastsplat.service.perception.models.manifest import ModelEntry, load_manifest
+from fastsplat.service.perception.models.model_check import try_model
+from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.models.sources import fetch_file
-from fastsplat.service.perception.models.trial import try_model
-from fastsplat.service.perception.runtime import file_sha256
+from fastsplat.service.perception.onnx_session import file_sha256
 
 ModelState = Literal["ready", "unverified", "damaged", "absent"]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from fastsplat.service.common.errors import ModelUnavailableError
-from fastsplat.service.perception.models.manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
+from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
 
 Bytes = Callable[[int, int], None]
 """Told how many bytes of how many (0: unknown) have arrived."""

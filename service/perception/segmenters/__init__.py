@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastsplat.service.perception.models.files import encoder_and_decoder
-from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.models.model_files import encoder_and_decoder
+from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat.service.perception.segmenters.sam2 import Sam2
 from fastsplat.service.perception.settings import PerceptionSettings

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.pixels import imagenet_tensor
-from fastsplat.service.perception.runtime import check_contract, open_session
-from fastsplat.service.perception.segmenters.choice import choose
+from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.segmenters.mask_selection import choose
 from fastsplat.service.perception.types import Image
 
 _SIDE = 1024

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastsplat.service.perception.models.files import only_network, only_table
-from fastsplat.service.perception.models.manifest import find_model
+from fastsplat.service.perception.models.model_files import only_network, only_table
+from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.text.clip import ClipTextEncoder
+from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.text.sentence import SentenceEncoder
-from fastsplat.service.perception.text.table import LabelTable
 from fastsplat.service.perception.types import TextEncoder
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.runtime import check_contract, file_sha256, open_session
+from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
 from fastsplat.service.perception.text.tokens import load_tokenizer
 
 _MAX_TOKENS = 256

@@ -15,7 +15,7 @@ from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene import Evidence
-from fastsplat.service.scene.evidence import merged, posterior, seen_pixels, without
+from fastsplat.service.scene.label_evidence import merged, posterior, seen_pixels, without
 from fastsplat.service.splatting.evidence import view_evidence, views_evidence
 from fastsplat.service.splatting.raster import Splats, blend_sums
 from fastsplat.service.splatting.settings import TrainingSettings

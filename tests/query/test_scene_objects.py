@@ -17,11 +17,11 @@ from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.query.objects import SceneObject
 from fastsplat.service.scene import Scene, read_scene, write_scene
-from tests.query.things import Thing, look, orbit, rigid, scene_of, with_cameras_moved
+from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
 
-MUG = Thing("mug", (0.2, 0.1, 0.04), yaw=0.5)
-BOOK = Thing("book", (-0.2, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=500)
-TABLE = Thing("table", (0.0, 0.0, -0.02), (1.2, 0.8, 0.02), count=2000)
+MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
+BOOK = BoxShell("book", (-0.2, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=500)
+TABLE = BoxShell("table", (0.0, 0.0, -0.02), (1.2, 0.8, 0.02), count=2000)
 Open = Callable[[Scene], SceneIndex]
 
 
@@ -62,7 +62,7 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
-    stray = Thing("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
+    stray = BoxShell("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
     index = opened(scene_of([MUG, stray, BOOK, TABLE]))
     for answer in index.ask(["mug", "book", "submarine"]):
         mask = index.mask3d(answer)
@@ -73,12 +73,14 @@ def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
 
 def test_a_speck_is_no_object_and_a_large_rest_is(opened: Open) -> None:
     for count, objects in ((14, 1), (16, 2)):
-        far = Thing("mug", (1.0, 0, 0), (0.02, 0.02, 0.02), count=count)
+        far = BoxShell("mug", (1.0, 0, 0), (0.02, 0.02, 0.02), count=count)
         assert len(named(opened(scene_of([MUG, far])), "mug")) == objects
 
 
 def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
-    scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), Thing("mug", (0, 0.1, 0.04), (1e-3,) * 3, count=1)])
+    scene = scene_of(
+        [MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BoxShell("mug", (0, 0.1, 0.04), (1e-3,) * 3, count=1)]
+    )
     gaussians = scene.gaussians
     log_scales = gaussians.log_scales.copy()
     log_scales[-1] = np.log(0.5)
@@ -160,7 +162,7 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
 
 
 def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
-    flat = Thing("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
+    flat = BoxShell("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
     pose = rigid(7)
     (a,) = opened(scene_of([flat])).objects
     (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose))).objects
@@ -186,8 +188,8 @@ def test_a_few_strays_do_not_stretch_a_box() -> None:
 
 
 def test_best_views_look_at_the_thing_and_nothing_stands_between(opened: Open) -> None:
-    wall = Thing("wall", (0, 0.4, 0.1), (1.0, 0.02, 0.6), count=9000)
-    mug = Thing("mug", (0, 0, 0.05))
+    wall = BoxShell("wall", (0, 0.4, 0.1), (1.0, 0.02, 0.6), count=9000)
+    mug = BoxShell("mug", (0, 0, 0.05))
     cameras = [
         look((0, 1.0, 0.1), (0, 0, 0.1), "hidden.jpg"),
         look((0, -3.0, 0.1), (0, 0, 0.1), "far.jpg"),

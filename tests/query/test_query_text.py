@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
-from fastsplat.service.query.names import candidate_names, check_texts, noun_phrase
+from fastsplat.service.query.query_text import candidate_names, check_texts, noun_phrase
 
 
 @pytest.mark.parametrize(

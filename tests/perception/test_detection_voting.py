@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.boxes import box_iou, suppress
+from fastsplat.service.perception.box_ops import box_iou, suppress
+from fastsplat.service.perception.detection_voting import one_name_each, settle, votes_for
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
-from fastsplat.service.perception.votes import one_name_each, settle, votes_for
 
 _SETTINGS = PerceptionSettings()
 _BOX, _ASIDE = (10, 10, 50, 50), (100, 100, 140, 140)

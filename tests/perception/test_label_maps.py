@@ -13,8 +13,8 @@ from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.perception.maps import clean_mask, paint, settle_masks
-from fastsplat.service.perception.storage import load_labelling, save_labelling
+from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, settle_masks
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Labelling, Regions
 from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.labels import codes_field
-from fastsplat.service.scene.evidence import posterior
+from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Scene
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.boxes import box_iou, suppress
+from fastsplat.service.perception.box_ops import box_iou, suppress
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
 

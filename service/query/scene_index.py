@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
-from fastsplat.service.query.fields import LabelField, label_field
+from fastsplat.service.query.gaussian_labels import LabelField, label_field
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Answer, Mask2D
@@ -20,7 +20,7 @@ from fastsplat.service.scene.types import Scene
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
     from fastsplat.service.query.objects import SceneObject
-    from fastsplat.service.query.views import Renderer
+    from fastsplat.service.query.scene_renderer import Renderer
 
 _DEFAULTS = QuerySettings()
 
@@ -181,7 +181,7 @@ class SceneIndex:
             )
         with self._renderer_lock:
             if self._renderer is None:
-                from fastsplat.service.query.views import Renderer
+                from fastsplat.service.query.scene_renderer import Renderer
 
                 self._renderer = Renderer(self.scene, self.settings)
             return self._renderer

@@ -25,7 +25,7 @@ from fastsplat.service.scene.arrays import (
     scene_shapes,
 )
 from fastsplat.service.scene.errors import SceneFileError
-from fastsplat.service.scene.manifest import (
+from fastsplat.service.scene.scene_manifest import (
     Manifest,
     cameras_from_bytes,
     cameras_to_bytes,

@@ -13,7 +13,7 @@ from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 
 
 @dataclass(frozen=True)
-class Thing:
+class BoxShell:
     """A cuboid's surface: edge lengths `size`, turned by `yaw` radians about z."""
 
     label: str
@@ -23,7 +23,7 @@ class Thing:
     count: int = 300
 
 
-def scene_of(things: Sequence[Thing], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
+def scene_of(things: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
     """Gaussians on the surfaces, as wide as they are apart, codes one-hot; metres."""
     labels = list(dict.fromkeys(thing.label for thing in things))
     rng = np.random.default_rng(0)
@@ -88,7 +88,7 @@ def with_cameras_moved(scene: Scene, pose: np.ndarray) -> Scene:
     )
 
 
-def _surface(thing: Thing, rng: np.random.Generator) -> np.ndarray:
+def _surface(thing: BoxShell, rng: np.random.Generator) -> np.ndarray:
     size = np.array(thing.size)
     faces = np.repeat([size[1] * size[2], size[0] * size[2], size[0] * size[1]], 2)
     face = rng.choice(6, thing.count, p=faces / faces.sum())
@@ -99,6 +99,6 @@ def _surface(thing: Thing, rng: np.random.Generator) -> np.ndarray:
     return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + thing.centre
 
 
-def _area(thing: Thing) -> float:
+def _area(thing: BoxShell) -> float:
     x, y, z = thing.size
     return 2 * (x * y + y * z + z * x)

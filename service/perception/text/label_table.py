@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
-from fastsplat.service.perception.runtime import file_sha256
+from fastsplat.service.perception.onnx_session import file_sha256
 
 
 class LabelTable:
