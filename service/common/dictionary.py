@@ -6,9 +6,13 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 from fastsplat.service.common.errors import InvalidInputError
+
+if TYPE_CHECKING:  # loads with the first word that may be a plural, see `_inflection`
+    from inflect import engine as Inflection
 
 UNDETECTED = 0
 """Label id of a pixel that no detection covers; dictionary entries count from 1."""
@@ -19,45 +23,70 @@ MAX_LABELS = 65535
 
 @dataclass(frozen=True)
 class DictionaryEntry:
-    """One kind of thing in the scene.
+    """One class of objects in the scene.
 
     Attributes:
         label: the name shown to people.
         aliases: other names that were merged into this entry.
         pixels: how many pixels of all label maps carry it.
         views: in how many label maps it occurs.
+        confidence: 0..1, how sure it is that what carries this label is one. 1 for names that came with the capture or
+            from a person; for detected ones see `fastsplat.service.perception.vocabulary.name_confidence`.
     """
 
     label: str
     aliases: tuple[str, ...] = ()
     pixels: int = 0
     views: int = 0
+    confidence: float = 1.0
 
 
 @dataclass(frozen=True)
 class Dictionary:
-    """Entries in id order: entry i has label id i + 1."""
+    """Entries in id order: entry i has label id i + 1.
+
+    Raises:
+        InvalidInputError: more than `MAX_LABELS` entries; two entries of one name; a confidence outside 0..1.
+    """
 
     entries: tuple[DictionaryEntry, ...]
 
     def __post_init__(self) -> None:
         if len(self.entries) > MAX_LABELS:
             raise InvalidInputError(f"{len(self.entries)} labels", field="labels", limit=f"{MAX_LABELS} labels")
-        count = sum(1 + len(entry.aliases) for entry in self.entries)
-        if len(self._ids) != count:
+        if len(self._ids) != sum(1 + len(entry.aliases) for entry in self.entries):
             raise InvalidInputError("two dictionary entries share a name", field="labels")
+        for entry in self.entries:
+            if not 0.0 <= entry.confidence <= 1.0:
+                raise InvalidInputError(
+                    f"the label {entry.label[:80]!r} has a confidence of {entry.confidence}",
+                    field="labels",
+                    limit="0 to 1",
+                )
 
     @cached_property
     def _ids(self) -> dict[str, int]:
         return {
-            label_key(name): index + 1
+            _folded(name): index + 1
             for index, entry in enumerate(self.entries)
             for name in (entry.label, *entry.aliases)
         }
 
+    @cached_property
+    def _ids_by_key(self) -> dict[str, int]:
+        ids: dict[str, int] = {}
+        for name, label_id in self._ids.items():
+            ids.setdefault(label_key(name), label_id)
+        return ids
+
     def id_of(self, name: str) -> int | None:
-        """Label id of `name` (case, plural and spelling variants count as the same), or None."""
-        return self._ids.get(label_key(name))
+        """Label id of `name` (case, plural and spelling variants count as the same), or None.
+
+        A name that is written out in the dictionary is found whatever its plural is taken to be: a scene outlives the
+        rules for plurals. Where two entries have one `label_key`, other forms of it belong to the first.
+        """
+        label_id = self._ids.get(_folded(name))
+        return self._ids_by_key.get(label_key(name)) if label_id is None else label_id
 
     def label_of(self, label_id: int) -> str:
         """Name of a label id; 0 is "undetected"."""
@@ -69,47 +98,72 @@ class Dictionary:
 
 def dictionary_of(labels: Iterable[str]) -> Dictionary:
     """A dictionary of bare names, in order; variants of an earlier name are dropped."""
-    seen: dict[str, str] = {}
+    by_key: dict[str, str] = {}
     for label in labels:
-        seen.setdefault(label_key(label), label)
-    return Dictionary(tuple(DictionaryEntry(label) for label in seen.values()))
+        by_key.setdefault(label_key(label), label)
+    return Dictionary(tuple(DictionaryEntry(label) for label in by_key.values()))
 
 
 def label_key(name: str) -> str:
     """The hash-table key of a name: Unicode-folded, case-folded, separators unified, last word in the singular.
 
-    Two names with one key are the same thing: "Coffee-Machines", "coffee machine" and "COFFEE_MACHINE".
-    Scripts without case or plural pass through unchanged, so the key is never empty unless the name is.
+    Two names with one key are the same class: "Coffee-Machines", "coffee machine" and "COFFEE_MACHINE". Plurals are
+    those of English (the library `inflect`); words of other alphabets pass through unchanged, so the key is never empty
+    unless the name is.
     """
-    text = unicodedata.normalize("NFKC", name).casefold()
-    words = re.sub(r"[\s_\-/]+", " ", text).strip().split(" ")
-    words[-1] = _singular(words[-1])
+    words = _folded(name).split(" ")
+    if words[-1] == "glasses" and words[-2:-1] and words[-2] in _DRINKS:
+        words[-1] = "glass"  # other glasses are spectacles
+    else:
+        words[-1] = _singular(words[-1])
     return " ".join(words)
 
 
-_IRREGULAR = {
-    "people": "person", "men": "man", "women": "woman", "children": "child", "feet": "foot", "teeth": "tooth",
-    "mice": "mouse", "geese": "goose", "knives": "knife", "leaves": "leaf", "shelves": "shelf", "loaves": "loaf",
-    "scarves": "scarf", "wolves": "wolf", "halves": "half", "lives": "life", "wives": "wife",
-    "buses": "bus", "gases": "gas", "lenses": "lens", "canvases": "canvas", "cacti": "cactus", "cactuses": "cactus",
-    "cookies": "cookie", "brownies": "brownie", "hoodies": "hoodie", "smoothies": "smoothie", "movies": "movie",
-    "pies": "pie", "ties": "tie", "neckties": "necktie", "selfies": "selfie", "calories": "calorie",
-    "potatoes": "potato", "tomatoes": "tomato", "mangoes": "mango", "heroes": "hero", "dominoes": "domino",
-    "volcanoes": "volcano", "mosquitoes": "mosquito", "buffaloes": "buffalo", "torpedoes": "torpedo",
-}  # fmt: skip
-_SINGULAR_S = frozenset(
-    "scissors glasses sunglasses jeans pants trousers shorts headphones binoculars pliers tongs tweezers stairs "
-    "bus gas glass lens canvas cactus compass chess iris news series species chassis atlas asparagus hummus".split()
+def _folded(name: str) -> str:
+    text = unicodedata.normalize("NFKC", name).casefold()
+    return re.sub(r"[\s_\-/]+", " ", text).strip()
+
+
+_DRINKS = frozenset("beer champagne cocktail drinking juice martini milk shot water whiskey whisky wine".split())
+
+_ONE_FORM = frozenset(
+    "scissors glasses sunglasses jeans pants trousers shorts undies clothes headphones binoculars pliers tongs "
+    "tweezers stairs news tennis thermos clematis".split()
 )
+"""Nouns without another number, and singulars in -s, that inflect would cut."""
+
+_IRREGULAR = {
+    "dies": "die", "hoodies": "hoodie", "selfies": "selfie", "smoothies": "smoothie", "onesies": "onesie",
+    "taxis": "taxi", "menus": "menu", "emus": "emu", "cacti": "cactus", "thermoses": "thermos", "mouses": "mouse",
+}  # fmt: skip
+"""Plurals that inflect takes for others or for singulars."""
+
+_MIN_LETTERS = 3
 
 
+@lru_cache(1 << 16)
 def _singular(word: str) -> str:
+    """The singular of a folded English noun; other words as they are. A singular is its own singular."""
+    forms = [word]
+    while (singular := _singular_once(forms[-1])) not in forms:
+        forms.append(singular)
+    return min(forms[forms.index(singular) :])  # one word, unless the rules for made-up words lead in a circle
+
+
+def _singular_once(word: str) -> str:
     if word in _IRREGULAR:
         return _IRREGULAR[word]
-    if not word.isascii() or len(word) < 4 or word in _SINGULAR_S or word.endswith(("ss", "us", "is")):
+    if not (word.isascii() and word.isalpha()) or len(word) < _MIN_LETTERS or word in _ONE_FORM:
         return word
-    if word.endswith("ies"):
-        return word[:-3] + "y"
-    if word.endswith(("sses", "shes", "ches", "xes", "zes")):
-        return word[:-2]
-    return word[:-1] if word.endswith("s") else word
+    inflection = _inflection()
+    # Of a singular in -s ("bus", "lens", "glass") inflect knows the plural; to a plural it would add another s.
+    if word.endswith("s") and inflection.plural_noun(word) != f"{word}s":
+        return word
+    return inflection.singular_noun(word) or word
+
+
+@cache
+def _inflection() -> Inflection:
+    import inflect  # checks its own source while it is imported, which takes longer than all of numpy
+
+    return inflect.engine()

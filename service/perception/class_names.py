@@ -1,9 +1,19 @@
-"""What an open-set detector looks for when nobody names anything: things of homes, offices and streets."""
+"""The lists of class names that come with the software."""
 
 from __future__ import annotations
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.perception.detectors.coco import COCO_80
+
+COCO_80 = tuple(
+    """person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant, stop sign,
+    parking meter, bench, bird, cat, dog, horse, sheep, cow, elephant, bear, zebra, giraffe, backpack, umbrella,
+    handbag, tie, suitcase, frisbee, skis, snowboard, sports ball, kite, baseball bat, baseball glove, skateboard,
+    surfboard, tennis racket, bottle, wine glass, cup, fork, knife, spoon, bowl, banana, apple, sandwich, orange,
+    broccoli, carrot, hot dog, pizza, donut, cake, chair, couch, potted plant, bed, dining table, toilet, tv, laptop,
+    mouse, remote, keyboard, cell phone, microwave, oven, toaster, sink, refrigerator, book, clock, vase, scissors,
+    teddy bear, hair drier, toothbrush""".replace("\n   ", "").split(", ")
+)
+"""The 80 classes of the COCO detection challenge, in the order of detector outputs."""
 
 _MORE = """table, desk, shelf, cabinet, drawer, wardrobe, stool, armchair, sofa cushion, pillow, blanket, carpet,
 curtain, window, door, mirror, picture frame, lamp, ceiling lamp, candle, plate, pan, pot, kettle, coffee
@@ -14,4 +24,4 @@ flower, tree, plant, fence, bicycle, sign, ladder, toolbox, hammer, screwdriver,
 sculpture""".replace("\n", " ").split(", ")
 
 TAGS = tuple(entry.label for entry in dictionary_of((*COCO_80, *_MORE)).entries)
-"""About 150 names, each thing once."""
+"""What an open-set detector looks for when nobody names anything: about 150 objects of homes, offices and streets."""

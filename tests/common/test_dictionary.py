@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import re
+
+import inflect
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.calibration.lists import read_pairs, read_scenes
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.perception.class_names import COCO_80, TAGS
+
+HOUSEHOLD = """mug, cup, wine glass, plate, bowl, spoon, fork, knife, coffee machine, kettle, teapot, toaster, oven,
+stove, fridge, sink, tap, dish, box, vase, shelf, bookshelf, loaf, leaf, scarf, glove, shoe, brush, toothbrush, bench,
+couch, torch, watch, match, peach, radish, cherry, strawberry, battery, cookie, hoodie, pie, tie, smoothie,
+potato, tomato, mango, piano, radio, photo, bus, lens, gas cylinder, canvas, mattress, dress, cutting board, ice
+cube tray, key, toy, monkey, mouse, goose, child, man, woman, person, foot, tooth, die, menu, taxi, cactus,
+octopus, compass, iris, atlas, virus, thermos, axe, house, horse, nurse, hose, rose, olive, sleeve, orange,
+sausage, sponge, bridge, cabbage""".replace("\n", " ").split(", ")
+ONE_FORM = tuple("scissors, red scissors, glasses, reading glasses, sunglasses, jeans, clothes, sheep".split(", "))
+IRREGULAR_PLURALS = {"die": "dies", "thermos": "thermoses", "cactus": "cacti"}
 
 
 @pytest.mark.parametrize(
@@ -24,6 +39,12 @@ from fastsplat.service.common.errors import InvalidInputError
         ("tomatoes", "tomato"),
         ("cookies", "cookie"),
         ("vases", "vase"),
+        ("the dies", "the die"),
+        ("dice", "die"),
+        ("hoodies", "hoodie"),
+        ("taxis", "taxi"),
+        ("wine glasses", "wine glass"),
+        ("chess pieces", "chess piece"),
         ("ﬁsh tank", "fish tank"),
         ("Straße", "STRASSE"),
     ],
@@ -33,7 +54,19 @@ def test_variants_share_a_key(one: str, other: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), [("bus", "bu"), ("glass", "glas"), ("lens", "len"), ("猫", "犬"), ("😀", "😁")]
+    ("one", "other"),
+    [
+        ("bus", "bu"),
+        ("glass", "glas"),
+        ("glass", "glasses"),
+        ("lens", "len"),
+        ("clothes", "clothe"),
+        ("clothes", "cloth"),
+        ("dies", "dy"),
+        ("tennis", "tenni"),
+        ("猫", "犬"),
+        ("😀", "😁"),
+    ],
 )
 def test_different_things_keep_different_keys(one: str, other: str) -> None:
     assert label_key(one) != label_key(other)
@@ -53,6 +86,88 @@ def test_every_name_is_found_under_its_own_id(names: list[str]) -> None:
         assert label_key(dictionary.label_of(label_id)) == label_key(name)
 
 
+@pytest.mark.parametrize("name", ONE_FORM)
+def test_what_has_no_other_number_stays(name: str) -> None:
+    assert label_key(name) == name
+
+
+@pytest.mark.parametrize("name", HOUSEHOLD)
+@given(st.sampled_from(["", "red ", "Two-", "the_other "]))
+@settings(deadline=None)
+def test_the_key_of_a_plural_is_the_key_of_its_singular(name: str, before: str) -> None:
+    plural = IRREGULAR_PLURALS.get(name) or inflect.engine().plural_noun(name)
+    assert label_key(before + plural) == label_key(before + name) != ""
+    assert label_key(plural) == name
+
+
+@given(st.text(st.sampled_from("aeioumnsxyvfz"), min_size=1, max_size=12))
+@settings(deadline=None)
+def test_the_key_of_a_made_up_word_is_its_own_key(word: str) -> None:
+    assert label_key(label_key(word)) == label_key(word)
+
+
+def names_of_the_repository() -> list[str]:
+    """Every list of labels that comes with this software, by dictionary."""
+    listed = {*COCO_80, *TAGS, *(pair.label for pair in read_pairs())}
+    listed |= {label for scene in read_scenes() for label in scene.labels}
+    return sorted(listed)
+
+
+@pytest.mark.parametrize("name", names_of_the_repository())
+def test_a_scene_of_the_first_release_answers_by_the_same_names(name: str) -> None:
+    """Names that had one key under the first release's own rules for plurals still lead to one entry."""
+    dictionary = Dictionary((DictionaryEntry("something else"), DictionaryEntry(name)))
+    plural = inflect.engine().plural_noun(name)
+    for other in (name, name.upper(), f"{name}s", f"{name}es", plural, name.replace(" ", "_")):
+        if first_release_key(other) == first_release_key(name):
+            assert dictionary.id_of(other) == 2, other
+
+
+def test_lists_that_had_no_name_twice_have_none_twice_now() -> None:
+    for labels in (COCO_80, TAGS, *(scene.labels for scene in read_scenes())):
+        assert len(dictionary_of(labels)) == len(labels)
+
+
+def test_names_that_later_rules_take_for_one_still_answer_for_themselves() -> None:
+    """A scene is not rewritten when the rules for plurals change: "dice" and "die" were two names once."""
+    dictionary = Dictionary((DictionaryEntry("dice"), DictionaryEntry("die"), DictionaryEntry("mug", ("Dies",))))
+    assert label_key("dice") == label_key("die") == label_key("dies")
+    assert [dictionary.id_of(name) for name in ("dice", "DIE", "dies", "mugs")] == [1, 2, 3, 3]
+
+
 def test_two_entries_cannot_share_a_name() -> None:
     with pytest.raises(InvalidInputError, match="share a name"):
-        Dictionary((DictionaryEntry("mug"), DictionaryEntry("cup", aliases=("Mugs",))))
+        Dictionary((DictionaryEntry("mug"), DictionaryEntry("cup", aliases=("MUG ",))))
+
+
+@pytest.mark.parametrize("confidence", [-0.1, 1.1, float("nan")])
+def test_a_confidence_is_a_share(confidence: float) -> None:
+    with pytest.raises(InvalidInputError, match="confidence"):
+        Dictionary((DictionaryEntry("mug", confidence=confidence),))
+
+
+def first_release_key(name: str) -> str:
+    """`label_key` as the first release had it."""
+    *words, last = re.sub(r"[\s_\-/]+", " ", name.casefold()).strip().split(" ")
+    irregular = dict(pair.split(":") for pair in FIRST_RELEASE_IRREGULAR.split())
+    if last in irregular:
+        last = irregular[last]
+    elif len(last) >= 4 and last not in FIRST_RELEASE_SINGULARS.split() and not last.endswith(("ss", "us", "is")):
+        if last.endswith("ies"):
+            last = f"{last[:-3]}y"
+        elif last.endswith(("sses", "shes", "ches", "xes", "zes")):
+            last = last[:-2]
+        else:
+            last = last.removesuffix("s")
+    return " ".join([*words, last])
+
+
+FIRST_RELEASE_IRREGULAR = """people:person men:man women:woman children:child feet:foot teeth:tooth mice:mouse
+geese:goose knives:knife leaves:leaf shelves:shelf loaves:loaf scarves:scarf wolves:wolf halves:half lives:life
+wives:wife buses:bus gases:gas lenses:lens canvases:canvas cacti:cactus cactuses:cactus cookies:cookie
+brownies:brownie hoodies:hoodie smoothies:smoothie movies:movie pies:pie ties:tie neckties:necktie selfies:selfie
+calories:calorie potatoes:potato tomatoes:tomato mangoes:mango heroes:hero dominoes:domino volcanoes:volcano
+mosquitoes:mosquito buffaloes:buffalo torpedoes:torpedo"""
+FIRST_RELEASE_SINGULARS = """scissors glasses sunglasses jeans pants trousers shorts headphones binoculars pliers tongs
+tweezers stairs bus gas glass lens canvas cactus compass chess iris news series species chassis atlas asparagus
+hummus"""

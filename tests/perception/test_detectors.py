@@ -12,8 +12,8 @@ import pytest
 
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.box_ops import box_iou
+from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
-from fastsplat.service.perception.detectors.coco import COCO_80
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.settings import PerceptionSettings
