@@ -18,7 +18,7 @@ from fastsplat.service.perception import label_capture, load_labelling, save_lab
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query import embed_labels
-from fastsplat.service.query.gaussian_labels import label_field
+from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
@@ -136,7 +136,7 @@ def _quality(job: Job, capture: Capture, trained: TrainedSplats) -> dict[str, An
 
 
 def _summary(scene: Scene, labelling: Labelling) -> dict[str, Any]:
-    classes = label_field(scene).classes
+    classes = label_gaussians(scene).classes
     counts = np.bincount(classes, minlength=len(scene.dictionary) + 1)
     rows = [
         {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}

@@ -32,6 +32,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query.calibration import FILE, Score, calibration_key
 from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.probability import (
     Logistic,
     ScoreCalibration,
@@ -42,9 +43,9 @@ from fastsplat.service.query.probability import (
     nonconformity_bound,
     present_probability,
 )
-from fastsplat.service.query.query_text import candidate_names, noun_phrase
-from fastsplat.service.query.relevancy import entries, score
+from fastsplat.service.query.relevancy import entries, relevancy_scores
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.text_similarity import text_similarity
 
 F64 = NDArray[np.float64]
 _ABSENT_RATE = 0.01
@@ -78,24 +79,28 @@ def measure(
 ) -> dict[Score, tuple[ScoreCalibration, dict[str, Any]]]:
     """By score: what the product needs, and the figures it reaches on what did not set it."""
     cache = TextCache(encoder, templates, 100_000)
-    against = cache.embed(negatives)
+    embedded = cache.embed(negatives)
     pairs = read_pairs()
     names: tuple[Score, ...] = ("similarity", "relevancy")
     results: dict[Score, tuple[ScoreCalibration, dict[str, Any]]] = {}
     for name in names:
-        values = np.array([_scores(name, cache, [pair.label], [pair.query], against)[0, 0] for pair in pairs])
+        values = np.array(
+            [_scores(name, cache, [pair.label], [pair.query], [NameMatch()], embedded)[0, 0] for pair in pairs]
+        )
         related, exact, figures = _thresholds(pairs, values)
-        asked = ask_scenes(name, cache, against)
-        temperature = _temperature(asked if name == "relevancy" else ask_scenes("relevancy", cache, against))
+        asked = ask_scenes(name, cache, embedded)
+        temperature = _temperature(asked if name == "relevancy" else ask_scenes("relevancy", cache, embedded))
         calibration = fit(asked, related, exact, temperature)
         results[name] = (calibration, figures | judge(asked, calibration))
     return results
 
 
-def ask_scenes(name: Score, cache: TextCache, against: NDArray[np.float32]) -> list[Asked]:
-    """Every question of `scenes.txt` with its scores; `against` are the embedded negatives."""
+def ask_scenes(name: Score, cache: TextCache, negatives: NDArray[np.float32]) -> list[Asked]:
+    """Every question of `scenes.txt` with its scores; `negatives` are embedded."""
     return [
-        question for number, scene in enumerate(read_scenes()) for question in _ask(name, number, scene, cache, against)
+        question
+        for number, scene in enumerate(read_scenes())
+        for question in _ask(name, number, scene, cache, negatives)
     ]
 
 
@@ -258,9 +263,10 @@ def _thresholds(pairs: Sequence[Pair], values: F64) -> tuple[float, float, dict[
     )
 
 
-def _ask(name: Score, number: int, scene: Questions, cache: TextCache, against: NDArray[np.float32]) -> list[Asked]:
-    dictionary = dictionary_of(scene.labels)
-    rows = _scores(name, cache, scene.labels, [noun_phrase(question.query) for question in scene.asked], against)
+def _ask(name: Score, number: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]) -> list[Asked]:
+    texts = [question.query for question in scene.asked]
+    matches = [NameIndex(dictionary_of(scene.labels)).match(text) for text in texts]
+    rows = _scores(name, cache, scene.labels, texts, matches, negatives)
     return [
         Asked(
             number,
@@ -270,17 +276,25 @@ def _ask(name: Score, number: int, scene: Questions, cache: TextCache, against: 
             row,
             tuple(scene.labels.index(answer) for answer in question.answers),
             tuple(scene.labels.index(answer) for answer in question.also),
-            any(dictionary.id_of(candidate) for candidate in candidate_names(question.query)),
+            bool(match.exact),
         )
-        for question, row in zip(scene.asked, rows, strict=True)
+        for question, match, row in zip(scene.asked, matches, rows, strict=True)
     ]
 
 
 def _scores(
-    name: Score, cache: TextCache, labels: Sequence[str], queries: Sequence[str], against: NDArray[np.float32]
+    name: Score,
+    cache: TextCache,
+    labels: Sequence[str],
+    texts: Sequence[str],
+    matches: Sequence[NameMatch],
+    negatives: NDArray[np.float32],
 ) -> F64:
-    found = score(entries(cache.embed(labels), against), cache.embed(queries), 1.0)
-    return found.similarity if name == "similarity" else found.margin
+    """float64 [Q, N], as the product scores them."""
+    dictionary = entries(cache.embed(labels), negatives)
+    similarity = text_similarity(texts, matches, dictionary.labels, cache)
+    scores = relevancy_scores(similarity, dictionary, 1.0)
+    return scores.similarity if name == "similarity" else scores.margin
 
 
 def _logistic(features: F64, truth: NDArray[np.bool_]) -> list[float]:

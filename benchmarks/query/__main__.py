@@ -106,12 +106,12 @@ def _questions(index: SceneIndex, new: Iterator[str], posed: Any) -> Iterator[tu
 
 
 def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
-    from fastsplat.service.query.gaussian_labels import label_field
+    from fastsplat.service.query.gaussian_labels import label_gaussians
 
     size = len(scene.gaussians)
     index = SceneIndex(scene, _Fixed())
-    field, label = label_field(scene), scene.dictionary.entries[0].label
-    row("label_field", lambda: label_field(scene), rounds, gaussians=size)
+    field, label = label_gaussians(scene), scene.dictionary.entries[0].label
+    row("label_field", lambda: label_gaussians(scene), rounds, gaussians=size)
     row("objects", lambda: find_objects(scene, field), rounds, gaussians=size)
     turn = np.eye(4)
     turn[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]

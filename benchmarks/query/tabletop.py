@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
-from fastsplat.service.query.gaussian_labels import label_field
+from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
 
@@ -47,7 +47,7 @@ def main() -> None:
 
 def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
     """The report; labels of the scene are looked up by name."""
-    start, field = time.process_time(), label_field(scene)
+    start, field = time.process_time(), label_gaussians(scene)
     find_objects(scene, field)  # libraries load
     start = time.process_time()
     objects = find_objects(scene, field)

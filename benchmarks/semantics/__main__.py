@@ -43,7 +43,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.query import SceneIndex, embed_labels
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.scene import CodeSemantics, Scene, read_scene, semantics_of, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.evidence import views_evidence
 from fastsplat.service.splatting.train import train
@@ -225,9 +225,9 @@ def _perception(settings: Settings) -> PerceptionSettings:
 
 def _label_bytes(scene: Scene) -> float:
     """Bytes that a Gaussian's label takes, the affine map not counted."""
-    if scene.label_mode == "codes" or scene.evidence is None:
-        return float(scene.gaussians.codes.itemsize * scene.gaussians.codes.shape[1])
-    evidence = scene.evidence
+    evidence = semantics_of(scene)
+    if isinstance(evidence, CodeSemantics):
+        return float(evidence.codes.itemsize * evidence.codes.shape[1])
     return (evidence.starts.nbytes + evidence.labels.nbytes + evidence.counts.nbytes) / max(1, len(scene.gaussians))
 
 

@@ -49,7 +49,7 @@ def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, asked_onl
     for position in data.test:
         view = data.capture.views[position]
         target = torch.from_numpy(load_rgb(view.image_path).copy()).float() / 255
-        image = torch.from_numpy(np.asarray(pictures.colours(view.posed))).float() / 255
+        image = torch.from_numpy(np.asarray(pictures.colors(view.posed))).float() / 255
         likeness.append((psnr(image, target), ssim(image, target)))
         found, truth = to_truth[pictures.labels(view.posed)], data.truth.label_maps[position].astype(np.int64)
         pixels += confusion(found, truth, classes).masks()

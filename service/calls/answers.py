@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from fastsplat.service.calls.masks import encode_mask3d, mask_ply, view_mask
 from fastsplat.service.calls.objects import described
@@ -17,7 +16,7 @@ from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.query.query_text import check_texts
+from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 
@@ -32,17 +31,15 @@ class Answers:
 
     def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
         """See `SceneService.query`."""
-        self._check(request)
+        query = self._check(request)
         if request.scene_id:
-            return self._scenes.reading(
-                request.scene_id, request.version, lambda index, version: self._answer(index, version, request)
-            )
+            return self._ask(query, request)
         _check_everywhere(request)
         answers: list[QueryAnswer] = []
         for scene_id in self._store.rows.ready_scene_ids():
             check_cancelled()
             try:
-                answers.extend(self.query(dataclasses.replace(request, scene_id=scene_id)))
+                answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
             except NotFoundError:
                 continue  # deleted since it was listed
         return tuple(answers)
@@ -64,13 +61,14 @@ class Answers:
                 "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
             )
         check_picture(kind, text, image_format, depth_scale)
+        query: TextQuery | None = None
         if text is not None and kind in ASKING:
-            self._check_texts((text,))
+            query = check_query((text,), self._settings.query)
         return self._scenes.reading(
             scene_id,
             version,
             lambda index, _: picture(
-                index, kind, text, camera or view_of(index, view or ""), image_format, depth_scale
+                index, kind, query, camera or view_of(index, view or ""), image_format, depth_scale
             ),
         )
 
@@ -84,10 +82,10 @@ class Answers:
 
     def mask_ply(self, scene_id: str, text: str, version: str) -> bytes:
         """See `SceneService.mask_ply`."""
-        self._check_texts((text,))
+        query = check_query((text,), self._settings.query)
 
         def read(index: SceneIndex, _: str) -> bytes:
-            (answer,) = index.ask((text,))
+            (answer,) = index.answer(query)
             return mask_ply(index.scene.gaussians, index.mask3d(answer))
 
         return self._scenes.reading(scene_id, version, read)
@@ -112,11 +110,18 @@ class Answers:
 
         return self._scenes.reading(scene_id, version, read)
 
-    def _answer(self, index: SceneIndex, version: str, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+        return self._scenes.reading(
+            request.scene_id, request.version, lambda index, version: self._answer(index, version, query, request)
+        )
+
+    def _answer(
+        self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest
+    ) -> tuple[QueryAnswer, ...]:
         cameras = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
         answers: list[QueryAnswer] = []
-        for answer in index.ask(request.texts, **_choices(request)):
+        for answer in index.answer(query):
             masks = []
             for camera in cameras if "mask2d" in request.outputs else ():
                 check_cancelled()
@@ -141,8 +146,14 @@ class Answers:
             )
         return tuple(answers)
 
-    def _check(self, request: QueryRequest) -> None:
-        self._check_texts(request.texts)
+    def _check(self, request: QueryRequest) -> TextQuery:
+        query = check_query(
+            request.texts,
+            self._settings.query,
+            negatives=request.negatives or None,
+            templates=request.templates or None,
+            coverage=request.coverage,
+        )
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(
                 '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."
@@ -167,10 +178,7 @@ class Answers:
                 limit=f"{limits.max_poses} cameras (FASTSPLAT_QUERY__MAX_POSES)",
                 hint="Ask in several requests.",
             )
-
-    def _check_texts(self, texts: tuple[str, ...]) -> None:
-        limits = self._settings.query
-        check_texts(texts, max_texts=limits.max_texts, max_chars=limits.max_text_chars)
+        return query
 
 
 def _check_everywhere(request: QueryRequest) -> None:
@@ -185,9 +193,3 @@ def _check_everywhere(request: QueryRequest) -> None:
         )
     if request.version:
         raise InvalidInputError("a version belongs to one scene", field="scene_id", hint="Name the scene to ask.")
-
-
-def _choices(request: QueryRequest) -> dict[str, Any]:
-    """What the request says in place of the settings."""
-    chosen = {"negatives": request.negatives, "templates": request.templates, "coverage": request.coverage}
-    return {name: value for name, value in chosen.items() if value not in ((), None)}

@@ -13,6 +13,7 @@ from fastsplat.service.calls.types import PictureFormat, PictureKind
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.query import SceneIndex, pictures
+from fastsplat.service.query.query_text import TextQuery
 
 KINDS: tuple[PictureKind, ...] = ("rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture")
 ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
@@ -46,7 +47,7 @@ def check_picture(kind: str, text: str | None, image_format: str, depth_scale: f
 def picture(
     index: SceneIndex,
     kind: PictureKind,
-    text: str | None,
+    query: TextQuery | None,
     posed: PosedCamera,
     image_format: PictureFormat = "png",
     depth_scale: float = 0.0,
@@ -62,8 +63,8 @@ def picture(
         if kind == "depth_picture":
             return pictures.png_bytes(_depth_picture(depth))
         return _npy(depth) if image_format == "npy" else _depth_png(depth, depth_scale or DEPTH_SCALE)
-    assert text is not None
-    (answer,) = index.ask((text,))
+    assert query is not None
+    (answer,) = index.answer(query)
     seen = index.mask2d(answer, posed)
     if kind == "mask":
         return pictures.png_bytes(seen.mask.astype(np.uint8) * 255)

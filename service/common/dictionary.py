@@ -164,6 +164,14 @@ def _singular_once(word: str) -> str:
 
 @cache
 def _inflection() -> Inflection:
-    import inflect  # checks its own source while it is imported, which takes longer than all of numpy
+    # inflect asks typeguard to rewrite each of its methods while it is imported, which takes more than a second of CPU
+    # in every process that reads a scene. What the checks are for, `_singular_once` has seen to: words, never empty.
+    import typeguard
 
+    checked = typeguard.typechecked
+    typeguard.typechecked = lambda target: target  # type: ignore[assignment]
+    try:
+        import inflect
+    finally:
+        typeguard.typechecked = checked
     return inflect.engine()

@@ -1,4 +1,4 @@
-"""What was measured for one text encoder, and is worth nothing for another."""
+"""The measured calibration of each text encoder; that of one says nothing of another."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ def calibration_for(
 ) -> ScoreCalibration | None:
     """What was measured, or None if this encoder was not measured with these prompts (for the similarity the negatives
     do not matter, and their order never does)."""
-    found = _load().get(calibration_key(name, sha256))
-    if found is None or found.templates != tuple(templates):
+    calibration = _load().get(calibration_key(name, sha256))
+    if calibration is None or calibration.templates != tuple(templates):
         return None
-    if score == "relevancy" and set(found.negatives) != set(negatives):
+    if score == "relevancy" and set(calibration.negatives) != set(negatives):
         return None
-    return found.scores.get(score)
+    return calibration.scores.get(score)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Names to unit vectors through prompt templates, with a memory of recent ones."""
+"""Names to unit vectors through prompt templates, with a cache of recent ones."""
 
 from __future__ import annotations
 
@@ -55,25 +55,25 @@ class TextCache:
         self._encoder = encoder
         self._templates = tuple(templates)
         self._size = size
-        self._known: OrderedDict[tuple[tuple[str, ...], str], F32] = OrderedDict()
+        self._recent: OrderedDict[tuple[tuple[str, ...], str], F32] = OrderedDict()
         self._lock = threading.Lock()
 
     def embed(self, names: Sequence[str], templates: Sequence[str] | None = None) -> F32:
         """float32 [B, E], unit length; the encoder runs once, for the names that are new. `templates`: in place of the
         cache's own."""
-        chosen = self._templates if templates is None else tuple(templates)
-        found: dict[str, F32] = {}
+        used = self._templates if templates is None else tuple(templates)
+        embeddings: dict[str, F32] = {}
         with self._lock:
             for name in names:
-                if (chosen, name) in self._known:
-                    self._known.move_to_end((chosen, name))
-                    found[name] = self._known[chosen, name]
-        new = [name for name in dict.fromkeys(names) if name not in found]
+                if (used, name) in self._recent:
+                    self._recent.move_to_end((used, name))
+                    embeddings[name] = self._recent[used, name]
+        new = [name for name in dict.fromkeys(names) if name not in embeddings]
         if new:
-            found |= dict(zip(new, embed_names(new, self._encoder, chosen), strict=True))
+            embeddings |= dict(zip(new, embed_names(new, self._encoder, used), strict=True))
             with self._lock:
                 for name in new:
-                    self._known[chosen, name] = found[name]
-                while len(self._known) > self._size:
-                    self._known.popitem(last=False)
-        return np.stack([found[name] for name in names])
+                    self._recent[used, name] = embeddings[name]
+                while len(self._recent) > self._size:
+                    self._recent.popitem(last=False)
+        return np.stack([embeddings[name] for name in names])

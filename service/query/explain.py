@@ -1,63 +1,56 @@
-"""One sentence that says why."""
+"""One sentence for people; the figures behind it are in the answer's fields."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
-from fastsplat.service.query.calibration import Score
-from fastsplat.service.query.types import Answer, Match
+from fastsplat.service.query.types import Answer
 
-_SHOWN = 3
+_MAX_LABELS = 3
 _MAX_QUOTED = 60
 
 
-def explain(answer: Answer, score: Score) -> Answer:
-    """The answer with its explanation, for people: which entry, by what score against which threshold, how likely, and
-    for LERF's relevancy against which canonical negative.
+def explain(answer: Answer, unchecked: str = "") -> str:
+    """A sentence that says which entries answer and how probable that is.
 
     Args:
         answer: complete but for the explanation.
-        score: what its thresholds are held against.
+        unchecked: words of the question that no entry answers for, see `NameMatch.unchecked`.
     """
-    return replace(answer, explanation=_sentence(answer, score))
-
-
-def _sentence(answer: Answer, score: Score) -> str:
-    text = answer.text
-    asked = text if len(text) <= _MAX_QUOTED else text[: _MAX_QUOTED - 1] + "…"
+    question = _quoted(answer.text)
     if not answer.matches:
-        return f'No "{asked}" here: this scene has no labels.'
-    chosen = [match for match in answer.matches if match.relevant]
-    shown = ", then ".join(f'"{match.label}"' for match in chosen[:_SHOWN])
-    more = f" and {len(chosen) - _SHOWN} more" if len(chosen) > _SHOWN else ""
+        return f"This scene has no labels, so {question} cannot be found."
     best = answer.matches[0]
-    likely = "" if answer.probability is None else f", {_percent(answer.probability)} likely"
-    if answer.verdict == "exact":
-        missing = "" if best.gaussian_count else ", but no Gaussian of it remains"
-        if answer.decided_by == "name":
-            return f'The scene has "{best.label}"{missing}.'
-        return f'"{asked}" goes by {shown}{more} here ({_why(best, score, answer.threshold, "≥")}{likely}){missing}.'
+    percent = "" if answer.probability in (None, 1.0) else f" ({_percent(answer.probability or 0.0)})"
+    labels = [match.label for match in answer.matches if match.relevant]
+    remark = f"; {_quoted(unchecked)} was not checked" if unchecked else ""
     if answer.verdict == "related":
-        return f'No "{asked}" here; the closest is {shown}{more} ({_why(best, score, answer.threshold, "≥")}{likely}).'
+        return f"Closest match: {_quoted(labels[0])}{percent}{_enumerated(labels[1:], ', then ')}{remark}."
+    if answer.verdict == "exact":
+        remark = ("" if best.gaussian_count else ", but no Gaussian carries this label") + remark
+        names = _enumerated(labels)
+        if answer.decided_by == "name":
+            return f"The scene has {names}{percent}{remark}."
+        return f"{question} is labeled {names} in this scene{percent}{remark}."
     if answer.threshold is None:
         return (
-            f'No entry is named "{asked}". This text encoder is not calibrated for these prompts, so only names count; '
-            f'the nearest entry is "{best.label}" (similarity {best.similarity:.2f}).'
+            f"No label is named {question}; the text encoder is not calibrated for these prompts, so that only names "
+            f"count (nearest: {_quoted(best.label)})."
         )
-    return (
-        f'Nothing like "{asked}" is here{likely}; even "{best.label}" is far '
-        f"({_why(best, score, answer.threshold, '<')})."
-    )
+    return f"No label matches {question}{percent}; the nearest is {_quoted(best.label)}."
 
 
-def _why(best: Match, score: Score, threshold: float | None, sign: str) -> str:
-    """The score and what it was held against; LERF's threshold counts in the margin, where 0 is a relevancy of 0.5."""
-    held = "" if threshold is None else f" {sign} {threshold:.2f}"
-    if score == "similarity":
-        return f'similarity {best.similarity:.2f}{held}, nearest negative "{best.nearest_negative}"'
-    margin = "" if threshold is None else f", margin{held}"
-    return f'relevancy {best.relevancy:.2f} against "{best.nearest_negative}"{margin}'
+def _enumerated(labels: Sequence[str], before: str = "") -> str:
+    """'"cup", "mug", "jar" and 2 more', after `before`; "" of no labels."""
+    if not labels:
+        return ""
+    more = f" and {len(labels) - _MAX_LABELS} more" if len(labels) > _MAX_LABELS else ""
+    return before + ", ".join(map(_quoted, labels[:_MAX_LABELS])) + more
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
 
 
 def _percent(probability: float) -> str:
-    return f"{min(max(round(100 * probability), 1), 99)} %" if 0 < probability < 1 else f"{probability:.0%}"
+    return f"{min(max(round(100 * probability), 1), 99)} %" if 0 < probability < 1 else f"{100 * probability:.0f} %"

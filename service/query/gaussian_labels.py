@@ -1,4 +1,4 @@
-"""Which label each Gaussian has and how sure that is, whatever the scene keeps its labels in."""
+"""Which label each Gaussian has and how probable it is, whatever the scene's labels are made from."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.labels import codes_field
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Scene
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
+
+_CHUNK_LOGITS = 4 << 20
 
 
 @dataclass(frozen=True)
-class LabelField:
+class GaussianLabels:
     """Labels of G Gaussians.
 
     Attributes:
@@ -25,10 +26,33 @@ class LabelField:
     confidence: F32
 
 
-def label_field(scene: Scene) -> LabelField:
-    """The scene's labels: by its codes (softmax of W·code + b) or by its evidence (Dirichlet posterior), as
-    `scene.label_mode` says."""
-    if scene.label_mode == "codes" or scene.evidence is None:
-        return LabelField(*codes_field(scene.gaussians.codes, scene.head))
-    found = posterior(scene.evidence, len(scene.dictionary) + 1)
-    return LabelField(found.classes, found.confidence)
+def label_gaussians(scene: Scene) -> GaussianLabels:
+    """The most probable class of each Gaussian: by its code (softmax of W·code + b) or by its evidence (Dirichlet
+    posterior), see `semantics_of`."""
+    semantics = semantics_of(scene)
+    if isinstance(semantics, Evidence):
+        belief = posterior(semantics, len(scene.dictionary) + 1)
+        return GaussianLabels(belief.classes, belief.confidence)
+    return classify_codes(semantics.codes, semantics.head)
+
+
+def classify_codes(codes: F32, head: SemanticHead) -> GaussianLabels:
+    """The class with the largest softmax(W·code + b) of each code [G, D]; ties go to the lower id.
+
+    With a single class (a scene without labels) nothing was learnt by the codes, and the confidence is 0. Works through
+    bounded pieces: a million Gaussians and a thousand labels need 16 MiB beside the result.
+    """
+    classes = np.zeros(len(codes), dtype=np.int32)
+    confidence = np.zeros(len(codes), dtype=np.float32)
+    class_count = len(head.bias)
+    if class_count == 1:
+        return GaussianLabels(classes, confidence)
+    rows = max(1, _CHUNK_LOGITS // class_count)
+    for start in range(0, len(codes), rows):
+        piece = slice(start, start + rows)
+        logits = codes[piece] @ head.weight.T
+        logits += head.bias
+        classes[piece] = logits.argmax(axis=1)
+        logits -= logits.max(axis=1, keepdims=True)
+        confidence[piece] = 1 / np.exp(logits, out=logits).sum(axis=1)
+    return GaussianLabels(classes, confidence)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.poses import quaternion_of
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.connectivity import components
-from fastsplat.service.query.gaussian_labels import LabelField
+from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.types import F32, Scene
 
@@ -58,7 +58,7 @@ class SceneObject:
     best_views: tuple[str, ...]
 
 
-def find_objects(scene: Scene, field: LabelField) -> tuple[SceneObject, ...]:
+def find_objects(scene: Scene, field: GaussianLabels) -> tuple[SceneObject, ...]:
     """All objects of a scene, by label id, then from the largest.
 
     Gaussians less opaque than 0.05 belong to no object. Of one label those that touch (see `components`) are one
@@ -112,7 +112,7 @@ def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64)
 
 def _described(
     scene: Scene,
-    field: LabelField,
+    field: GaussianLabels,
     weights: F64,
     up: F64 | None,
     label_id: int,

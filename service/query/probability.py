@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -62,18 +64,18 @@ def leads(scores: F64, background: float) -> F64:
     return np.asarray(np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT))
 
 
-def entry_probability(scores: F64, found: ScoreCalibration) -> F64:
+def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:
     """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
-    model = found.entry
-    return _sigmoid(model.score * scores + model.lead * leads(scores, found.background) + model.offset)
+    model = calibration.entry
+    return _sigmoid(model.score * scores + model.lead * leads(scores, calibration.background) + model.offset)
 
 
-def present_probability(scores: F64, entry: F64, found: ScoreCalibration) -> F64:
+def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) -> F64:
     """[...] of scores [..., N] and their `entry_probability`: that anything here answers; 0 without entries. Never
     below the best entry's own probability, of which it is a consequence."""
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
-    model = found.present
+    model = calibration.present
     return np.asarray(np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
 
 
@@ -107,6 +109,73 @@ def label_set(nonconformity: F64, bound: float) -> tuple[int, ...]:
     order = nonconformity.argsort(kind="stable")
     count = max(1, int((nonconformity <= bound).sum()))
     return tuple(order[:count].tolist())
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Probabilities of one answer: that the words of the question mean an entry, times that the entry is named rightly.
+
+    The first factor is calibrated, on dictionaries whose names are right (benchmarks/calibration); the second is the
+    entry's `DictionaryEntry.confidence`, 1 for names that came with the capture or from a person. The two are taken for
+    independent, and an entry that is named wrongly for no answer. With confidences of 1 every figure is the calibrated
+    one, to the bit.
+
+    Attributes:
+        entries: float64 [N], 0..1, for each entry.
+        presence: 0..1, that anything here answers.
+        label_set: label ids, likeliest first, of which one answers with the coverage asked for, given that the names
+            are right: it is calibrated on words. So 0, "nothing here", joins where no entry of the set is named as
+            surely as the coverage asks.
+    """
+
+    entries: F64
+    presence: float
+    label_set: tuple[int, ...]
+
+    def of_verdict(self, leading: int | np.intp | None) -> float:
+        """0..1: that the entry in row `leading` answers; None: that nothing does."""
+        return 1.0 - self.presence if leading is None else float(self.entries[leading])
+
+
+def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreCalibration, coverage: float) -> Belief:
+    """What is believed where scores decide.
+
+    Args:
+        scores: float64 [N].
+        likely: float64 [N], their `entry_probability`.
+        confidence: float64 [N], 0..1, that each entry is named rightly.
+        calibration: of the scores.
+        coverage: 0..1, of the label set.
+    """
+    present = float(present_probability(scores, likely, calibration))
+    labels = label_set(candidates(likely, present), nonconformity_bound(calibration.scenes, coverage))
+    entries = likely * confidence
+    best = confidence[entries.argmax()] if len(entries) else 1.0
+    return Belief(entries, float(present * best), _doubted(labels, confidence, coverage))
+
+
+def named_belief(likely: F64, label_ids: Sequence[int], confidence: F64, coverage: float) -> Belief:
+    """What is believed where the dictionary bears the very name: the words leave no question that a score could answer.
+
+    Args:
+        likely: float64 [N], the `entry_probability` of all entries.
+        label_ids: those that are named, at least one.
+        confidence: float64 [N], 0..1, that each entry is named rightly.
+        coverage: 0..1, of the label set.
+    """
+    rows = np.array(label_ids) - 1
+    certain = likely.copy()
+    certain[rows] = 1.0
+    entries = certain * confidence
+    ordered = tuple(sorted(label_ids, key=lambda label_id: -confidence[label_id - 1]))
+    return Belief(entries, float(entries.max()), _doubted(ordered, confidence, coverage))
+
+
+def _doubted(labels: tuple[int, ...], confidence: F64, coverage: float) -> tuple[int, ...]:
+    """The label set with 0, if none of its entries is named surely enough. More labels never cover less."""
+    if 0 in labels or confidence[np.array(labels) - 1].max() >= coverage:
+        return labels
+    return (*labels, 0)
 
 
 def _sigmoid(x: F64) -> F64:

@@ -2,69 +2,53 @@
 
 from __future__ import annotations
 
-import math
-import threading
-from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
-from fastsplat.service.query.calibration import calibration_for
-from fastsplat.service.query.embeddings import TextCache, embed_labels
+from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.explain import explain
-from fastsplat.service.query.probability import (
-    ScoreCalibration,
-    candidates,
-    entry_probability,
-    label_set,
-    nonconformity_bound,
-    present_probability,
-)
-from fastsplat.service.query.query_text import (
-    candidate_names,
-    check_negatives,
-    check_templates,
-    check_texts,
-    noun_phrase,
-)
-from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
+from fastsplat.service.query.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.probability import Belief, entry_probability, named_belief, scored_belief
+from fastsplat.service.query.prompt_context import PromptContext, PromptContexts
+from fastsplat.service.query.query_text import TextQuery
+from fastsplat.service.query.relevancy import F64, Scores, relevancy_scores
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.text_similarity import text_similarity
 from fastsplat.service.query.types import Answer, Match, Verdict
 from fastsplat.service.scene.types import Scene
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
 
-F64 = NDArray[np.float64]
-_NOWHERE = np.inf
-_KEPT_PROMPTS = 8
+Mask = NDArray[np.bool_]
+
+_FARTHEST = -1.0
+"""The score of what a question denies: nothing in common."""
 
 
 @dataclass(frozen=True)
-class _Prompted:
-    """A dictionary under one choice of negatives and templates."""
+class _Judgement:
+    """What an answer says, by entry.
 
-    entries: Entries
-    negatives: tuple[str, ...]
-    measured: ScoreCalibration | None
-    related: float | None
-    exact: float
-    temperature: float
+    Attributes:
+        verdict: see `Answer`.
+        relevant: bool [N], the entries that the answer speaks of.
+        leading: bool [N], those among them that lead whatever they score.
+        named: whether the names alone decided.
+    """
 
-
-@dataclass(frozen=True)
-class _Verdict:
     verdict: Verdict
-    chosen: NDArray[np.bool_]
-    named: int | None
+    relevant: Mask
+    leading: Mask
+    named: bool
 
 
 class Ranker:
-    """One dictionary, one text encoder. Threads may share it; arguments as in `SceneIndex`.
+    """One dictionary, one text encoder. Threads may share it.
 
     Args:
         scene: an artefact; only its dictionary and its label embeddings are read.
@@ -77,204 +61,113 @@ class Ranker:
     """
 
     def __init__(self, scene: Scene, counts: Sequence[int], encoder: TextEncoder, settings: QuerySettings) -> None:
-        self._scene = scene
-        self._counts = list(counts)
-        self._encoder = encoder
         self._settings = settings
+        self._counts = list(counts)
+        self._labels = [entry.label for entry in scene.dictionary.entries]
+        self._confidence = np.array([entry.confidence for entry in scene.dictionary.entries], dtype=np.float64)
+        self._names = NameIndex(scene.dictionary)
         self._cache = TextCache(encoder, settings.templates, settings.cached_texts)
-        self._names = [entry.label for entry in scene.dictionary.entries]
-        self._prompted: OrderedDict[tuple[tuple[str, ...], tuple[str, ...]], _Prompted] = OrderedDict()
-        self._lock = threading.Lock()
-        self._usual = self._prepare(settings.negatives, settings.templates, self._embed_labels(settings.templates))
+        self._contexts = PromptContexts(scene, encoder, self._cache, settings)
 
     @property
     def calibrated(self) -> bool:
         """Whether there are thresholds for this encoder, so that `related` can be said at all."""
-        return self._usual.related is not None
+        return self._contexts.default.related is not None
 
-    def ask(
-        self,
-        texts: Sequence[str],
-        negatives: Sequence[str] | None,
-        templates: Sequence[str] | None,
-        coverage: float | None,
-    ) -> tuple[Answer, ...]:
-        """See `SceneIndex.ask`."""
-        chosen = self._settings
-        check_texts(texts, max_texts=chosen.max_texts, max_chars=chosen.max_text_chars)
-        limits = {"max_prompts": chosen.max_prompts, "max_chars": chosen.max_text_chars}
-        if negatives is not None:
-            check_negatives(negatives, **limits)
-        if templates is not None:
-            check_templates(templates, **limits)
-        wanted = chosen.coverage if coverage is None else _checked_coverage(coverage)
-        kept = chosen.templates if templates is None else tuple(templates)
-        prompted = self._prompts(chosen.negatives if negatives is None else tuple(negatives), kept)
-        queries = self._cache.embed([noun_phrase(text) for text in texts], kept)
-        scores = score(prompted.entries, queries, prompted.temperature)
-        if chosen.score == "similarity":
-            primary, second = scores.similarity, scores.margin
-        else:
-            primary, second = scores.margin, scores.similarity
+    def rank(self, query: TextQuery) -> tuple[Answer, ...]:
+        """One answer per text, in order; every answer ranks the whole dictionary.
+
+        Raises:
+            LimitExceededError: more labels times templates than may be embedded for one question.
+            ModelUnavailableError: the encoder answers with something else than embeddings.
+        """
+        context = self._contexts.get(query.negatives, query.templates)
+        matches = [self._names.match(text) for text in query.texts]
+        similarity = text_similarity(query.texts, matches, context.entries.labels, self._cache, query.templates)
+        scores = relevancy_scores(similarity, context.entries, context.temperature)
         return tuple(
             self._answer(
-                text, prompted, wanted, primary[row], second[row], scores.similarity[row], scores.relevancy[row]
+                text,
+                match,
+                context,
+                query.coverage,
+                Scores(scores.similarity[row], scores.margin[row], scores.relevancy[row]),
             )
-            for row, text in enumerate(texts)
+            for row, (text, match) in enumerate(zip(query.texts, matches, strict=True))
         )
 
-    def _answer(
-        self,
-        text: str,
-        prompted: _Prompted,
-        coverage: float,
-        primary: F64,
-        second: F64,
-        similarity: F64,
-        relevancy: F64,
-    ) -> Answer:
-        measured = prompted.measured
-        likely = None if measured is None else entry_probability(primary, measured)
-        judged = self._judge(text, prompted, primary, likely)
-        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.chosen))
-        probability: float | None = None
-        present: float | None = None
-        labels: tuple[int, ...] = ()
-        if measured is not None and likely is not None:
-            present = float(present_probability(primary, likely, measured))
-            if judged.named is None:
-                bound = nonconformity_bound(measured.scenes, coverage)
-                labels = label_set(candidates(likely, present), bound)
-                probability = float(likely[order[0]]) if judged.verdict != "absent" else 1.0 - present
-            else:
-                # The dictionary bears that very name: no question is left that a score could answer.
-                likely[judged.named - 1], present, probability, labels = 1.0, 1.0, 1.0, (judged.named,)
-        rows = order.tolist()
-        matches = tuple(
-            map(
-                Match._make,
-                zip(
-                    (order + 1).tolist(),
-                    [self._names[row] for row in rows],
-                    relevancy[order].tolist(),
-                    similarity[order].tolist(),
-                    [prompted.negatives[j] for j in prompted.entries.nearest_negative[order].tolist()],
-                    [self._counts[row + 1] for row in rows],
-                    judged.chosen[order].tolist(),
-                    [None] * len(rows) if likely is None else likely[order].tolist(),
-                    strict=True,
-                ),
+    def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Answer:
+        """The answer to one text, of scores [N]."""
+        by_similarity = self._settings.score == "similarity"
+        primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
+        primary = np.where(self._mask(match.negated), _FARTHEST, primary)
+        calibration = context.calibration
+        likely = None if calibration is None else entry_probability(primary, calibration)
+        judged = self._judge(match, context, primary, likely)
+        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        belief: Belief | None = None
+        if calibration is not None and likely is not None:
+            belief = (
+                named_belief(likely, match.exact, self._confidence, coverage)
+                if match.exact
+                else scored_belief(primary, likely, self._confidence, calibration, coverage)
             )
-        )
-        held = _held_against(prompted, judged, float(primary[order[0]]) if rows else -_NOWHERE)
+        threshold = context.exact if judged.verdict == "exact" else context.related
         answer = Answer(
             text,
             judged.verdict,
-            matches,
+            self._matches(order, scores, context, judged.relevant, belief),
             explanation="",
-            probability=probability,
-            label_set=labels,
-            coverage=None if measured is None else coverage,
-            decided_by="score" if judged.named is None else "name",
-            threshold=held,
-            presence=present,
+            probability=None if belief is None else belief.of_verdict(None if judged.verdict == "absent" else order[0]),
+            label_set=() if belief is None else belief.label_set,
+            coverage=None if belief is None else coverage,
+            decided_by="name" if judged.named else "score",
+            threshold=None if judged.named or context.related is None else threshold,
+            presence=None if belief is None else belief.presence,
         )
-        return explain(answer, self._settings.score)
+        return replace(answer, explanation=explain(answer, match.unchecked))
 
-    def _judge(self, text: str, prompted: _Prompted, scores: F64, likely: F64 | None) -> _Verdict:
-        """The verdict and the entries it speaks of."""
-        named = self._named(text)
-        if named is not None:
-            return _Verdict("exact", np.arange(1, len(scores) + 1) == named, named)
-        exact = scores >= prompted.exact
-        if exact.any():
-            return _Verdict("exact", exact, None)
-        related = scores >= (_NOWHERE if prompted.related is None else prompted.related)
+    def _matches(
+        self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None
+    ) -> tuple[Match, ...]:
+        """All entries, best first. Built by columns: a ranking has as many as there are labels."""
+        rows = order.tolist()
+        columns = zip(
+            (order + 1).tolist(),
+            [self._labels[row] for row in rows],
+            scores.relevancy[order].tolist(),
+            scores.similarity[order].tolist(),
+            [context.negatives[j] for j in context.entries.nearest_negative[order].tolist()],
+            [self._counts[row + 1] for row in rows],
+            relevant[order].tolist(),
+            [None] * len(rows) if belief is None else belief.entries[order].tolist(),
+            strict=True,
+        )
+        return tuple(map(Match._make, columns))
+
+    def _judge(self, match: NameMatch, context: PromptContext, scores: F64, likely: F64 | None) -> _Judgement:
+        """The verdict and the entries it speaks of.
+
+        What a question names and says more of than a dictionary can tell is shown first, and is never exact.
+        """
+        if match.exact:
+            exact = self._mask(match.exact)
+            return _Judgement("exact", exact, exact, named=True)
+        negated = self._mask(match.negated)
+        exact = (scores >= context.exact) & ~negated
+        if exact.any() and not match.heads:
+            return _Judgement("exact", exact, exact, named=False)
+        passing = scores >= (np.inf if context.related is None else context.related)
+        related = passing
         if related.any() and likely is not None:
-            related &= (likely >= self._settings.related_probability) | (scores == scores.max())
-        return _Verdict("related" if related.any() else "absent", related, None)
+            related = related & ((likely >= self._settings.related_probability) | (scores == scores.max()))
+        leading = self._mask(match.heads)
+        related = (related | leading | self._mask(match.kinds)) & ~negated
+        deciding = leading if leading.any() else related
+        named = bool(deciding.any()) and not (deciding & passing).any()
+        return _Judgement("related" if related.any() else "absent", related, leading, named)
 
-    def _named(self, text: str) -> int | None:
-        for name in candidate_names(text):
-            found = self._scene.dictionary.id_of(name)
-            if found is not None:
-                return found
-        return None
-
-    def _prompts(self, negatives: tuple[str, ...], templates: tuple[str, ...]) -> _Prompted:
-        if (negatives, templates) == (self._settings.negatives, self._settings.templates):
-            return self._usual
-        key = (negatives, templates)
-        with self._lock:
-            if key in self._prompted:
-                self._prompted.move_to_end(key)
-                return self._prompted[key]
-        if templates == self._settings.templates:
-            labels = self._usual.entries.labels
-        else:
-            self._check_sentences(templates)
-            labels = self._embed_labels(templates)
-        made = self._prepare(negatives, templates, labels)
-        with self._lock:
-            self._prompted[key] = made
-            while len(self._prompted) > _KEPT_PROMPTS:
-                self._prompted.popitem(last=False)
-        return made
-
-    def _check_sentences(self, templates: tuple[str, ...]) -> None:
-        count, limit = len(self._names) * len(templates), self._settings.max_sentences
-        if count > limit:
-            raise LimitExceededError(
-                f"{len(self._names)} labels in {len(templates)} templates",
-                field="templates",
-                limit=f"{limit} sentences (FASTSPLAT_QUERY__MAX_SENTENCES)",
-                hint="Send fewer templates.",
-            )
-
-    def _embed_labels(self, templates: tuple[str, ...]) -> NDArray[np.float32]:
-        scene, encoder = self._scene, self._encoder
-        same = scene.text_encoder == (encoder.name, encoder.sha256) and scene.label_templates == templates
-        return scene.label_embeddings if same else embed_labels(scene.dictionary, encoder, templates)
-
-    def _prepare(
-        self, negatives: tuple[str, ...], templates: tuple[str, ...], labels: NDArray[np.float32]
-    ) -> _Prompted:
-        encoder, chosen = self._encoder, self._settings
-        against = self._cache.embed(negatives, templates)
-        if len(labels) and labels.shape[1] != against.shape[1]:
-            raise ModelUnavailableError(
-                f"text encoder {encoder.name} gives {against.shape[1]} numbers, not {labels.shape[1]}",
-                field="text_encoder",
-                hint="Put back the encoder that the scene was made with.",
-            )
-        measured = calibration_for(encoder.name, encoder.sha256, chosen.score, templates, negatives)
-        related, exact = chosen.threshold, chosen.exact_threshold
-        if measured is not None:
-            related = measured.related if related is None else related
-            exact = measured.exact if exact is None else exact
-        temperature = chosen.temperature
-        if temperature is None:
-            temperature = LERF_TEMPERATURE if measured is None else measured.temperature
-        return _Prompted(
-            entries(np.ascontiguousarray(labels), against),
-            negatives,
-            measured,
-            related,
-            _NOWHERE if exact is None or related is None else exact,
-            temperature,
-        )
-
-
-def _held_against(prompted: _Prompted, judged: _Verdict, best: float) -> float | None:
-    """The threshold that decided: see `Answer.threshold`."""
-    if judged.named is not None or prompted.related is None:
-        return None
-    return prompted.exact if judged.verdict == "exact" and math.isfinite(best) else prompted.related
-
-
-def _checked_coverage(coverage: float) -> float:
-    if isinstance(coverage, bool) or not isinstance(coverage, int | float) or not 0.0 <= coverage <= 1.0:
-        raise InvalidInputError(
-            f"a coverage of {coverage!r}", field="coverage", limit="0 to 1", hint="Send a share, e.g. 0.9."
-        )
-    return float(coverage)
+    def _mask(self, label_ids: Sequence[int]) -> Mask:
+        mask = np.zeros(len(self._labels), dtype=np.bool_)
+        mask[np.array(label_ids, dtype=np.intp) - 1] = True
+        return mask

@@ -1,4 +1,4 @@
-"""A scene that can be asked."""
+"""A scene that answers questions: texts to entries, masks and objects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
-from fastsplat.service.query.gaussian_labels import LabelField, label_field
+from fastsplat.service.query.gaussian_labels import GaussianLabels, label_gaussians
+from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Answer, Mask2D
@@ -28,10 +29,10 @@ _DEFAULTS = QuerySettings()
 class SceneIndex:
     """One scene, one text encoder. Threads may share it; asking touches no renderer.
 
-    An entry is *exact* when the hash table knows the query's name (without question words and articles), or when its
-    score reaches the encoder's exact threshold. Otherwise entries from the encoder's related threshold on are
-    *related*: the leading one, and those that are likely enough to be wanted beside it. An encoder that was never
-    calibrated (and no thresholds in the settings) knows names only; its answers say so.
+    An entry is *exact* when the question is its name (see `NameIndex.match`), or when its score reaches the encoder's
+    exact threshold. Otherwise entries from the encoder's related threshold on are *related*: the leading one, and those
+    that are likely enough to be an answer beside it; so are entries that the question names and says more of. An
+    encoder that was never calibrated (and no thresholds in the settings) knows names only; its answers say so.
 
     Args:
         scene: an artefact.
@@ -46,8 +47,8 @@ class SceneIndex:
     def __init__(self, scene: Scene, encoder: TextEncoder, settings: QuerySettings = _DEFAULTS) -> None:
         self.scene = scene
         self.settings = settings
-        self._field = label_field(scene)
-        counts: list[int] = np.bincount(self._field.classes, minlength=len(scene.dictionary) + 1).tolist()
+        self._labels = label_gaussians(scene)
+        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
         self._ranker = Ranker(scene, counts, encoder, settings)
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
@@ -60,14 +61,14 @@ class SceneIndex:
         return self._ranker.calibrated
 
     @property
-    def label_field(self) -> LabelField:
+    def gaussian_labels(self) -> GaussianLabels:
         """Label and confidence of each Gaussian."""
-        return self._field
+        return self._labels
 
     @property
     def gaussian_classes(self) -> NDArray[np.int32]:
         """int32 [G]: dictionary id of each Gaussian, 0 = undetected."""
-        return self._field.classes
+        return self._labels.classes
 
     def ask(
         self,
@@ -91,7 +92,13 @@ class SceneIndex:
                 "{}", a coverage outside 0..1.
             LimitExceededError: too many texts, negatives or templates, or one too long.
         """
-        return self._ranker.ask(texts, negatives, templates, coverage)
+        return self.answer(
+            check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
+        )
+
+    def answer(self, query: TextQuery) -> tuple[Answer, ...]:
+        """One answer per text of a question that was checked already, in order; see `ask`."""
+        return self._ranker.rank(query)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """bool [G]: Gaussians whose most probable class is a relevant entry; row number = Gaussian id.
@@ -99,30 +106,30 @@ class SceneIndex:
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
-        wanted = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
-        wanted[list(self._relevant_ids(answer))] = True
-        return np.asarray(wanted[self._field.classes])
+        relevant = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
+        relevant[list(self._relevant_ids(answer))] = True
+        return np.asarray(relevant[self._labels.classes])
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
-        """All things of this scene, see `find_objects`; found with the first question for them."""
+        """All objects of this scene, see `find_objects`; computed with the first question for them."""
         from fastsplat.service.query.objects import find_objects
 
         with self._objects_lock:
             if self._objects is None:
-                self._objects = find_objects(self.scene, self._field)
+                self._objects = find_objects(self.scene, self._labels)
             return self._objects
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
-        """The things that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
+        """The objects that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
         are in `mask3d`.
 
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
-        found = [thing for thing in self.objects if thing.label_id in place]
-        return tuple(sorted(found, key=lambda thing: place[thing.label_id]))
+        named = [instance for instance in self.objects if instance.label_id in place]
+        return tuple(sorted(named, key=lambda instance: place[instance.label_id]))
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.
@@ -138,12 +145,12 @@ class SceneIndex:
         return self._renderer_for(posed).mask(posed, relevant, relevancy)
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3]: the scene's colours on black.
+        """uint8 [H, W, 3]: the scene's colors on black.
 
         Raises:
             LimitExceededError: the image is larger than the settings allow.
         """
-        return self._renderer_for(posed).colours(posed)
+        return self._renderer_for(posed).colors(posed)
 
     def depth(self, posed: PosedCamera) -> NDArray[np.float32]:
         """float32 [H, W]: expected camera z in scene units, 0 where less than `alpha_min` is covered.

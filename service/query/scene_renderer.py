@@ -1,4 +1,4 @@
-"""A scene seen from a pose: colours, depth, label maps and masks. One rasterization each."""
+"""A scene seen from a pose: colors, depth, label maps and masks. One rasterization each."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class Renderer:
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
 
-    def colours(self, posed: PosedCamera) -> NDArray[np.uint8]:
+    def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3], on black."""
         return _to_bytes(self._rasterize(posed, self._rgb(posed)).image)
 
     def depth(self, posed: PosedCamera) -> F32:
         """float32 [H, W]: Σ w·z / Σ w in scene units, 0 where alpha is below `alpha_min`."""
-        seen = self._rasterize(posed, self._means.new_zeros(len(self._means), 1))
-        covered = seen.alpha >= max(self._settings.alpha_min, 1e-6)
-        expected = torch.where(covered, seen.depth / seen.alpha.clamp_min(1e-6), 0.0)
+        rendering = self._rasterize(posed, self._means.new_zeros(len(self._means), 1))
+        covered = rendering.alpha >= max(self._settings.alpha_min, 1e-6)
+        expected = torch.where(covered, rendering.depth / rendering.alpha.clamp_min(1e-6), 0.0)
         return _to_floats(expected)
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
@@ -54,17 +54,17 @@ class Renderer:
             relevant: dictionary ids.
             relevancy: float32 [N + 1], by class; class 0 (undetected) should be 0.
         """
-        seen = self._label(posed, self._rgb(posed), relevancy)
-        assert seen.relevancy is not None
-        classes = seen.classes.cpu().numpy()
-        wanted = np.zeros(self._classes, dtype=np.bool_)
-        wanted[list(relevant)] = True
-        mask = wanted[classes] & (seen.alpha.cpu().numpy() >= self._settings.alpha_min)
+        labels = self._label(posed, self._rgb(posed), relevancy)
+        assert labels.relevancy is not None
+        classes = labels.classes.cpu().numpy()
+        is_relevant = np.zeros(self._classes, dtype=np.bool_)
+        is_relevant[list(relevant)] = True
+        mask = is_relevant[classes] & (labels.alpha.cpu().numpy() >= self._settings.alpha_min)
         return Mask2D(
             mask=mask,
             label_ids=np.asarray(classes * mask, dtype=np.uint16),
-            relevancy=_to_floats(seen.relevancy.clamp(0.0, 1.0)),
-            rgb=_to_bytes(seen.image),
+            relevancy=_to_floats(labels.relevancy.clamp(0.0, 1.0)),
+            rgb=_to_bytes(labels.image),
         )
 
     def _label(self, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:

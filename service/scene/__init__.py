@@ -3,9 +3,19 @@
 from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.ply import read_ply, write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, Scene, SemanticHead
+from fastsplat.service.scene.types import (
+    CodeSemantics,
+    Evidence,
+    Gaussians,
+    LabelMode,
+    Scene,
+    SemanticHead,
+    Semantics,
+    semantics_of,
+)
 
 __all__ = [
+    "CodeSemantics",
     "Evidence",
     "Gaussians",
     "LabelMode",
@@ -13,8 +23,10 @@ __all__ = [
     "SceneFileError",
     "SceneSchemaError",
     "SemanticHead",
+    "Semantics",
     "read_ply",
     "read_scene",
+    "semantics_of",
     "write_ply",
     "write_scene",
 ]

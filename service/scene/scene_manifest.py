@@ -17,10 +17,11 @@ from fastsplat.service.common.errors import FastSplatError, InvalidInputError
 from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.types import LabelMode
 
-SCHEMA = 2
-"""Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes."""
+SCHEMA = 3
+"""Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
+confidence of dictionary entries: it is read as 1."""
 
-_READABLE = (1, SCHEMA)
+_READABLE = range(1, SCHEMA + 1)
 
 _FORMAT = "fastsplat-scene"
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
@@ -183,6 +184,7 @@ class _Entry(_Strict):
     aliases: Annotated[tuple[str, ...], Field(strict=False)]
     pixels: int
     views: int
+    confidence: Annotated[float, Field(ge=0, le=1)] = 1.0
 
 
 class _Encoder(_Strict):

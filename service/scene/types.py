@@ -91,6 +91,22 @@ class Evidence:
         return len(self.starts) - 1
 
 
+@dataclass(frozen=True)
+class CodeSemantics:
+    """Labels of G Gaussians as their semantic codes.
+
+    Attributes:
+        codes: float32 [G, D].
+        head: the affine map from a code to one logit per class.
+    """
+
+    codes: F32
+    head: SemanticHead
+
+
+Semantics = CodeSemantics | Evidence
+"""What the labels of Gaussians are made from."""
+
 LabelMode = Literal["codes", "evidence"]
 """What says which label a Gaussian has: its code under the affine map W, or what the label maps showed of it."""
 
@@ -133,3 +149,11 @@ class Scene:
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
         assert self.evidence is not None or self.label_mode == "codes"
+
+
+def semantics_of(scene: Scene) -> Semantics:
+    """What says which label each Gaussian has, as `Scene.label_mode` chooses: its code, or the evidence of the label
+    maps."""
+    if scene.label_mode == "evidence" and scene.evidence is not None:
+        return scene.evidence
+    return CodeSemantics(scene.gaussians.codes, scene.head)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
 from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize
 
 _CHANNELS = 32
@@ -40,9 +40,10 @@ class LabelBlend(Protocol):
 
 def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
     """By the scene's codes or by its evidence, as its `label_mode` says."""
-    if scene.label_mode == "codes" or scene.evidence is None:
-        return CodeBlend(scene.gaussians.codes, scene.head, device)
-    return EvidenceBlend(scene.evidence, len(scene.dictionary) + 1, device)
+    semantics = semantics_of(scene)
+    if isinstance(semantics, Evidence):
+        return EvidenceBlend(semantics, len(scene.dictionary) + 1, device)
+    return CodeBlend(semantics.codes, semantics.head, device)
 
 
 class CodeBlend:

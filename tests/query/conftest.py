@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query import QuerySettings
+from fastsplat.service.query import QuerySettings, calibration
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 
 SIZE = 16
@@ -44,6 +45,15 @@ class DrawnEncoder:
 @pytest.fixture
 def drawn_encoder() -> Callable[..., DrawnEncoder]:
     return DrawnEncoder
+
+
+@pytest.fixture
+def calibrated_encoder() -> DrawnEncoder:
+    """Stands in for an encoder whose scores were measured: it has that one's name and hash."""
+    encoder = DrawnEncoder()
+    (key,) = json.loads(calibration.FILE.read_text())
+    encoder.name, encoder.sha256 = key.split("@")[0], key.split("@")[1].ljust(64, "0")
+    return encoder
 
 
 @pytest.fixture

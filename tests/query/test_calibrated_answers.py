@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex, calibration
+from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.scene import Scene
 
 
@@ -16,13 +15,10 @@ from fastsplat.service.scene import Scene
     ("count", "temperature"), [(0, None), (1, None), (2, None), (2, 0.0), (2, 1e6), (10_000, None)]
 )
 def test_calibrated_answers_of_any_dictionary_are_whole(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], count: int, temperature: float | None
+    make_scene: Callable[..., Scene], calibrated_encoder: Any, count: int, temperature: float | None
 ) -> None:
-    encoder = drawn_encoder()  # stands in for an encoder that was measured
-    (key,) = json.loads(calibration.FILE.read_text())
-    encoder.name, encoder.sha256 = key.split("@")[0], key.split("@")[1].ljust(64, "0")
     settings = QuerySettings(temperature=temperature)
-    index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), encoder, settings)
+    index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), calibrated_encoder, settings)
     assert index.calibrated
     for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
         sets = [index.ask([text], coverage=coverage)[0] for coverage in (0.0, 0.5, 0.9, 1.0)]

@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
-from fastsplat.service.query.gaussian_labels import label_field
+from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import masses
 from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.scene.label_evidence import evidence_from_dense
@@ -61,7 +61,7 @@ def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any)
     after = apply_edit(index, removal)
     assert_same(after.gaussians, rows_of(scene, kept))
     np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[kept])
-    np.testing.assert_array_equal(label_field(after).confidence, index.label_field.confidence[kept])
+    np.testing.assert_array_equal(label_gaussians(after).confidence, index.gaussian_labels.confidence[kept])
     without = replace(scene, gaussians=rows_of(scene, kept), evidence=None)
     np.testing.assert_array_equal(opened(after).render(FRONT), opened(without).render(FRONT))
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()

@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.gaussian_labels import label_field
+from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.splatting import blending
@@ -31,7 +31,7 @@ def sure(labels: np.ndarray, count: int) -> Evidence:
 
 def as_evidence(scene: Scene) -> Scene:
     """The scene with its codes' labels written down as evidence."""
-    classes = label_field(scene).classes
+    classes = label_gaussians(scene).classes
     return with_evidence(scene, sure(classes, len(classes)))
 
 
@@ -57,7 +57,7 @@ def test_codes_and_the_same_labels_as_evidence_answer_alike(
 
 def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> None:
     scene = make_scene()
-    found = label_field(scene)
+    found = label_gaussians(scene)
     logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
     expected = np.exp(logits.max(1)) / np.exp(logits).sum(1)
     np.testing.assert_allclose(found.confidence, expected, rtol=1e-5)
@@ -70,7 +70,7 @@ def test_evidence_that_nobody_asks_changes_nothing(
     scene = make_scene()
     silent = replace(scene, evidence=sure(np.full(4, 3), 4))
     np.testing.assert_array_equal(ask(scene).label_map(front), ask(silent).label_map(front))
-    np.testing.assert_array_equal(label_field(scene).classes, label_field(silent).classes)
+    np.testing.assert_array_equal(label_gaussians(scene).classes, label_gaussians(silent).classes)
 
 
 def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
@@ -93,7 +93,7 @@ def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
         codes=line[rows - 1],
     )
     codes = replace(scene, gaussians=gaussians, head=head)
-    np.testing.assert_array_equal(label_field(codes).classes, rows)
+    np.testing.assert_array_equal(label_gaussians(codes).classes, rows)
     assert 2 in ask(codes).label_map(front)
     shown = np.unique(ask(with_evidence(codes, sure(rows, 80))).label_map(front))
     assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
@@ -103,7 +103,7 @@ def test_what_no_view_has_seen_has_no_label_and_no_say(
     make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
 ) -> None:
     never = with_evidence(make_scene(), no_evidence(4))
-    found = label_field(never)
+    found = label_gaussians(never)
     assert not found.classes.any() and not found.confidence.any()
     index = ask(never)
     assert not index.label_map(front).any()
@@ -127,7 +127,7 @@ def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], Sc
         (answer,) = index.ask(["mug"])
         assert answer.matches == () and answer.verdict == "absent"
         assert not index.gaussian_classes.any() and not index.label_map(front).any()
-        assert not index.mask2d(answer, front).mask.any() and not label_field(scene).confidence.any()
+        assert not index.mask2d(answer, front).mask.any() and not label_gaussians(scene).confidence.any()
 
 
 def test_one_label(make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.query.relevancy import Scores, entries
-from fastsplat.service.query.relevancy import score as score_entries
+from fastsplat.service.query.relevancy import Scores, cosines, entries, relevancy_scores
 
 
 def unit(count: int, seed: int, size: int = 12) -> np.ndarray:
@@ -15,7 +14,7 @@ def unit(count: int, seed: int, size: int = 12) -> np.ndarray:
 
 
 def score(labels: np.ndarray, queries: np.ndarray, negatives: np.ndarray, temperature: float) -> Scores:
-    return score_entries(entries(labels, negatives), queries, temperature)
+    return relevancy_scores(cosines(queries, labels), entries(labels, negatives), temperature)
 
 
 def test_it_is_the_smallest_pairwise_softmax() -> None:
@@ -71,5 +70,5 @@ def test_a_query_equal_to_a_negative_is_never_above_one_half() -> None:
 
 
 def test_no_entries() -> None:
-    found = score(np.zeros((0, 0), dtype=np.float32), unit(3, 1), unit(4, 2), 10.0)
+    found = score(np.zeros((0, 12), dtype=np.float32), unit(3, 1), unit(4, 2), 10.0)
     assert found.relevancy.shape == (3, 0)

@@ -45,7 +45,9 @@ def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]
         evidence: bool = False,
     ) -> Scene:
         rng = np.random.default_rng(1)
-        entries = tuple(DictionaryEntry(label, (f"{label} alias",), 7 * i, i) for i, label in enumerate(labels))
+        entries = tuple(
+            DictionaryEntry(label, (f"{label} alias",), 7 * i, i, 1 / (1 + i)) for i, label in enumerate(labels)
+        )
         embeddings = rng.standard_normal((len(labels), 8)).astype(np.float32)
         pose = np.eye(4)
         pose[:3, 3] = [0.1, 1 / 3, -2e-17]

@@ -222,9 +222,38 @@ def test_a_scene_of_the_first_schema_has_its_labels_in_the_codes(
     body = {**json.loads(path.read_text()), "schema": 1}
     del body["label_mode"], body["evidence"]
     path.write_text(_sealed(body))
-    found = read_scene(tmp_path / "v1")
-    assert_same(scene, found)
-    assert found.evidence is None and found.label_mode == "codes"
+    read = read_scene(tmp_path / "v1")
+    assert_same(scene, read)
+    assert read.evidence is None and read.label_mode == "codes"
+
+
+def test_a_scene_of_the_second_schema_is_sure_of_its_names(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(evidence=True), tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = {**json.loads(path.read_text()), "schema": 2}
+    for entry in body["dictionary"]:
+        del entry["confidence"]
+    path.write_text(_sealed(body))
+    assert [entry.confidence for entry in read_scene(tmp_path / "v1").dictionary.entries] == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("confidence", [-0.1, 1.5, "0.5", None])
+def test_a_confidence_that_is_none_is_damage(
+    make_scene: Callable[..., Scene], tmp_path: Path, confidence: object
+) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = json.loads(path.read_text())
+    body["dictionary"][1]["confidence"] = confidence
+    path.write_text(_sealed(body))
+    with pytest.raises(SceneFileError, match="confidence"):
+        read_scene(tmp_path / "v1")
+
+
+def test_a_scene_whose_names_later_rules_take_for_one_is_read(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(labels=("dice", "die")), tmp_path / "v1")
+    dictionary = read_scene(tmp_path / "v1").dictionary
+    assert [dictionary.id_of(name) for name in ("dice", "die")] == [1, 2]
 
 
 def test_a_manifest_cannot_promise_evidence_that_is_not_there(make_scene: Callable[..., Scene], tmp_path: Path) -> None:

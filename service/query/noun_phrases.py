@@ -1,0 +1,132 @@
+"""The grammar of a question, as far as it decides what is asked for: question words off, heads apart from what is said
+of them. English; other languages pass through as one head."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from fastsplat.service.common.dictionary import label_key
+
+_QUESTION = re.compile(
+    r"^(?:please|where(?:'s| is| are)|what(?:'s| is| are)|which(?: is| are)?|is there|are there"
+    r"|is(?= (?:the|a|an|my|your|our|any) )|(?:can|do) you see|can you (?:find|show)(?: me)?|find(?: me)?|show(?: me)?"
+    r"|locate|look for|search for|point (?:at|to)|go to|bring me|give me|i(?:'m| am) looking for)\s+",
+    re.IGNORECASE,
+)
+_ARTICLE = re.compile(
+    r"^(?:a|an|the|my|your|our|their|his|her|its|this|that|these|those|some|any|every|each|all(?: of)? the)\s+",
+    re.IGNORECASE,
+)
+_ENDING = re.compile(
+    r"\s+(?:please|here|there|in here|in (?:the|this) (?:scene|room|picture|image|view))$", re.IGNORECASE
+)
+_EDGE = " \t\n\r\f\v?!.,;:\"'`“”‘’«»¿¡()[]"
+
+_NEGATORS = "without|except(?: for)?|excluding|instead of|rather than|other than|(?:but |and )?not|no"
+_RELATORS = (
+    r"(?:full|made|filled|covered) (?:of|with|in)|of|for|with|on top of|on|inside|in front of|in|underneath|under|below"
+    r"|above|behind|beside|besides|between|near|next to|at|by|from|to|over|around|against|outside|that|which|who|whose"
+    r"|wearing|holding|carrying|containing|lying|sitting|standing|hanging"
+)
+_NEGATOR = re.compile(_NEGATORS, re.IGNORECASE)
+_CONNECTOR = re.compile(rf"(?:^|(?<=\s))({_NEGATORS}|{_RELATORS})(?:\s+|$)", re.IGNORECASE)
+_COORDINATION = re.compile(r"\s*,\s*(?:and\s+|or\s+)?|\s+(?:and|or)\s+", re.IGNORECASE)
+
+_COLORS = frozenset(
+    "red orange yellow green blue purple violet pink brown black white gray grey beige turquoise golden silver".split()
+)
+_SHADES = frozenset("light dark bright pale".split())
+_PLAIN = _COLORS | frozenset(
+    "big large huge small little tiny tall long short wide narrow thick thin old new empty full open closed broken "
+    "clean dirty two three four five six seven eight nine ten several many both other another colored coloured".split()
+)
+"""Modifiers that pick among the objects of a class and make no other class of it. Materials are not here (a wooden
+horse is no horse, a paper towel no towel), nor what often makes a name of its own (a hot dog, a high chair)."""
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What a phrase says of its head.
+
+    Attributes:
+        connector: the word before it, folded: "of", "on", "without".
+        groups: the noun groups that follow, articles off: "lid".
+        negated: whether the phrase denies it.
+    """
+
+    connector: str
+    groups: tuple[str, ...]
+    negated: bool
+
+
+@dataclass(frozen=True)
+class NounPhrase:
+    """A question taken apart.
+
+    Attributes:
+        text: the question without question words, articles, politeness and punctuation around it.
+        heads: the noun groups that are asked for; "fork and knife" has two, "on the bed" none.
+        details: what is said of them, in order.
+        tail: the text of all details, with their connectors; "" without.
+    """
+
+    text: str
+    heads: tuple[str, ...]
+    details: tuple[Detail, ...]
+    tail: str
+
+
+def noun_phrase(text: str) -> str:
+    """The text without question words, articles, politeness and punctuation around it: "where is the mug?" → "mug".
+
+    Never empty: a text of nothing else stays as it is.
+    """
+    phrase = " ".join(text.split())
+    while True:
+        shorter = phrase.strip(_EDGE)
+        for pattern in (_QUESTION, _ARTICLE, _ENDING):
+            shorter = pattern.sub("", shorter, count=1)
+        if not shorter.strip(_EDGE):
+            return phrase
+        if shorter == phrase:
+            return phrase
+        phrase = shorter
+
+
+def parse_noun_phrase(text: str) -> NounPhrase:
+    """The heads of a question and what it says of them: "kettle without a lid" → head "kettle", detail "lid", negated.
+
+    In English the head noun comes before whatever a preposition or a relative clause adds, and last in its own group.
+    """
+    phrase = noun_phrase(text)
+    connectors = list(_CONNECTOR.finditer(phrase))
+    starts = [connector.start() for connector in connectors] + [len(phrase)]
+    details = tuple(
+        Detail(
+            connector=connector[1].casefold(),
+            groups=noun_groups(phrase[connector.end() : end]),
+            negated=_NEGATOR.fullmatch(connector[1]) is not None,
+        )
+        for connector, end in zip(connectors, starts[1:], strict=True)
+    )
+    return NounPhrase(phrase, noun_groups(phrase[: starts[0]]), details, phrase[starts[0] :].strip())
+
+
+def noun_groups(text: str) -> tuple[str, ...]:
+    """The members of an enumeration, articles off: "a fork, or the knife" → "fork", "knife"."""
+    return tuple(noun_phrase(part) for part in _COORDINATION.split(text) if part.strip(_EDGE))
+
+
+def split_modifiers(group: str) -> tuple[frozenset[str], str]:
+    """The plain modifiers of a noun group, and the rest of it in the singular: "big red mugs" → {big, red}, "mug"."""
+    words = label_key(group).split(" ")
+    modifiers = 0
+    while modifiers < len(words) - 1:
+        if words[modifiers] in _PLAIN:
+            modifiers += 1
+        elif words[modifiers] in _SHADES and words[modifiers + 1] in _COLORS and modifiers + 2 < len(words):
+            modifiers += 2
+        else:
+            break
+    return frozenset(words[:modifiers]), " ".join(words[modifiers:])
