@@ -34,11 +34,11 @@ def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
     with _errors(console):
         entries = load_manifest(manifest)
         table = Table(title=f"Models in {directory}")
-        for heading in ("name", "state", "licence", "role"):
+        for heading in ("name", "state", "license", "role"):
             table.add_column(heading, no_wrap=True)
         for entry in entries:
             name = f"{entry.name} (default)" if entry.default else entry.name
-            table.add_row(name, model_state(entry, directory), entry.licence, entry.role.replace("_", " "))
+            table.add_row(name, model_state(entry, directory), entry.license, entry.role.replace("_", " "))
     console.print(table)
 
 
@@ -47,8 +47,9 @@ def pull(
     names: Annotated[list[str] | None, typer.Argument(help="Models of the manifest; none: the defaults.")] = None,
     models: _Directory = None,
     manifest: _Manifest = None,
-    allow_licence: Annotated[
-        list[str] | None, typer.Option(help="Accept this licence (SPDX name) too; may be repeated.")
+    allow_license: Annotated[
+        list[str] | None,
+        typer.Option("--allow-license", "--allow-licence", help="Accept this license (SPDX) too; may be repeated."),
     ] = None,
     revision: Annotated[
         str | None, typer.Option(help="Commit (40 hex digits) for Hugging Face repositories without a pinned one.")
@@ -79,7 +80,7 @@ def pull(
             names or (),
             report=report,
             manifest=manifest,
-            allow_licences=allow_licence or (),
+            allow_licenses=allow_license or (),
             revision=revision,
         )
 

@@ -19,14 +19,14 @@ def box_iou(first: Boxes, second: Boxes) -> NDArray[np.float32]:
     return np.asarray(intersection / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
 
 
-def suppress(boxes: Boxes, scores: NDArray[np.float32], iou: float) -> NDArray[np.intp]:
+def nms(boxes: Boxes, scores: NDArray[np.float32], iou: float) -> NDArray[np.intp]:
     """Greedy non-maximum suppression: rows to keep, best first; ties go to the earlier row."""
     overlaps = box_iou(boxes, boxes)
-    kept: list[int] = []
+    winners: list[int] = []
     for row in np.argsort(-scores, kind="stable"):
-        if all(overlaps[row, other] <= iou for other in kept):
-            kept.append(int(row))
-    return np.asarray(kept, dtype=np.intp)
+        if all(overlaps[row, other] <= iou for other in winners):
+            winners.append(int(row))
+    return np.asarray(winners, dtype=np.intp)
 
 
 def clip_boxes(boxes: Boxes, width: int, height: int) -> Boxes:

@@ -1,4 +1,4 @@
-"""Which detector looks for what, over a whole capture."""
+"""Detections of every view of a capture: which detector looks for what."""
 
 from __future__ import annotations
 
@@ -10,28 +10,36 @@ import numpy as np
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.class_names import TAGS
-from fastsplat.service.perception.detection_voting import one_name_each, settle
+from fastsplat.service.perception.detection_voting import merge_spellings, resolve_detections
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 
-_WINDOW = 0.6
+_CROP = 0.6
 _CUT_PX = 4
 
-Load = Callable[[int], Image]
+LoadImage = Callable[[int], Image]
 """Loads the image of a position among the views that perception looks at."""
 
-Seen = Callable[[int, str], None]
-"""Told the number of views done in this pass and a line for people; may raise `CancelledError`."""
+OnView = Callable[[int, str], None]
+"""Called with the number of views done in this pass and a line for people; may raise `CancelledError`."""
 
 
-def find(
-    load: Load, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, seen: Seen
+def detect_views(
+    load: LoadImage, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, on_view: OnView
 ) -> list[Detections]:
-    """Raw detections of every view, scoring the settings' floor at least, with one name per kind.
+    """Raw detections of every view, scoring the settings' floor at least, with one name for each class.
 
-    With an open-set detector: prompted by the user's labels, else by what `settings.prompt_source` says. Without:
-    what the closed-set detector finds, of the user's labels only if there are any.
+    With an open-set detector: prompted by the user's labels, else by what `settings.prompt_source` says. Without: what
+    the closed-set detector detects, of the user's labels only if there are any.
+
+    Args:
+        load: loads the image of a view.
+        count: views, numbered from 0.
+        labels: names to look for; empty: whatever is there.
+        settings: models and thresholds.
+        models: the model directory.
+        on_view: called after every view.
 
     Raises:
         InvalidInputError: the closed-set detector cannot know some of the labels; names them.
@@ -41,60 +49,67 @@ def find(
     if not settings.open_set_detector:
         closed = open_closed_set_detector(settings, models)
         _refuse_unknown(names, closed, settings)
-        return _closed_pass(closed, load, count, names, settings, seen)
-    prompts = names or _prompts(load, count, settings, models, seen)
+        return _closed_set_pass(closed, load, count, names, settings, on_view)
+    prompts = names or _prompts(load, count, settings, models, on_view)
     detector = open_open_set_detector(settings, models)
-    found = []
+    detections = []
     for view in range(count):
-        found.append(detector.detect(load(view), prompts, settings.open_score_floor))
-        seen(view + 1, f"looking for {len(prompts)} kinds of things, view {view + 1}/{count}")
-    return one_name_each(found, prompts)
+        detections.append(detector.detect(load(view), prompts, settings.open_score_floor))
+        on_view(view + 1, f"looking for {len(prompts)} classes of objects, view {view + 1}/{count}")
+    return merge_spellings(detections, prompts)
 
 
-def _prompts(load: Load, count: int, settings: PerceptionSettings, models: Path, seen: Seen) -> list[str]:
+def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: Path, on_view: OnView) -> list[str]:
     if settings.prompt_source == "closed_set":
         closed = open_closed_set_detector(settings, models)
-        settled, _ = settle(_closed_pass(closed, load, count, [], settings, seen), settings, named=False)
-        finds = dict.fromkeys(label for view in settled for label in view.labels)
-        if finds:
-            return list(finds)
+        detections = _closed_set_pass(closed, load, count, [], settings, on_view)
+        resolved, _ = resolve_detections(detections, settings, named=False)
+        classes = dict.fromkeys(label for view in resolved for label in view.labels)
+        if classes:
+            return list(classes)
     return list(settings.tags or TAGS)
 
 
-def _closed_pass(
-    detector: ClosedSetDetector, load: Load, count: int, names: Sequence[str], settings: PerceptionSettings, seen: Seen
+def _closed_set_pass(
+    detector: ClosedSetDetector,
+    load: LoadImage,
+    count: int,
+    names: Sequence[str],
+    settings: PerceptionSettings,
+    on_view: OnView,
 ) -> list[Detections]:
-    wanted = {label_key(name) for name in names}
-    found = []
+    keys = {label_key(name) for name in names}
+    detections = []
     for view in range(count):
         image = load(view)
-        look = _closer_look if settings.closer_look else _plain_look
-        everything = look(detector, image, settings.score_floor)
-        rows = [i for i, label in enumerate(everything.labels) if not wanted or label_key(label) in wanted]
-        found.append(everything.take(rows))
-        seen(view + 1, f"looking for things, view {view + 1}/{count}")
-    return one_name_each(found, names)
+        detect = _detect_in_crops if settings.closer_look else _detect_whole
+        everything = detect(detector, image, settings.score_floor)
+        rows = [row for row, label in enumerate(everything.labels) if not keys or label_key(label) in keys]
+        detections.append(everything.take(rows))
+        on_view(view + 1, f"looking for objects, view {view + 1}/{count}")
+    return merge_spellings(detections, names)
 
 
-def _plain_look(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
+def _detect_whole(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
     return detector.detect(image, min_score)
 
 
-def _closer_look(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
-    """What the detector finds in the whole image and in its four corners, each _WINDOW of the sides; a box that ends
-    where its corner ends, inside the image, is a cut thing and does not count."""
+def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
+    """What the detector detects in the whole image and in its four corners, each _CROP of the sides; a box that ends
+    where its crop ends, inside the image, is a part of an object and does not count."""
     height, width = image.shape[:2]
-    tall, wide = round(height * _WINDOW), round(width * _WINDOW)
+    crop_height, crop_width = round(height * _CROP), round(width * _CROP)
     parts = [detector.detect(image, min_score)]
-    for top in (0, height - tall):
-        for left in (0, width - wide):
-            found = detector.detect(np.ascontiguousarray(image[top : top + tall, left : left + wide]), min_score)
-            boxes = found.boxes + np.array([left, top, left, top], np.float32)
-            inner = np.array([left, top, left + wide, top + tall], np.float32)
+    for top in (0, height - crop_height):
+        for left in (0, width - crop_width):
+            crop = np.ascontiguousarray(image[top : top + crop_height, left : left + crop_width])
+            detections = detector.detect(crop, min_score)
+            boxes = detections.boxes + np.array([left, top, left, top], np.float32)
+            inner = np.array([left, top, left + crop_width, top + crop_height], np.float32)
             outer = np.array([0, 0, width, height], np.float32)
             cut = (np.abs(boxes - inner) < _CUT_PX) & (inner != outer)
             whole = np.flatnonzero(~cut.any(1))
-            parts.append(Detections(boxes, found.scores, found.labels).take(whole))
+            parts.append(Detections(boxes, detections.scores, detections.labels).take(whole))
     return joined(parts)
 
 

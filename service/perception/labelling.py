@@ -1,8 +1,9 @@
-"""The room's main work: a capture in, a dictionary and label maps out."""
+"""A capture in, a dictionary and label maps out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,112 +14,153 @@ from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.capture_detection import find
-from fastsplat.service.perception.detection_voting import settle, votes_for, weights
-from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, settle_masks
+from fastsplat.service.perception.capture_detection import detect_views
+from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
-from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
+from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 
-_FINDING = 0.3  # share of the stage's progress; segmentation takes the rest
+_DETECTION_SHARE = 0.3
+"""Of the stage's progress; segmentation takes the rest."""
+
+
+@dataclass(frozen=True)
+class _ResolvedViews:
+    """What the views together make of their detections.
+
+    Attributes:
+        candidates: of each view, every detection that scores enough to count, under the name of its entry.
+        objects: of each view, those that the views together support, one for each object.
+        support: of each class, see `resolve_detections`.
+        ids: label id of each class, from 1.
+        aliases: see `synonyms`.
+    """
+
+    candidates: Sequence[Detections]
+    objects: Sequence[Detections]
+    support: Mapping[str, float]
+    ids: Mapping[str, int]
+    aliases: Mapping[str, str]
 
 
 def label_capture(
     capture: Capture, settings: PerceptionSettings, models: Path, labels: Sequence[str], progress: Progress
 ) -> Labelling:
-    """Name the pixels of every view.
+    """Label maps of every view, and the dictionary of their labels.
 
-    Label maps that came with the capture are taken as they are, and no model runs. Otherwise every view is searched
-    first (see `finding.find`), then the views together decide what is in the scene (`votes.settle`), then boxes become
-    masks, rivals for the same pixels are settled, and overlaps go to the smaller mask (`maps.paint`). What the losing
-    rivals were called is kept with each region: once there is geometry, the views vote again.
+    Label maps that came with the capture are taken as they are, and no model runs. Otherwise objects are detected in
+    every view first (`detect_views`), then the views together decide which detections stand (`resolve_detections`),
+    then boxes become masks and masks the regions of a view (`_segment_regions`), overlaps going to the smaller mask.
+    With each region stays what its rivals were called (`region_votes`): once there is geometry, the views vote again.
 
     Args:
         capture: registered images.
         settings: models and thresholds.
         models: the model directory.
         labels: names to look for; empty: whatever is there.
-        progress: hears of every view; may raise `CancelledError`.
+        progress: called for every view; may raise `CancelledError`.
 
     Returns:
         One label map per view, in order. With `settings.max_views`, views that were not looked at are undetected
-        throughout. A scene in which nothing is found has an empty dictionary.
+        throughout. A scene in which nothing is detected has an empty dictionary.
 
     Raises:
-        InvalidInputError: labels the closed-set detector cannot know; given maps of a wrong size or with unknown ids.
+        InvalidInputError: labels the closed-set detector cannot know; label maps of a wrong size or with unknown ids.
         ModelUnavailableError: a configured model is missing, damaged or of another contract.
     """
     if capture.given_labels is not None:
-        return _given(capture, capture.given_labels, progress)
-    total = len(capture.views)
-    looked_at = _spread(total, settings.max_views)
+        return _read_labels(capture, capture.given_labels, progress)
+    positions = _spread(len(capture.views), settings.max_views)
     # Opened first: a missing model should fail before minutes of detection.
     segmenter = open_segmenter(settings, models)
 
     def load(position: int) -> Image:
-        return load_image(capture.views[looked_at[position]])
+        return load_image(capture.views[positions[position]])
 
-    def seen(done: int, message: str) -> None:
-        progress(ProgressEvent("perception", _FINDING * done / len(looked_at), message))
+    def on_view(done: int, message: str) -> None:
+        progress(ProgressEvent("perception", _DETECTION_SHARE * done / len(positions), message))
 
-    found = find(load, len(looked_at), labels, settings, models, seen)
-    rules = settings.of_open_set() if settings.open_set_detector else settings
-    aliases: dict[str, str] = {}
-    if settings.synonym_cosine < 1 and settings.open_set_detector and not labels:
-        encoder = open_text_encoder(settings.text_encoder, models, threads=settings.threads)
-        believed = settle(found, rules.model_copy(update={"rival_iou": 1.0}), named=False)[0]
-        aliases = synonyms(believed, encoder, cosine=settings.synonym_cosine, iou=settings.synonym_iou)
-        found = renamed(found, aliases)
-    settled, support = settle(found, rules, named=bool(labels))
-    shown = dict.fromkeys(kind for view in settled for kind in view.labels)
-    # A name that was asked for may lose every box to a rival; when the views vote it may win after all.
-    heard = dict.fromkeys(kind for view in found for kind in view.labels) if labels else {}
-    ids = {kind: i for i, kind in enumerate({**shown, **heard}, start=1)}
-
+    detections = detect_views(load, len(positions), labels, settings, models, on_view)
+    resolved = _resolve(detections, bool(labels), settings, models)
     maps = [_blank(view) for view in capture.views]
     regions = [Regions(blank, ()) for blank in maps]
-    for position, view_index in enumerate(looked_at):
-        view = capture.views[view_index]
-        detections = settled[position]
-        if len(detections):
+    for position, view_index in enumerate(positions):
+        objects = resolved.objects[position]
+        if len(objects):
+            view = capture.views[view_index]
             image = load(position)
-            masks = segmenter.masks(segmenter.embed(image), detections.boxes)
-            likely = found[position].take(np.flatnonzero(found[position].scores >= rules.score_floor))
-            votes = votes_for(detections, likely, ids, settings.rival_iou)
-            maps[view_index], regions[view_index] = _label_map(
-                masks, detections, weights(detections, support), votes, ids, settings
-            )
-            _blank_outside(maps[view_index], view)
-            _blank_outside(regions[view_index].ids, view)
-        fraction = _FINDING + (1 - _FINDING) * (position + 1) / len(looked_at)
-        things = f"{len(detections)} thing{'s' if len(detections) != 1 else ''}"
-        progress(ProgressEvent("perception", fraction, f"cutting out {things}, view {position + 1}/{len(looked_at)}"))
-    return finished(list(ids), maps, aliases, min_pixels=settings.min_pixels, regions=regions, expected=bool(labels))
+            masks = segmenter.masks(segmenter.embed(image), objects.boxes)
+            region_ids, rows = _segment_regions(masks, objects, resolved.support, settings)
+            _blank_outside(region_ids, view)
+            votes = region_votes(objects, resolved.candidates[position], resolved.ids, settings.rival_iou)
+            regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
+            region_labels = np.array([0, *(resolved.ids[objects.labels[row]] for row in rows)], np.uint16)
+            maps[view_index] = region_labels[region_ids]
+        fraction = _DETECTION_SHARE + (1 - _DETECTION_SHARE) * (position + 1) / len(positions)
+        count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
+        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {position + 1}/{len(positions)}"))
+    return build_labelling(
+        list(resolved.ids),
+        maps,
+        resolved.aliases,
+        min_pixels=settings.min_pixels,
+        regions=regions,
+        expected=bool(labels),
+    )
 
 
-def _label_map(
-    masks: NDArray[np.bool_],
-    detections: Detections,
-    strength: NDArray[np.float32],
-    votes: list[dict[int, float]],
-    ids: dict[str, int],
-    settings: PerceptionSettings,
-) -> tuple[NDArray[np.uint16], Regions]:
+def _resolve(
+    detections: Sequence[Detections], named: bool, settings: PerceptionSettings, models: Path
+) -> _ResolvedViews:
+    """Which detections stand, under which names; `named`: the user gave them, so that none is another's synonym."""
+    thresholds = settings.of_open_set() if settings.open_set_detector else settings
+    aliases: dict[str, str] = {}
+    if settings.synonym_cosine < 1 and settings.open_set_detector and not named:
+        encoder = open_text_encoder(settings.text_encoder, models, threads=settings.threads)
+        with_rivals = thresholds.model_copy(update={"rival_iou": 1.0})
+        believed = resolve_detections(detections, with_rivals, named=False)[0]
+        aliases = synonyms(believed, encoder, cosine=settings.synonym_cosine, iou=settings.synonym_iou)
+        detections = merge_synonyms(detections, aliases)
+    objects, support = resolve_detections(detections, thresholds, named=named)
+    classes = dict.fromkeys(label for view in objects for label in view.labels)
+    if named:  # a name that was asked for may lose every box to a rival; when the views vote again it may win after all
+        classes |= dict.fromkeys(label for view in detections for label in view.labels)
+    return _ResolvedViews(
+        candidates=[view.take(np.flatnonzero(view.scores >= thresholds.score_floor)) for view in detections],
+        objects=objects,
+        support=support,
+        ids={label: label_id for label_id, label in enumerate(classes, start=1)},
+        aliases=aliases,
+    )
+
+
+def _segment_regions(
+    masks: NDArray[np.bool_], objects: Detections, support: Mapping[str, float], settings: PerceptionSettings
+) -> tuple[NDArray[np.uint16], list[int]]:
+    """uint16 [H, W], the region 1..R of each pixel, 0 = none; and which of the masks each region is.
+
+    Args:
+        masks: bool [K, H, W].
+        objects: the K detections that they came from.
+        support: of each class.
+        settings: the least area, and which overlap makes rivals.
+    """
+    weights = detection_weights(objects, support)
     cleaned = np.stack([clean_mask(mask) for mask in masks])
     large = np.flatnonzero(cleaned.sum((1, 2)) >= settings.min_pixels)
-    kinds = [detections.labels[row] for row in large]
-    cleaned, strength, votes = cleaned[large], strength[large], [votes[row] for row in large]
-    kept = settle_masks(cleaned, kinds, strength, settings.rival_iou)
-    painted = paint(cleaned[kept], range(1, len(kept) + 1), strength[kept])
-    names = np.array([0, *(ids[kinds[row]] for row in kept)], np.uint16)
-    return names[painted], Regions(painted, tuple(tuple(votes[row].items()) for row in kept))
+    winners = resolve_overlaps(
+        cleaned[large], [objects.labels[row] for row in large], weights[large], settings.rival_iou
+    )
+    rows = large[winners]
+    return paint(cleaned[rows], range(1, len(rows) + 1), weights[rows]), rows.tolist()
 
 
-def _given(capture: Capture, given: GivenLabels, progress: Progress) -> Labelling:
+def _read_labels(capture: Capture, labels: GivenLabels, progress: Progress) -> Labelling:
     maps = []
-    for view, path in zip(capture.views, given.map_paths, strict=True):
+    for view, path in zip(capture.views, labels.map_paths, strict=True):
         if path is None:
             maps.append(_blank(view))
             continue
@@ -134,7 +176,7 @@ def _given(capture: Capture, given: GivenLabels, progress: Progress) -> Labellin
         maps.append(label_map.astype(np.uint16))
         _blank_outside(maps[-1], view)
     progress(ProgressEvent("perception", 1.0, f"{len(maps)} label maps came with the capture"))
-    return counted(given.dictionary, maps)
+    return labelling_from_maps(labels.dictionary, maps)
 
 
 def _spread(total: int, limit: int) -> list[int]:

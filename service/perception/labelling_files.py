@@ -74,9 +74,16 @@ def load_labelling(directory: Path) -> Labelling:
         if index["schema_version"] != 1:
             raise ValueError(f"schema version {index['schema_version']}")
         entries = tuple(
-            DictionaryEntry(str(e["label"]), tuple(e["aliases"]), int(e["pixels"]), int(e["views"]))
-            for e in index["entries"]
+            DictionaryEntry(
+                str(entry["label"]),
+                tuple(entry["aliases"]),
+                int(entry["pixels"]),
+                int(entry["views"]),
+                float(entry.get("confidence", 1.0)),  # the first release wrote none
+            )
+            for entry in index["entries"]
         )
+        dictionary = Dictionary(entries)
         maps: list[NDArray[np.uint16]] = []
         flags = [index.get(name, False) for name in ("exact", "expected")]
         if not all(isinstance(flag, bool) for flag in flags):
@@ -89,22 +96,22 @@ def load_labelling(directory: Path) -> Labelling:
         )
         if len(regions) not in (0, len(maps)):
             raise ValueError(f"{len(regions)} region maps for {len(maps)} label maps")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(Dictionary(entries), tuple(maps), flags[0], regions, flags[1])
+    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1])
 
 
 def _read_map(path: Path, highest: int) -> NDArray[np.uint16]:
-    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if found is None or found.ndim != 2 or found.dtype != np.uint16:
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if stored is None or stored.ndim != 2 or stored.dtype != np.uint16:
         raise ValueError(f"{path.name} is not a 16-bit grey image")
-    if int(found.max(initial=0)) > highest:
+    if int(stored.max(initial=0)) > highest:
         raise ValueError(f"{path.name} has an id above {highest}")
-    return np.asarray(found, np.uint16)
+    return np.asarray(stored, np.uint16)
 
 
 def _checked(votes: Any, labels: int) -> tuple[tuple[tuple[int, float], ...], ...]:
-    found = tuple(tuple((int(label), float(score)) for label, score in region) for region in votes)
-    if any(not (1 <= label <= labels and 0 <= score <= 1) for region in found for label, score in region):
+    parsed = tuple(tuple((int(label), float(score)) for label, score in region) for region in votes)
+    if any(not (1 <= label <= labels and 0 <= score <= 1) for region in parsed for label, score in region):
         raise ValueError("a vote is for no label of the dictionary, or its score is not in 0..1")
-    return found
+    return parsed

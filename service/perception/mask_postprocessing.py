@@ -17,26 +17,26 @@ def clean_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return ~_without_small(~_without_small(mask, limit), limit)
 
 
-def settle_masks(
-    masks: NDArray[np.bool_], kinds: Sequence[str], weights: NDArray[np.float32], rival_iou: float
+def resolve_overlaps(
+    masks: NDArray[np.bool_], classes: Sequence[str], weights: NDArray[np.float32], rival_iou: float
 ) -> list[int]:
-    """Rows of bool [K, H, W] to keep: of masks of two kinds that overlap by more than `rival_iou` (the same pixels
+    """Rows of bool [K, H, W] to keep: of masks of two classes that overlap by more than `rival_iou` (the same pixels
     under two names), the one with the larger weight. Overlap is intersection over union."""
     areas = masks.sum((1, 2))
-    kept: list[int] = []
+    winners: list[int] = []
     for row in np.argsort(-weights, kind="stable"):
-        for other in kept:
-            if kinds[other] != kinds[row]:
+        for other in winners:
+            if classes[other] != classes[row]:
                 shared = int((masks[other] & masks[row]).sum())
                 if shared > rival_iou * (areas[other] + areas[row] - shared):
                     break
         else:
-            kept.append(int(row))
-    return sorted(kept)
+            winners.append(int(row))
+    return sorted(winners)
 
 
 def paint(masks: NDArray[np.bool_], ids: Sequence[int], weights: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """uint16 [H, W]: where masks overlap, the smallest wins, since a thing on or before another shows less of itself;
+    """uint16 [H, W]: where masks overlap, the smallest wins, since an object on or before another shows less of itself;
     of equal ones the heavier.
 
     Args:

@@ -1,4 +1,4 @@
-"""Opening models: one onnxruntime session each, held against its contract before anything trusts it."""
+"""Opening models: one onnxruntime session each, checked against the contract of its adapter."""
 
 from __future__ import annotations
 
@@ -61,15 +61,15 @@ def check_contract(
         outputs: shape by output name; or shapes by position, for exporters that invent names.
         optional_inputs: inputs that the model may have as well.
     """
-    found_in = {node.name: _shape(node.shape) for node in session.get_inputs()}
-    found_out = {node.name: _shape(node.shape) for node in session.get_outputs()}
-    wrong = [key for key in inputs if key not in found_in or not _fits(found_in[key], inputs[key])]
-    wrong += [key for key in found_in if key not in inputs and key not in optional_inputs]
+    model_inputs = {node.name: _shape(node.shape) for node in session.get_inputs()}
+    model_outputs = {node.name: _shape(node.shape) for node in session.get_outputs()}
+    wrong = [key for key in inputs if key not in model_inputs or not _fits(model_inputs[key], inputs[key])]
+    wrong += [key for key in model_inputs if key not in inputs and key not in optional_inputs]
     if isinstance(outputs, Mapping):
-        wrong += [key for key in outputs if key not in found_out or not _fits(found_out[key], outputs[key])]
+        wrong += [key for key in outputs if key not in model_outputs or not _fits(model_outputs[key], outputs[key])]
         expected_out = _listing(outputs)
     else:
-        shapes = list(found_out.values())
+        shapes = list(model_outputs.values())
         wrong += [
             f"output {i}" for i, shape in enumerate(outputs) if i >= len(shapes) or not _fits(shapes[i], tuple(shape))
         ]
@@ -77,7 +77,7 @@ def check_contract(
     if wrong:
         raise ModelUnavailableError(
             f"model {name} does not keep its contract at {', '.join(wrong)}: expected {_listing(inputs)} → "
-            f"{expected_out}; found {_listing(found_in)} → {_listing(found_out)}",
+            f"{expected_out}; it has {_listing(model_inputs)} → {_listing(model_outputs)}",
             field=name,
             hint="Use the model the manifest names, or choose the adapter that fits this one.",
         )
@@ -94,11 +94,11 @@ def _shape(shape: Sequence[object]) -> tuple[int | None, ...]:
     return tuple(size if isinstance(size, int) else None for size in shape)
 
 
-def _fits(found: Shape, expected: Shape) -> bool:
-    if not found:  # an exporter that states no shape at all
+def _fits(shape: Shape, expected: Shape) -> bool:
+    if not shape:  # an exporter that states no shape at all
         return True
-    return len(found) == len(expected) and all(
-        a is None or b is None or a == b for a, b in zip(found, expected, strict=True)
+    return len(shape) == len(expected) and all(
+        a is None or b is None or a == b for a, b in zip(shape, expected, strict=True)
     )
 
 

@@ -1,4 +1,4 @@
-"""Choices of the perception room."""
+"""Settings of the perception package: which models look at the images, and how sure they must be."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class PerceptionSettings(BaseModel):
     directory that no manifest lists ("yolo_world:my_folder").
     """
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     text_encoder: str = "minilm_l6_int8"
     """Embeds the dictionary and the questions."""
     closed_set_detector: str = "picodet_416"
-    """Finds things of a fixed list of kinds."""
+    """Detects objects of a fixed list of classes."""
     open_set_detector: str = ""
-    """Finds things by name. Empty: the closed-set detector alone looks at the images."""
+    """Detects objects by name. Empty: the closed-set detector alone looks at the images."""
     prompt_encoder: str = ""
     """Text encoder for an open-set detector that is prompted by embeddings (YOLO-World); must share its space."""
     segmenter: str = "mobile_sam"
@@ -31,44 +31,44 @@ class PerceptionSettings(BaseModel):
 
     closer_look: bool = True
     """The closed-set detector also looks at the image's four corners enlarged: five runs instead of one, and small
-    things are found in twice as many views."""
+    objects are detected in twice as many views."""
 
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
-    """What an open-set detector looks for when the user names nothing: the kinds that the closed-set detector finds in
-    the capture (the tag list if it finds none), or the tag list at once."""
+    """What an open-set detector looks for when the user names nothing: the classes that the closed-set detector detects
+    in the capture (the tag list if there are none), or the tag list at once."""
     tags: tuple[str, ...] = ()
-    """Replaces the built-in tag list (`service.perception.class_names.TAGS`)."""
+    """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
     prompts_per_pass: int = Field(1, ge=1)
     """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
     scores only the first of several."""
 
     score_threshold: float = Field(0.5, ge=0, le=1)
-    """A kind of thing is believed to be in the scene when it scores this much in `min_view_share` of the views."""
+    """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
     score_floor: float = Field(0.3, ge=0, le=1)
-    """Detections of a kind that is believed to be in the scene count from this score."""
+    """Detections of a class that is believed to be in the scene count from this score."""
     open_score_threshold: float = Field(0.3, ge=0, le=1)
     """As `score_threshold`, for the open-set detector, whose scores run lower. 0.3 is GroundingDINO's customary
     threshold; the scores of YOLO-World style models run lower still (0.15)."""
     open_score_floor: float = Field(0.2, ge=0, le=1)
     """As `score_floor`, for the open-set detector."""
     min_view_share: float = Field(0.1, ge=0, le=1)
-    """See `score_threshold`. Kinds that the user named need one view only."""
+    """See `score_threshold`. Classes that the user named need one view only."""
     min_views: int = Field(2, ge=1)
     """As `min_view_share`, in views; never more than the capture has."""
     min_pixels: int = Field(64, ge=1)
-    """Smaller masks are dropped, and so are kinds that hold fewer pixels in the view where they hold most."""
+    """Smaller masks are dropped, and so are classes that hold fewer pixels in the view where they hold most."""
     same_label_iou: float = Field(0.6, gt=0, le=1)
-    """Boxes of one kind that overlap more are one detection."""
+    """Boxes of one class that overlap more are one detection."""
     rival_iou: float = Field(0.7, gt=0, le=1)
-    """Boxes or masks of two kinds that overlap more are rivals for one thing: the likelier kind keeps it."""
+    """Boxes or masks of two classes that overlap more are rivals for one object: the likelier class keeps it."""
 
     synonym_cosine: float = Field(0.85, ge=-1, le=1)
-    """Kinds of an open set whose names' embeddings are closer are one entry if they also lie in the same place
+    """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
     (`synonym_iou`). Measured with MiniLM by `benchmarks/perception/synonyms.py`: 0.85 merges 7 of 30 pairs of
-    one thing and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave are never merged; 1 switches the
+    one class and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave are never merged; 1 switches the
     rule off."""
     synonym_iou: float = Field(0.5, gt=0, le=1)
-    """Mean overlap of two kinds over the views that show both, before rivals are settled."""
+    """Mean overlap of two classes over the views that show both, before rivals are resolved."""
 
     max_views: int = Field(0, ge=0)
     """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""

@@ -1,4 +1,4 @@
-"""What the perception room hands on, and what its models promise."""
+"""The results of perception, and the protocols of its models."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Regions:
-    """What was found in one view, before the views agree on names.
+    """Region proposals of one view and the votes for their classes, before the views agree.
 
     Attributes:
         ids: uint16 [H, W], region 1..R of each pixel, 0 = none.
-        votes: for each region, label ids and the scores that the detector gave them, 0..1.
+        votes: for each region, label ids and the scores that the detector gave them, 0..1; several where rivals had the
+            same place, none for a region that nobody classified.
     """
 
     ids: NDArray[np.uint16]
@@ -44,9 +45,9 @@ class Labelling:
     Attributes:
         dictionary: all labels of all views, with pixel and view counts.
         label_maps: one uint16 [H, W] per view of the capture, in its order, of its image size; 0 is undetected. A
-            map of zeros alone says nothing: nobody looked, or nothing was found.
+            map of zeros alone says nothing: nobody looked, or nothing was detected.
         exact: the maps came with the capture and are the truth: they agree with each other, and 0 in a map that names
-            anything is "none of these things" rather than "not found".
+            anything is "none of these classes" rather than "not detected".
         regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
         expected: the names were asked for, so each is expected to be somewhere.
     """
@@ -104,25 +105,25 @@ def joined(parts: Sequence[Detections]) -> Detections:
 
 
 class ClosedSetDetector(Protocol):
-    """Finds things of a fixed list of kinds."""
+    """Detects objects of a fixed list of classes."""
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """All kinds it can know."""
+        """All classes it can know."""
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """Things in uint8 [H, W, 3] that score at least `min_score`."""
+        """Objects in uint8 [H, W, 3] that score at least `min_score`."""
 
 
 class OpenSetDetector(Protocol):
-    """Finds whatever is named."""
+    """Detects whatever is named."""
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Things in uint8 [H, W, 3] that score at least `min_score`; their labels are among `prompts`."""
+        """Objects in uint8 [H, W, 3] that score at least `min_score`; their labels are among `prompts`."""
 
 
 class Segmenter(Protocol):
-    """Cuts out what a box shows. `embed` is the slow half and runs once an image."""
+    """Masks of what boxes show. `embed` is the slow half and runs once an image."""
 
     def embed(self, image: Image) -> Any:
         """What `masks` needs to know of uint8 [H, W, 3]."""
@@ -132,7 +133,7 @@ class Segmenter(Protocol):
 
 
 class TextEncoder(Protocol):
-    """Puts words where their meaning is."""
+    """Embeddings of texts."""
 
     @property
     def name(self) -> str:

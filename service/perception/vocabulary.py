@@ -1,8 +1,9 @@
-"""Names to dictionary entries: synonyms, counts, order."""
+"""Names to dictionary entries: synonyms, counts, confidence, order."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,49 +16,49 @@ from fastsplat.service.perception.types import Detections, Labelling, Regions, T
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:
-    """Which kinds are another's synonym: alias → the kind that keeps the entry.
+    """Which classes are another's synonym: alias → the class that keeps the entry.
 
-    Two kinds are synonyms when their names' embeddings are closer than `cosine` and they lie in the same place: over
-    the views that show both, the mean of each box's best overlap with a box of the other kind exceeds `iou`. (A
+    Two classes are synonyms when their names' embeddings are closer than `cosine` and they lie in the same place: over
+    the views that show both, the mean of each box's best overlap with a box of the other class exceeds `iou`. (A
     promptable segmenter makes the same mask of the same box, so boxes tell as much as masks, before masks exist.) The
-    kind seen in more views keeps the entry, of equals the one seen first.
+    class detected in more views keeps the entry, of equals the one that was detected first.
     """
     views: dict[str, int] = {}
     for view in detections:
-        for kind in dict.fromkeys(view.labels):
-            views[kind] = views.get(kind, 0) + 1
+        for label in dict.fromkeys(view.labels):
+            views[label] = views.get(label, 0) + 1
     if len(views) < 2:
         return {}
-    kinds = sorted(views, key=lambda kind: -views[kind])
-    embeddings = dict(zip(kinds, encoder.encode(kinds), strict=True))
-    keeper: dict[str, str] = {}
-    for first, second in combinations(kinds, 2):
+    classes = sorted(views, key=lambda label: -views[label])
+    embeddings = dict(zip(classes, encoder.encode(classes), strict=True))
+    entry_of: dict[str, str] = {}
+    for first, second in combinations(classes, 2):
         close = float(embeddings[first] @ embeddings[second]) > cosine
-        if close and second not in keeper and _same_place(detections, first, second) > iou:
-            keeper[second] = keeper.get(first, first)
-    return keeper
+        if close and second not in entry_of and _same_place(detections, first, second) > iou:
+            entry_of[second] = entry_of.get(first, first)
+    return entry_of
 
 
 def _same_place(detections: Sequence[Detections], first: str, second: str) -> float:
     overlaps = []
     for view in detections:
-        rows = [[i for i, label in enumerate(view.labels) if label == kind] for kind in (first, second)]
+        rows = [[i for i, label in enumerate(view.labels) if label == name] for name in (first, second)]
         if rows[0] and rows[1]:
             matrix = box_iou(view.boxes[rows[0]], view.boxes[rows[1]])
             overlaps.append((matrix.max(1).mean() + matrix.max(0).mean()) / 2)
     return float(np.mean(overlaps)) if overlaps else 0.0
 
 
-def renamed(detections: Sequence[Detections], keeper: Mapping[str, str]) -> list[Detections]:
-    """The detections with every alias under the name of its keeper."""
+def merge_synonyms(detections: Sequence[Detections], entry_of: Mapping[str, str]) -> list[Detections]:
+    """The detections with every alias under the name of its entry, see `synonyms`."""
     return [
-        Detections(view.boxes, view.scores, tuple(keeper.get(kind, kind) for kind in view.labels))
+        Detections(view.boxes, view.scores, tuple(entry_of.get(label, label) for label in view.labels))
         for view in detections
     ]
 
 
-def finished(
-    kinds: Sequence[str],
+def build_labelling(
+    classes: Sequence[str],
     maps: Sequence[NDArray[np.uint16]],
     aliases: Mapping[str, str],
     *,
@@ -67,34 +68,36 @@ def finished(
 ) -> Labelling:
     """Dictionary and label maps in their final numbering: most pixels first, ties by name.
 
-    Kinds that hold fewer than `min_pixels` in every view are dropped, their pixels become undetected; but an `expected`
-    kind that a region was also called stays.
+    Classes that hold fewer than `min_pixels` in every view are dropped, their pixels become undetected; but an
+    `expected` class that a region has a vote for stays.
 
     Args:
-        kinds: names in the maps' present numbering, from 1.
+        classes: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
         aliases: see `synonyms`.
         min_pixels: see the settings.
-        regions: of each view, with votes in the present numbering.
+        regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
         expected: see `Labelling`.
     """
-    counts = _counts(maps, len(kinds))
-    heard = {label for view in regions for votes in view.votes for label, _ in votes} if expected else set()
+    counts = _counts(maps, len(classes))
+    voted = {label for view in regions for votes in view.votes for label, _ in votes} if expected else set()
+    confidence = name_confidence(maps, regions, len(classes)) if regions else np.ones(len(classes))
     entries = [
         (
             DictionaryEntry(
-                kind,
-                tuple(sorted(alias for alias, keeper in aliases.items() if keeper == kind)),
+                label,
+                tuple(sorted(alias for alias, entry in aliases.items() if entry == label)),
                 int(counts[:, row + 1].sum()),
                 int((counts[:, row + 1] > 0).sum()),
+                float(confidence[row]),
             ),
             row + 1,
         )
-        for row, kind in enumerate(kinds)
-        if len(maps) and (counts[:, row + 1].max() >= min_pixels or row + 1 in heard)
+        for row, label in enumerate(classes)
+        if len(maps) and (counts[:, row + 1].max() >= min_pixels or row + 1 in voted)
     ]
     entries.sort(key=lambda pair: (-pair[0].pixels, label_key(pair[0].label)))
-    lookup = np.zeros(len(kinds) + 1, np.uint16)
+    lookup = np.zeros(len(classes) + 1, np.uint16)
     for new, (_, old) in enumerate(entries, start=1):
         lookup[old] = new
     return Labelling(
@@ -105,13 +108,65 @@ def finished(
     )
 
 
+def name_confidence(
+    maps: Sequence[NDArray[np.uint16]], regions: Sequence[Regions], classes: int
+) -> NDArray[np.float64]:
+    """float64 [N], 0..1: how sure it is that what carries a class's label is one, from the scores of its detections.
+
+    share × (1 − Π_v (1 − s_v)). s_v is the best score for the class in view v: the product is the noisy-or of the views
+    (Pearl 1988), the probability that not all of them are wrong if each is right with its score and none knows of the
+    others. They do know of each other (a detector errs alike in like views), so that this is an upper estimate; the
+    share tempers it: of all votes in the regions that carry the label, those for the class. One view of 26 with a score
+    of 0.3 gives 0.3; ten views with 0.8 give nearly 1, and 0.6 if every other vote in the same place has 0.53.
+
+    A class that carries no region (a name the user gave, outvoted everywhere) is judged by all regions that have a vote
+    for it.
+
+    Args:
+        maps: uint16 [H, W] of each view, classes from 1.
+        regions: of each view, with votes in the same numbering.
+        classes: N.
+    """
+    own, any_region = _Votes(classes, len(regions)), _Votes(classes, len(regions))
+    for view, (label_map, proposals) in enumerate(zip(maps, regions, strict=True)):
+        region_labels = np.zeros(len(proposals.votes) + 1, np.int64)
+        region_labels[proposals.ids.ravel()] = label_map.ravel()  # a region has one label
+        for region_label, votes in zip(region_labels[1:].tolist(), proposals.votes, strict=True):
+            total = sum(score for _, score in votes)
+            for label, score in votes:
+                any_region.add(view, label, score, total)
+                if label == region_label:
+                    own.add(view, label, score, total)
+    return np.where(own.total > 0, own.confidence(), any_region.confidence())
+
+
+class _Votes:
+    """Votes for N classes in V views."""
+
+    def __init__(self, classes: int, views: int) -> None:
+        self.best = np.zeros((views, classes))
+        self.votes = np.zeros(classes)
+        self.total = np.zeros(classes)
+
+    def add(self, view: int, label: int, score: float, total: float) -> None:
+        """Counts the score of one label in a region, of `total` for all labels there."""
+        self.best[view, label - 1] = max(self.best[view, label - 1], score)
+        self.votes[label - 1] += score
+        self.total[label - 1] += total
+
+    def confidence(self) -> NDArray[np.float64]:
+        """float64 [N], see `name_confidence`; 0 without votes."""
+        share = self.votes / np.maximum(self.total, np.finfo(np.float64).tiny)
+        return np.asarray(np.clip(share * (1.0 - np.prod(1.0 - self.best, axis=0)), 0.0, 1.0))
+
+
 def _renumbered(view: Regions, lookup: NDArray[np.uint16]) -> Regions:
     votes = (tuple((int(lookup[label]), score) for label, score in region if lookup[label]) for region in view.votes)
     return Regions(view.ids, tuple(votes))
 
 
-def counted(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Labelling:
-    """A given dictionary, in its own order, with the counts of given maps, which are taken to be exact.
+def labelling_from_maps(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Labelling:
+    """Label maps that came with a capture, taken to be exact, and their dictionary in its own order, with counts.
 
     Raises:
         InvalidInputError: a map holds an id that the dictionary does not have.
@@ -125,7 +180,7 @@ def counted(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Label
         )
     counts = _counts(maps, len(dictionary))
     entries = tuple(
-        DictionaryEntry(entry.label, entry.aliases, int(counts[:, i].sum()), int((counts[:, i] > 0).sum()))
+        replace(entry, pixels=int(counts[:, i].sum()), views=int((counts[:, i] > 0).sum()))
         for i, entry in enumerate(dictionary.entries, start=1)
     )
     return Labelling(Dictionary(entries), tuple(maps), exact=True)

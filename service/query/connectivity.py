@@ -1,4 +1,4 @@
-"""Which Gaussians hang together."""
+"""Connected components of Gaussians."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fastsplat.service.scene.types import Gaussians
 
 F64 = NDArray[np.float64]
 
-_NEIGHBOURS = 8
+_NEIGHBORS = 8
 _REACH = 1.0
 _WIDEST = 4.0
 _SPACINGS = 2.0
@@ -26,21 +26,21 @@ def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.i
     """int32 [K], the component of each of the Gaussians `members` [K], 0 ≤ component.
 
     Those within a cell of half the usual standard deviation are one; the widest stands for them, so that a dense clump
-    has neighbours other than its own. Each of these is held against its eight nearest: two touch where their centres
+    has neighbors other than its own. Each of these is compared with its eight nearest: two touch where their centers
     are no further apart than the sum of their standard deviations along the line between them, or than twice the usual
-    distance to the nearest neighbour. Standard deviations count up to four times the usual largest one, so that no
-    giant bridges two things. Work and memory are linear in K but for sorting and the tree.
+    distance to the nearest neighbor. Standard deviations count up to four times the usual largest one, so that no
+    giant bridges two objects. Work and memory are linear in K but for sorting and the tree.
     """
     if not len(members):
         return np.zeros(0, dtype=np.int32)
     scales = np.exp(gaussians.log_scales[members].astype(np.float64))
     usual = float(np.median(scales.max(axis=1)))
     np.minimum(scales, _WIDEST * usual, out=scales)
-    cell, chosen = _cells(gaussians.means[members].astype(np.float64), scales.max(axis=1), _CELL * usual)
+    cell, widest = _cells(gaussians.means[members].astype(np.float64), scales.max(axis=1), _CELL * usual)
     return _joined(
-        gaussians.means[members[chosen]].astype(np.float64),
-        scales[chosen],
-        _rotations(gaussians.quats[members[chosen]]),
+        gaussians.means[members[widest]].astype(np.float64),
+        scales[widest],
+        _rotations(gaussians.quats[members[widest]]),
     )[cell]
 
 
@@ -67,7 +67,7 @@ def _joined(means: F64, scales: F64, turns: F64) -> NDArray[np.int32]:
     edges: list[NDArray[np.int64]] = []
     for start in range(0, count, _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, count))
-        distance, near = tree.query(means[rows], k=min(_NEIGHBOURS + 1, count))
+        distance, near = tree.query(means[rows], k=min(_NEIGHBORS + 1, count))
         pairs = np.stack([np.repeat(rows, near.shape[1]), near.ravel()])
         distance = distance.ravel()
         other = pairs[0] != pairs[1]
@@ -81,7 +81,7 @@ def _joined(means: F64, scales: F64, turns: F64) -> NDArray[np.int32]:
 
 
 def _usual_spacing(tree: cKDTree, means: F64) -> float:
-    """Median distance to the nearest neighbour, of at most 4,096 points."""
+    """Median distance to the nearest neighbor, of at most 4,096 points."""
     sample = means[:: max(1, len(means) // 4096)]
     return float(np.median(tree.query(sample, k=2)[0][:, 1]))
 

@@ -1,7 +1,7 @@
 """Edits by name: recolour, remove, move or duplicate what a label or an object is. A scene in, another scene out.
 
-An edit takes along what the thing encloses, whatever its label: where two things meet, a Gaussian of the one often has
-the label of the other, and would stay behind as a ghost.
+An edit takes along what the object encloses, whatever its label: where two objects meet, a Gaussian of the one often
+has the label of the other, and would stay behind as a floater.
 
 Rows keep their order, so that a mask of the old version tells what became of it: recolouring and moving change no row
 number, removing closes the gaps, duplicates come after all other rows.
@@ -35,7 +35,7 @@ _SH_C0 = 0.28209479177387814  # Y_00
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
 _DARK = 0.1
 _DIRECTIONS = 64
-_NEIGHBOURS = 12
+_NEIGHBORS = 12
 _ENCLOSED = 0.5
 _MARGIN = 0.25
 
@@ -83,7 +83,7 @@ def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or object, and those they enclose:
-    of whose twelve nearest visible neighbours they have half the opacity or more.
+    of whose twelve nearest visible neighbors they have half the opacity or more.
 
     Raises:
         NotFoundError: no such label or object here.
@@ -102,24 +102,24 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     if not len(around):
         return rows
     low, high = around.min(axis=0), around.max(axis=0)
-    asked = np.flatnonzero(_within(gaussians.means, low, high) & finite & ~taken)
+    candidates = np.flatnonzero(_within(gaussians.means, low, high) & finite & ~taken)
     margin = _MARGIN * (high - low).max()
     visible = visible[_within(gaussians.means[visible], low - margin, high + margin)]
-    count = min(_NEIGHBOURS, len(visible))
-    near = visible[cKDTree(gaussians.means[visible]).query(gaussians.means[asked], k=[*range(1, count + 1)])[1]]
+    count = min(_NEIGHBORS, len(visible))
+    near = visible[cKDTree(gaussians.means[visible]).query(gaussians.means[candidates], k=[*range(1, count + 1)])[1]]
     shares = (opacities[near] * taken[near]).sum(axis=1) / opacities[near].sum(axis=1)
-    taken[asked[shares >= _ENCLOSED]] = True
+    taken[candidates[shares >= _ENCLOSED]] = True
     return np.flatnonzero(taken)
 
 
 def _check_extras(edit: Edit) -> None:
-    for name, value, wanted in (
+    for name, value, needed in (
         ("colour", edit.colour, edit.action == "recolour"),
         ("transform", edit.transform, edit.action in ("move", "duplicate")),
     ):
-        if (value is not None) != wanted:
+        if (value is not None) != needed:
             raise InvalidInputError(
-                f"{edit.action} {'needs' if wanted else 'takes no'} {name}", field=name, hint="See the edit's fields."
+                f"{edit.action} {'needs' if needed else 'takes no'} {name}", field=name, hint="See the edit's fields."
             )
     if edit.transform is not None:
         check_rigid(np.asarray(edit.transform, dtype=np.float64), field="transform")
@@ -139,24 +139,24 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
             "an edit speaks of a label or of an object", field="label", hint="Send exactly one of label and object_id."
         )
     if edit.label is not None:
-        found = index.scene.dictionary.id_of(edit.label)
-        if found is None:
+        label_id = index.scene.dictionary.id_of(edit.label)
+        if label_id is None:
             raise NotFoundError(
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
-        return np.flatnonzero(index.gaussian_classes == found)
-    for known in index.objects:
-        if known.id == edit.object_id:
-            return known.rows.astype(np.int64)
+        return np.flatnonzero(index.gaussian_classes == label_id)
+    for instance in index.objects:
+        if instance.id == edit.object_id:
+            return instance.rows.astype(np.int64)
     raise NotFoundError(
         f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
     )
 
 
 def _remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    kept = np.ones(len(scene.gaussians), dtype=np.bool_)
-    kept[rows] = False
-    return _taken(scene, np.flatnonzero(kept))
+    stays = np.ones(len(scene.gaussians), dtype=np.bool_)
+    stays[rows] = False
+    return _select(scene, np.flatnonzero(stays))
 
 
 def _move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
@@ -166,7 +166,7 @@ def _move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     count = len(scene.gaussians)
-    grown = _taken(scene, np.concatenate([np.arange(count), rows]))
+    grown = _select(scene, np.concatenate([np.arange(count), rows]))
     copies = np.arange(count, count + len(rows))
     moved = _moved(_part(grown.gaussians, copies), edit)
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
@@ -204,7 +204,10 @@ def _moved(part: Gaussians, edit: Edit) -> Gaussians:
 
 
 def _multiplied(left: tuple[float, float, float, float], right: F32) -> F32:
-    """Hamilton products left ⊗ right [K, 4], w x y z; lengths are those of `right`."""
+    """Hamilton products left ⊗ right [K, 4], w x y z; lengths are those of `right`.
+
+    scipy's product would lose the lengths, and refuses a length of 0.
+    """
     w, x, y, z = left
     matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return np.asarray(right.astype(np.float64) @ matrix.T, dtype=np.float32)
@@ -250,7 +253,7 @@ def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
     )
 
 
-def _taken(scene: Scene, rows: Rows) -> Scene:
+def _select(scene: Scene, rows: Rows) -> Scene:
     evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
     return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence)
 

@@ -20,7 +20,7 @@ class NameMatch:
         exact: label ids that are what is asked for, and nothing else is asked: no score can add to that.
         heads: label ids of what is asked for, of which the question says more than a dictionary can tell ("man with a
             hat"), or something else ("blue scissors" for the entry "red scissors").
-        kinds: label ids of entries whose names end in what is asked for: "coffee machine" for "machine".
+        hyponyms: label ids of entries whose names end in what is asked for: "coffee machine" for "machine".
         mentions: by label id, the words that remain of the question's head without the entry's name: "clock" for the
             entry wall in "wall clock", "man" for the entry hat in "man with a hat". Such an entry is spoken of and not
             asked for.
@@ -30,7 +30,7 @@ class NameMatch:
 
     exact: tuple[int, ...] = ()
     heads: tuple[int, ...] = ()
-    kinds: tuple[int, ...] = ()
+    hyponyms: tuple[int, ...] = ()
     mentions: dict[int, str] = field(default_factory=dict)
     negated: tuple[int, ...] = ()
     unchecked: str = ""
@@ -48,7 +48,7 @@ class NameIndex:
     def __init__(self, dictionary: Dictionary) -> None:
         self._dictionary = dictionary
         self._by_head: defaultdict[str, list[_Group]] = defaultdict(list)
-        self._kinds: defaultdict[str, list[int]] = defaultdict(list)
+        self._hyponyms: defaultdict[str, list[int]] = defaultdict(list)
         for label_id, entry in enumerate(dictionary.entries, start=1):
             for name in (entry.label, *entry.aliases):
                 self._add(label_id, name)
@@ -62,7 +62,7 @@ class NameIndex:
         if not phrase.details:
             self._by_head[head].append(_Group(label_id, modifiers))
         for start in range(1 if not phrase.details else 0, len(words)):
-            self._kinds[" ".join(words[start:])].append(label_id)
+            self._hyponyms[" ".join(words[start:])].append(label_id)
 
     def match(self, text: str) -> NameMatch:
         """What `text` names.
@@ -83,15 +83,15 @@ class NameIndex:
             if exact:
                 return NameMatch(exact=exact, unchecked=unchecked)
         negated = {label_id for detail in phrase.details if detail.negated for label_id in self._named(detail.groups)}
-        heads, kinds = [], []
+        heads, hyponyms = [], []
         for group in phrase.heads:
             _, head = split_modifiers(group)
             heads += [entry.label_id for entry in self._by_head.get(head, []) if entry.label_id not in negated]
-            kinds += [label_id for label_id in self._kinds.get(head, []) if label_id not in negated]
+            hyponyms += [label_id for label_id in self._hyponyms.get(head, []) if label_id not in negated]
         return NameMatch(
             heads=tuple(dict.fromkeys(heads)),
-            kinds=tuple(dict.fromkeys(kinds)),
-            mentions=self._mentions(phrase, {*heads, *kinds}),
+            hyponyms=tuple(dict.fromkeys(hyponyms)),
+            mentions=self._mentions(phrase, {*heads, *hyponyms}),
             negated=tuple(sorted(negated)),
             unchecked=phrase.tail if heads else "",
         )

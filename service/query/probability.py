@@ -32,7 +32,7 @@ class ScoreCalibration(BaseModel):
 
     Attributes:
         related: from here on an entry is worth showing.
-        exact: from here on it is the thing itself.
+        exact: from here on it is the object itself.
         entry: probability that who asks accepts the entry.
         present: probability that anything in the dictionary answers, of its best score.
         background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.

@@ -162,7 +162,7 @@ class Ranker:
         if related.any() and likely is not None:
             related = related & ((likely >= self._settings.related_probability) | (scores == scores.max()))
         leading = self._mask(match.heads)
-        related = (related | leading | self._mask(match.kinds)) & ~negated
+        related = (related | leading | self._mask(match.hyponyms)) & ~negated
         deciding = leading if leading.any() else related
         named = bool(deciding.any()) and not (deciding & passing).any()
         return _Judgement("related" if related.any() else "absent", related, leading, named)

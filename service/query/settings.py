@@ -1,4 +1,4 @@
-"""Choices of the query room."""
+"""Settings of the query package: how texts are compared with a dictionary, and how answers become images."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def _one_slot(template: str) -> str:
 
 
 class QuerySettings(BaseModel):
-    """How a text is compared with the dictionary, and how an answer becomes a picture."""
+    """How a text is compared with the dictionary, and how an answer becomes an image."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     negatives: Annotated[tuple[str, ...], Field(min_length=1)] = ("object", "things", "stuff", "texture")
     """Canonical negatives (LERF)."""
@@ -30,31 +30,34 @@ class QuerySettings(BaseModel):
     """Sentences a name is put into before it is embedded; a name's embedding is the mean over them, of unit length.
     Measured for MiniLM by benchmarks/calibration."""
     score: Literal["similarity", "relevancy"] = "similarity"
-    """What orders the entries and is held against the encoder's threshold. LERF's relevancy subtracts from each entry
+    """What orders the entries and is compared with the encoder's threshold. LERF's relevancy subtracts from each entry
     its own likeness to the canonical negatives, which for text against text reorders entries for the worse (measured
     by benchmarks/calibration); it is reported either way."""
     threshold: float | None = None
     """From this score an entry counts as related; None takes the encoder's calibrated threshold. For `relevancy` the
     score is the margin d·q − max_j d·c_j, which is 0 where the relevancy is 0.5, at any temperature."""
     exact_threshold: float | None = None
-    """From this score an entry counts as the thing itself; None takes the encoder's calibrated threshold."""
+    """From this score an entry counts as the object itself; None takes the encoder's calibrated threshold."""
     related_probability: Annotated[float, Field(ge=0, le=1)] = 0.15
-    """A related entry other than the leading one is spoken of from this calibrated probability on. Measured by
+    """A related entry other than the leading one is relevant from this calibrated probability on. Measured by
     benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
     coverage: Annotated[float, Field(ge=0, le=1)] = 0.9
     """Share of questions whose label set is to hold an acceptable answer."""
     max_text_chars: int = 1_000
+    """Characters of one text, negative or template."""
     max_prompts: Annotated[int, Field(ge=1)] = 64
-    """Templates, and canonical negatives, that one request may bring."""
+    """Templates of one request, and as many canonical negatives."""
     max_sentences: Annotated[int, Field(ge=0)] = 8_192
     """Labels times templates that one request may have embedded anew."""
     max_texts: int = 64
+    """Texts of one request."""
     max_poses: int = 64
+    """Cameras and named views of one request."""
     cached_texts: Annotated[int, Field(ge=0)] = 4_096
     """Embeddings of recent texts that are kept, per open scene."""
 
     backend: Literal["reference", "cpu", "cuda"] = "cpu"
-    """Rasterizer."""
+    """Rasterizer that draws views; `reference` is the slow one that the others are tested against."""
     alpha_min: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Pixels less covered than this belong to no mask and have no depth."""
     max_image_side: int = 4_096

@@ -1,4 +1,4 @@
-"""Which views see an object best: projected area that nothing nearer hides, without rendering."""
+"""The views that see an object best, by the projected area that nothing nearer hides; nothing is rendered."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: 
     nearest = np.full(columns * int(np.ceil(camera.height / step)), np.inf)
     cell, depth, _ = _cells(posed, occluders, step, columns)
     np.minimum.at(nearest, cell, depth)
-    # Only centres were drawn: the cells around close the holes between them.
+    # Only centers were drawn: the cells around close the holes between them.
     nearest = minimum_filter(nearest.reshape(-1, columns), size=3, mode="nearest").ravel()
     cell, depth, inside = _cells(posed, points, step, columns)
-    seen = depth <= nearest[cell] * (1 + _SLACK)
+    visible = depth <= nearest[cell] * (1 + _SLACK)
     pixels = areas[inside] * camera.fx * camera.fy / depth**2
-    return np.bincount(owner[inside], weights=pixels * seen, minlength=count).astype(np.float64)
+    return np.bincount(owner[inside], weights=pixels * visible, minlength=count).astype(np.float64)
 
 
 def _cells(

@@ -75,7 +75,7 @@ def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:
     try:
         with safe_open(path, framework="np") as file:  # the library's strict parser: offsets, overlaps, length
             names = set(file.keys())
-            found = {name: (file.get_slice(name).get_dtype(), file.get_slice(name).get_shape()) for name in names}
+            stored = {name: (file.get_slice(name).get_dtype(), file.get_slice(name).get_shape()) for name in names}
         with path.open("rb") as raw:
             header_bytes = int.from_bytes(raw.read(8), "little")
             header = json.loads(raw.read(header_bytes))
@@ -84,8 +84,8 @@ def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:
     if names != set(shapes):
         raise _damaged(path, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}")
     for name, (code, shape) in shapes.items():
-        if found[name] != (code, list(shape)):
-            raise _damaged(path, f"has {name} as {found[name][0]} {found[name][1]}, expected {code} {list(shape)}")
+        if stored[name] != (code, list(shape)):
+            raise _damaged(path, f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}")
     start = 8 + header_bytes
     mapped = np.memmap(path, dtype=np.uint8, mode="r")
     arrays: dict[str, Array] = {}

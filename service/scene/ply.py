@@ -43,16 +43,16 @@ def write_ply(
     Raises:
         InvalidInputError: `rows` has the wrong length or names a Gaussian that is not there.
     """
-    chosen = _rows(rows, len(gaussians))
+    ids = _rows(rows, len(gaussians))
     names = _property_names(gaussians.sh.shape[1], gaussians.codes.shape[1] if codes else 0)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(chosen)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(ids)}"]
     header += [f"property float {name}" for name in names] + ["end_header", ""]
     beside = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     try:
         with beside.open("wb") as file:
             file.write("\n".join(header).encode("ascii"))
-            for start in range(0, len(chosen), _CHUNK_ROWS):
-                file.write(_table(gaussians, chosen[start : start + _CHUNK_ROWS], codes).tobytes())
+            for start in range(0, len(ids), _CHUNK_ROWS):
+                file.write(_table(gaussians, ids[start : start + _CHUNK_ROWS], codes).tobytes())
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)

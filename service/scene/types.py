@@ -26,7 +26,7 @@ class Gaussians:
         log_scales: float32 [G, 3], natural log of the standard deviations, scene units.
         logit_opacities: float32 [G].
         sh: float32 [G, K, 3], real spherical harmonics of RGB, K = (degree + 1)², coefficient 0 first, 3DGS sign
-            convention; colour = max(0, 0.5 + Σ_k Y_k(direction) sh_k).
+            convention; color = max(0, 0.5 + Σ_k Y_k(direction) sh_k).
         codes: float32 [G, D], the semantic codes (FAST-Splat's β); D may be 0 for a scene without labels.
     """
 
@@ -122,7 +122,7 @@ class Scene:
         label_embeddings: float32 [N, E], unit length, in dictionary order, by `text_encoder`.
         text_encoder: manifest name of the encoder, and the sha256 of its weights.
         cameras: the training and held-out views.
-        scale: whether scene units are metres.
+        scale: whether scene units are meters.
         training: the settings it was trained with, JSON-ready.
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat.service.perception import detectors, segmenters, text
 from fastsplat.service.perception.box_ops import box_iou
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
+from fastsplat.service.perception.models import model_manifest
+from fastsplat.service.perception.models.model_manifest import ROLES, load_manifest
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
 
@@ -36,7 +40,7 @@ def _best(found: Detections, label: str) -> np.ndarray:
     return found.boxes[[name == label for name in found.labels]][0]
 
 
-def test_coco_has_eighty_different_kinds() -> None:
+def test_coco_has_eighty_different_classes() -> None:
     assert len(set(COCO_80)) == 80
     assert all(name == name.strip() and "\n" not in name for name in COCO_80)
 
@@ -127,6 +131,52 @@ def test_a_missing_model_says_how_to_get_it(tmp_path: Path) -> None:
     with pytest.raises(ModelUnavailableError) as caught:
         open_closed_set_detector(PerceptionSettings(), tmp_path)
     assert "models pull picodet_416" in caught.value.hint
+
+
+def test_the_manifest_says_which_adapter_drives_a_detector(
+    grounding_dino_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A closed-set model of another adapter is not opened as if it were PicoDet."""
+    (tmp_path / "words").mkdir()
+    shutil.copy(grounding_dino_file, tmp_path / "words" / "model.onnx")
+    entry = load_manifest()[0].model_construct(
+        name="words", role="closed_set_detector", adapter="yolo_world", license="MIT", about="", files=()
+    )
+    monkeypatch.setattr(model_manifest, "load_manifest", lambda: (entry,))
+    with pytest.raises(ModelUnavailableError, match="yolo_world") as caught:
+        open_closed_set_detector(PerceptionSettings(closed_set_detector="words"), tmp_path)
+    assert "picodet" in caught.value.hint
+
+
+def test_another_closed_set_adapter_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Other:
+        labels = ("cup",)
+
+        def __init__(self, model: Path, *, name: str, threads: int = 0) -> None:
+            self.model = model
+
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "model.onnx").touch()
+    monkeypatch.setattr(detectors, "CLOSED_SET_DETECTORS", {"picodet": Other})
+    opened = open_closed_set_detector(PerceptionSettings(closed_set_detector="picodet:mine"), tmp_path)
+    assert isinstance(opened, Other) and opened.model == tmp_path / "mine" / "model.onnx"
+
+
+def test_a_manifest_cannot_give_a_model_an_adapter_of_another_role(tmp_path: Path) -> None:
+    path = tmp_path / "manifest.toml"
+    path.write_text(
+        '[[model]]\nname = "mine"\nrole = "closed_set_detector"\nadapter = "sam1"\n'
+        'license = "MIT"\nabout = ""\nfiles = []\n'
+    )
+    with pytest.raises(ModelUnavailableError, match="picodet"):
+        load_manifest(path)
+
+
+def test_every_adapter_of_a_role_is_driven_by_something() -> None:
+    assert tuple(detectors.CLOSED_SET_DETECTORS) == ROLES["closed_set_detector"]
+    assert tuple(detectors.OPEN_SET_DETECTORS) == ROLES["open_set_detector"]
+    assert tuple(segmenters.SEGMENTERS) == ROLES["segmenter"]
+    assert {*text.TEXT_TOWERS, "label_table"} == set(ROLES["text_encoder"])
 
 
 @pytest.mark.parametrize("name", ["unknown", "picodet:../secrets", "picodet:", "mobile_sam", "sam1:picodet_416"])

@@ -14,10 +14,16 @@ from hypothesis.extra import numpy as hnp
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
-from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, settle_masks
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Labelling, Regions
-from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
+from fastsplat.service.perception.vocabulary import (
+    build_labelling,
+    labelling_from_maps,
+    merge_synonyms,
+    name_confidence,
+    synonyms,
+)
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))
 _maps = st.lists(hnp.arrays(np.uint16, (5, 6), elements=st.integers(0, 3)), min_size=1, max_size=4)
@@ -46,8 +52,8 @@ def test_two_names_for_the_same_pixels_leave_one() -> None:
     bed[:] = True
     stack = np.stack([doll, almost, bed])
     weights = np.array([0.5, 0.8, 0.3], np.float32)
-    assert settle_masks(stack, ["cake", "doll", "bed"], weights, 0.7) == [1, 2]
-    assert settle_masks(stack, ["doll", "doll", "bed"], weights, 0.7) == [0, 1, 2]
+    assert resolve_overlaps(stack, ["cake", "doll", "bed"], weights, 0.7) == [1, 2]
+    assert resolve_overlaps(stack, ["doll", "doll", "bed"], weights, 0.7) == [0, 1, 2]
 
 
 def test_specks_and_pinholes_go_and_the_thing_stays() -> None:
@@ -63,7 +69,7 @@ def test_specks_and_pinholes_go_and_the_thing_stays() -> None:
 
 @given(_maps)
 def test_the_finished_dictionary_counts_its_maps(maps: list[np.ndarray]) -> None:
-    labelling = finished(["cup", "bed", "doll"], maps, {}, min_pixels=1)
+    labelling = build_labelling(["cup", "bed", "doll"], maps, {}, min_pixels=1)
     pixels = [entry.pixels for entry in labelling.dictionary.entries]
     assert pixels == sorted(pixels, reverse=True)
     assert sum(pixels) == sum(int((m > 0).sum()) for m in maps)
@@ -77,7 +83,7 @@ def test_the_finished_dictionary_counts_its_maps(maps: list[np.ndarray]) -> None
 
 def test_kinds_with_few_pixels_become_undetected() -> None:
     maps = [np.array([[1, 1, 1, 2]], np.uint16), np.array([[0, 0, 0, 2]], np.uint16)]
-    labelling = finished(["bed", "dust"], maps, {}, min_pixels=2)
+    labelling = build_labelling(["bed", "dust"], maps, {}, min_pixels=2)
     assert [entry.label for entry in labelling.dictionary.entries] == ["bed"]
     np.testing.assert_array_equal(np.stack(labelling.label_maps), [[[1, 1, 1, 0]], [[0, 0, 0, 0]]])
 
@@ -86,44 +92,98 @@ def test_a_name_that_was_asked_for_stays_while_a_region_is_called_so() -> None:
     ids = np.array([[1, 1, 2]], np.uint16)
     regions = [Regions(ids, (((1, 0.5), (3, 0.4)), ((2, 0.5),)))]
     for expected, names in ((False, ["cup", "bed"]), (True, ["cup", "bed", "mug"])):
-        found = finished(["cup", "bed", "mug", "pan"], [ids], {}, min_pixels=1, regions=regions, expected=expected)
-        assert [entry.label for entry in found.dictionary.entries] == names and found.expected == expected
-        numbers = {name: found.dictionary.id_of(name) for name in names}
+        classes = ["cup", "bed", "mug", "pan"]
+        labelling = build_labelling(classes, [ids], {}, min_pixels=1, regions=regions, expected=expected)
+        assert [entry.label for entry in labelling.dictionary.entries] == names and labelling.expected == expected
+        numbers = {name: labelling.dictionary.id_of(name) for name in names}
         votes = [(numbers["cup"], 0.5)] + ([(numbers["mug"], 0.4)] if expected else [])
-        assert found.regions[0].votes == (tuple(votes), ((numbers["bed"], 0.5),))
+        assert labelling.regions[0].votes == (tuple(votes), ((numbers["bed"], 0.5),))
+
+
+def _region(label: int, *votes: tuple[int, float]) -> tuple[np.ndarray, Regions]:
+    """A view of one region: its label map, and its votes."""
+    return np.array([[0, label]], np.uint16), Regions(np.array([[0, 1]], np.uint16), (votes,))
+
+
+def _confidence(*views: tuple[np.ndarray, Regions], classes: int = 2) -> list[float]:
+    return name_confidence([view[0] for view in views], [view[1] for view in views], classes).tolist()
+
+
+def test_a_name_seen_once_is_as_sure_as_its_score() -> None:
+    nothing = np.zeros((1, 2), np.uint16), Regions(np.zeros((1, 2), np.uint16), ())
+    assert _confidence(_region(1, (1, 0.3)), *[nothing] * 25) == pytest.approx([0.3, 0.0])
+
+
+def test_views_that_agree_make_a_name_sure_and_rivals_make_it_doubtful() -> None:
+    alone = _confidence(*[_region(1, (1, 0.8))] * 10)
+    rivals = _confidence(*[_region(1, (1, 0.6), (2, 0.4))] * 30)
+    assert alone == pytest.approx([1.0, 0.0], abs=1e-6)
+    assert rivals == pytest.approx([0.6, 0.4], abs=1e-6)
+
+
+def test_votes_elsewhere_do_not_count_against_a_name_that_has_regions_of_its_own() -> None:
+    own, other = _region(1, (1, 0.9)), _region(2, (2, 0.9), (1, 0.3))
+    sure = _confidence(*[own] * 5, *[other] * 5)
+    assert sure[0] == pytest.approx(1.0, abs=1e-4) and sure[1] == pytest.approx(0.75, abs=1e-4)
+
+
+@given(
+    st.lists(st.lists(st.tuples(st.integers(1, 3), st.floats(0, 1)), max_size=3, unique_by=lambda v: v[0]), max_size=5)
+)
+def test_a_confidence_is_a_probability_and_another_view_of_the_name_alone_never_lowers_it(
+    views: list[list[tuple[int, float]]],
+) -> None:
+    regions = [_region(votes[0][0] if votes else 0, *votes) for votes in views]
+    before = _confidence(*regions, classes=3)
+    after = _confidence(*regions, _region(2, (2, 0.5)), classes=3)
+    assert all(0 <= value <= 1 for value in before)
+    assert after[0] == before[0] and after[2] == before[2]
+    if any(votes and votes[0][0] == 2 for votes in views):
+        assert after[1] >= before[1] - 1e-12
+
+
+def test_the_confidence_of_votes_reaches_the_dictionary() -> None:
+    maps, regions = zip(_region(2, (2, 0.25)), _region(1, (1, 0.75)), strict=True)
+    labelling = build_labelling(["cup", "bed"], maps, {}, min_pixels=1, regions=regions)
+    assert {entry.label: entry.confidence for entry in labelling.dictionary.entries} == {"cup": 0.75, "bed": 0.25}
+
+
+def test_names_that_came_with_the_maps_are_sure() -> None:
+    labelling = labelling_from_maps(dictionary_of(["wall", "cup"]), [np.array([[1]], np.uint16)])
+    assert [entry.confidence for entry in labelling.dictionary.entries] == [1.0, 1.0]
 
 
 def test_given_dictionaries_keep_their_order_and_unused_names() -> None:
-    labelling = counted(dictionary_of(["wall", "cup", "lamp"]), [np.array([[3, 3, 1]], np.uint16)])
+    labelling = labelling_from_maps(dictionary_of(["wall", "cup", "lamp"]), [np.array([[3, 3, 1]], np.uint16)])
     assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [
         ("wall", 1, 1), ("cup", 0, 0), ("lamp", 2, 1),
     ]  # fmt: skip
     assert labelling.exact
     with pytest.raises(InvalidInputError, match="id 9"):
-        counted(dictionary_of(["wall"]), [np.array([[9]], np.uint16)])
+        labelling_from_maps(dictionary_of(["wall"]), [np.array([[9]], np.uint16)])
 
 
-def _sighting(*found: tuple[str, tuple[float, ...]]) -> Detections:
-    boxes = np.array([box for _, box in found], np.float32)
-    return Detections(boxes, np.full(len(found), 0.8, np.float32), tuple(name for name, _ in found))
+def _detections(*rows: tuple[str, tuple[float, ...]]) -> Detections:
+    boxes = np.array([box for _, box in rows], np.float32)
+    return Detections(boxes, np.full(len(rows), 0.8, np.float32), tuple(name for name, _ in rows))
 
 
 def test_synonyms_need_both_meaning_and_place(models_dir: Path) -> None:
     encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=2)
     here, there = (0, 0, 50, 50), (100, 100, 150, 150)
-    together = _sighting(("couch", here), ("sofa", (1, 0, 50, 50)), ("bed", (0, 0, 50, 49)))
-    apart = _sighting(("couch", here), ("sofa", there))
+    together = _detections(("couch", here), ("sofa", (1, 0, 50, 50)), ("bed", (0, 0, 50, 49)))
+    apart = _detections(("couch", here), ("sofa", there))
     rule = {"cosine": 0.8, "iou": 0.5}
-    assert synonyms([together, _sighting(("couch", here))], encoder, **rule) == {"sofa": "couch"}
-    assert synonyms([together, _sighting(("sofa", here))], encoder, **rule) == {"couch": "sofa"}
+    assert synonyms([together, _detections(("couch", here))], encoder, **rule) == {"sofa": "couch"}
+    assert synonyms([together, _detections(("sofa", here))], encoder, **rule) == {"couch": "sofa"}
     assert synonyms([apart], encoder, **rule) == {}
     assert synonyms([together], encoder, cosine=0.999, iou=0.5) == {}
-    merged = renamed([together], {"sofa": "couch"})
+    merged = merge_synonyms([together], {"sofa": "couch"})
     assert merged[0].labels == ("couch", "couch", "bed")
 
 
 def test_aliases_lead_to_the_entry() -> None:
-    labelling = finished(["couch"], [np.ones((2, 2), np.uint16)], {"sofa": "couch"}, min_pixels=1)
+    labelling = build_labelling(["couch"], [np.ones((2, 2), np.uint16)], {"sofa": "couch"}, min_pixels=1)
     assert labelling.dictionary.id_of("Sofas") == labelling.dictionary.id_of("couch") == 1
 
 
@@ -132,7 +192,7 @@ def test_what_is_saved_is_loaded(
     tmp_path_factory: pytest.TempPathFactory, maps: list[np.ndarray], names: list[str], exact: bool
 ) -> None:
     folder = tmp_path_factory.mktemp("labelling") / "labels"
-    entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i) for i, name in enumerate(names))
+    entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i, 1 / (1 + i)) for i, name in enumerate(names))
     regions = tuple(Regions(m, (((2, 0.25), (1, 0.5)), (), ((3, 1.0),))) for m in maps[: len(maps) * exact])
     labelling = Labelling(Dictionary(entries), tuple(maps), exact, regions, not exact)
     save_labelling(Labelling(Dictionary(()), ()), folder)
@@ -153,10 +213,14 @@ def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:
     labelling = Labelling(dictionary_of(["cup", "bed"]), (full,), regions=(Regions(full, (((1, 0.5),), ())),))
     with pytest.raises(InvalidInputError):
         load_labelling(tmp_path / "missing")
-    for damage in ("map", "id", "json", "regions", "votes"):
+    for damage in ("map", "id", "json", "regions", "votes", "confidence"):
         folder = tmp_path / damage
         save_labelling(labelling, folder)
-        if damage == "map":
+        if damage == "confidence":
+            index = json.loads((folder / "dictionary.json").read_text())
+            index["entries"][0]["confidence"] = 1.5
+            (folder / "dictionary.json").write_text(json.dumps(index))
+        elif damage == "map":
             (folder / "000000.png").write_bytes((folder / "000000.png").read_bytes()[:20])
         elif damage == "regions":
             (folder / "regions-000000.png").unlink()
@@ -172,3 +236,11 @@ def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:
             (folder / "dictionary.json").write_text('{"schema_version": 1, "maps"')
         with pytest.raises(InvalidInputError, match="labelling"):
             load_labelling(folder)
+
+
+def test_a_labelling_of_the_first_release_is_sure_of_its_names(tmp_path: Path) -> None:
+    save_labelling(Labelling(Dictionary((DictionaryEntry("cup", confidence=0.5),)), ()), tmp_path / "labels")
+    index = json.loads((tmp_path / "labels" / "dictionary.json").read_text())
+    del index["entries"][0]["confidence"]
+    (tmp_path / "labels" / "dictionary.json").write_text(json.dumps(index))
+    assert load_labelling(tmp_path / "labels").dictionary.entries[0].confidence == 1.0

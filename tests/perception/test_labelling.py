@@ -16,7 +16,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception import label_capture
-from fastsplat.service.perception.capture_detection import find
+from fastsplat.service.perception.capture_detection import detect_views
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.settings import PerceptionSettings
 
@@ -127,15 +127,15 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
 
     def prompts(image: np.ndarray, labels: list[str], chosen: PerceptionSettings) -> str:
         lines: list[str] = []
-        find(lambda _: image, 1, labels, chosen, models_dir, lambda done, line: lines.append(line))
+        detect_views(lambda _: image, 1, labels, chosen, models_dir, lambda done, line: lines.append(line))
         return lines[-1]
 
-    assert "for 1 kinds" in prompts(photo, ["banana", "Bananas"], settings)
-    assert "for 2 kinds" in prompts(grey, [], settings)
+    assert "for 1 classes" in prompts(photo, ["banana", "Bananas"], settings)
+    assert "for 2 classes" in prompts(grey, [], settings)
     tagged = settings.model_copy(update={"prompt_source": "tags"})
-    found = find(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
+    found = detect_views(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
     assert "headset" in found[0].labels and set(found[0].labels) <= {"headset", "can opener"}
-    closed_finds = find(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
+    closed_finds = detect_views(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
     assert "banana" in closed_finds[0].labels and "headset" not in closed_finds[0].labels
 
 

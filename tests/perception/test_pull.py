@@ -25,14 +25,14 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _manifest(folder: Path, files: dict[str, tuple[Path, str]], *, licence: str = "MIT", extra: str = "") -> Path:
+def _manifest(folder: Path, files: dict[str, tuple[Path, str]], *, spdx: str = "MIT", extra: str = "") -> Path:
     """A manifest of one label table called "words"; per file: its local source and the sha256 to expect."""
     text = f"""
         [[model]]
         name = "words"
         role = "text_encoder"
         adapter = "label_table"
-        licence = "{licence}"
+        license = "{spdx}"
         about = "A few words."
         default = true
     """
@@ -99,14 +99,14 @@ def test_a_damaged_model_is_replaced(table: Path, tmp_path: Path) -> None:
     assert [path.name for path in models.iterdir()] == ["words"]
 
 
-def test_licences_need_a_yes(table: Path, tmp_path: Path) -> None:
-    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}, licence="AGPL-3.0-only")
+def test_licenses_need_a_yes(table: Path, tmp_path: Path) -> None:
+    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}, spdx="AGPL-3.0-only")
     models = tmp_path / "models"
     with pytest.raises(InvalidInputError) as caught:
         pull(models, report=lambda step: None, manifest=manifest)
-    assert "AGPL-3.0-only" in caught.value.message and "--allow-licence" in caught.value.hint
+    assert "AGPL-3.0-only" in caught.value.message and "--allow-license" in caught.value.hint
     assert not models.exists()
-    pull(models, report=lambda step: None, manifest=manifest, allow_licences=["AGPL-3.0-only"])
+    pull(models, report=lambda step: None, manifest=manifest, allow_licenses=["AGPL-3.0-only"])
     assert (models / "words" / "table.npz").is_file()
 
 
@@ -144,7 +144,7 @@ def test_package_carriers_are_verified_twice(
         name = "words"
         role = "text_encoder"
         adapter = "label_table"
-        licence = "MIT"
+        license = "MIT"
         about = "A few words."
         [[model.files]]
         name = "table.npz"
@@ -182,7 +182,7 @@ def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
     entries = load_manifest()
     assert {entry.name for entry in entries if entry.default} == {"minilm_l6_int8", "picodet_416", "mobile_sam"}
     for entry in entries:
-        assert entry.licence in PERMISSIVE
+        assert entry.license in PERMISSIVE
         assert find_model(entry.name, entry.role)[0] in ROLES[entry.role]
         for file in (*entry.files, *(entry.conversion.carriers if entry.conversion else ())):
             packaged = [source for source in file.sources if source.kind in ("pypi", "npm")]

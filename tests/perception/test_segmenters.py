@@ -12,7 +12,7 @@ import pytest
 
 from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.segmenters import open_segmenter
-from fastsplat.service.perception.segmenters.mask_selection import choose
+from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.settings import PerceptionSettings
 
 
@@ -68,8 +68,8 @@ def test_choice_prefers_the_thing_then_the_sure_then_the_clean() -> None:
     box = np.array([10, 10, 30, 30], np.float32)
     part, thing, spill = square(15, 5), square(10, 5), square(2, 5)
     equal = np.array([0.9, 0.9, 0.9], np.float32)
-    assert choose(np.stack([part, thing, spill]), equal, box) == 1
-    assert choose(np.stack([thing, thing]), np.array([0.5, 0.9], np.float32), box) == 1
-    assert choose(np.stack([square(10, 0.5), thing]), equal[:2], box) == 1
+    assert select_mask(np.stack([part, thing, spill]), equal, box) == 1
+    assert select_mask(np.stack([thing, thing]), np.array([0.5, 0.9], np.float32), box) == 1
+    assert select_mask(np.stack([square(10, 0.5), thing]), equal[:2], box) == 1
     empty = np.full((40, 40), -1, np.float32)
-    assert choose(np.stack([empty, part]), equal[:2], box) == 1
+    assert select_mask(np.stack([empty, part]), equal[:2], box) == 1

@@ -21,7 +21,7 @@ LABELS = (
 
 def named(match: NameMatch) -> dict[str, list[str]]:
     """The parts of a match that say anything, by label."""
-    parts = {"exact": match.exact, "heads": match.heads, "kinds": match.kinds, "negated": match.negated}
+    parts = {"exact": match.exact, "heads": match.heads, "hyponyms": match.hyponyms, "negated": match.negated}
     return {part: [LABELS[label_id - 1] for label_id in ids] for part, ids in parts.items() if ids}
 
 
@@ -44,7 +44,7 @@ def named(match: NameMatch) -> dict[str, list[str]]:
         # The name says something else.
         ("blue scissors", {"heads": ["red scissors"]}),
         # The name is the head, and the question says more of it.
-        ("glass of water", {"heads": ["glass"], "kinds": ["magnifying glass"]}),
+        ("glass of water", {"heads": ["glass"], "hyponyms": ["magnifying glass"]}),
         ("picture of a dog", {"heads": ["picture"]}),
         ("man with a hat", {"heads": ["man"]}),
         ("man wearing a hat", {"heads": ["man"]}),
@@ -55,8 +55,8 @@ def named(match: NameMatch) -> dict[str, list[str]]:
         ("mug, not the glass", {"heads": ["mug"], "negated": ["glass"]}),
         ("fork and spoon", {"heads": ["fork", "spoon"]}),
         # The name ends in the head: a kind of it, as far as words tell.
-        ("machine", {"kinds": ["coffee machine"]}),
-        ("can", {"kinds": ["can of paint"]}),
+        ("machine", {"hyponyms": ["coffee machine"]}),
+        ("can", {"hyponyms": ["can of paint"]}),
         # The name is only mentioned.
         ("wall clock", {}),
         ("orange juice", {}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fastsplat.service.common.errors import ModelUnavailableError
@@ -9,7 +10,7 @@ from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
 from fastsplat.service.perception.models.model_files import only_network
-from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector
@@ -19,31 +20,40 @@ def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> Clos
     """The detector that `settings.closed_set_detector` names.
 
     Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract.
     """
     name = settings.closed_set_detector
-    _, inside = find_model(name, "closed_set_detector")
-    return PicoDet(only_network(models / inside, name=name), name=name, threads=settings.threads)
+    adapter, inside = find_model(name, "closed_set_detector")
+    detector = select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector")
+    return detector(only_network(models / inside, name=name), name=name, threads=settings.threads)
 
 
 def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
     """The detector that `settings.open_set_detector` names.
 
     Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract, no prompt encoder where one is
-            needed.
+        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract, no prompt encoder
+            where one is needed.
     """
     name = settings.open_set_detector
     adapter, inside = find_model(name, "open_set_detector")
-    folder = models / inside
-    if adapter == "grounding_dino":
-        return GroundingDino(
-            only_network(folder, name=name),
-            folder / "tokenizer.json",
-            name=name,
-            prompts_per_pass=settings.prompts_per_pass,
-            threads=settings.threads,
-        )
+    open_detector = select_adapter(OPEN_SET_DETECTORS, adapter, name, "open_set_detector")
+    return open_detector(models, models / inside, settings)
+
+
+def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSettings) -> GroundingDino:
+    name = settings.open_set_detector
+    return GroundingDino(
+        only_network(folder, name=name),
+        folder / "tokenizer.json",
+        name=name,
+        prompts_per_pass=settings.prompts_per_pass,
+        threads=settings.threads,
+    )
+
+
+def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -> YoloWorld:
+    name = settings.open_set_detector
     if not settings.prompt_encoder:
         raise ModelUnavailableError(
             f"model {name} is prompted by embeddings, and no text encoder is set for it",
@@ -52,3 +62,13 @@ def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSe
         )
     encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
     return YoloWorld(only_network(folder, name=name), encoder, name=name, threads=settings.threads)
+
+
+CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}
+"""What drives closed-set detectors, by the manifest's adapter."""
+
+OPEN_SET_DETECTORS: Mapping[Adapter, Callable[[Path, Path, PerceptionSettings], OpenSetDetector]] = {
+    "grounding_dino": _open_grounding_dino,
+    "yolo_world": _open_yolo_world,
+}
+"""What opens open-set detectors, by the manifest's adapter: from the model directory, the model's folder, settings."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.perception.box_ops import clip_boxes, suppress
+from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.text.tokens import load_tokenizer
@@ -21,7 +21,7 @@ _NMS_IOU = 0.6
 
 class GroundingDino:
     """`pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits`
-    [1, Q, 256], `pred_boxes` [1, Q, 4] (centre and size, of the whole image = 1).
+    [1, Q, 256], `pred_boxes` [1, Q, 4] (center and size, of the whole image = 1).
 
     The prompt is every phrase in lower case, each ended by a full stop. A phrase's score is the mean of σ(logit) over
     its tokens (as GLIP and mmdetection do), so that "red cup" needs both words.
@@ -58,7 +58,7 @@ class GroundingDino:
         self._per_pass = prompts_per_pass
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Things in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt of a pass.
+        """Objects in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt of a pass.
 
         Raises:
             InvalidInputError: a prompt longer than the model's 256 tokens.
@@ -82,18 +82,18 @@ class GroundingDino:
             "token_type_ids": np.zeros_like(ids),
             "attention_mask": np.ones_like(ids),
         }
-        logits, centred = self._session.run(["logits", "pred_boxes"], feed)
+        logits, pred_boxes = self._session.run(["logits", "pred_boxes"], feed)
         # Positions beyond the prompt hold −inf; exp would warn, so clamp where σ is 0 anyway.
         token_scores = 1 / (1 + np.exp(-np.clip(logits[0], -60, 60)))
         scores = np.stack([token_scores[:, span].mean(1) for span in spans], axis=1)
         best, score = scores.argmax(1), scores.max(1).astype(np.float32)
         size = np.array([width, height], np.float32)
-        centre, extent = centred[0, :, :2] * size, centred[0, :, 2:] * size
-        boxes = clip_boxes(np.concatenate([centre - extent / 2, centre + extent / 2], axis=1), width, height)
+        center, extent = pred_boxes[0, :, :2] * size, pred_boxes[0, :, 2:] * size
+        boxes = clip_boxes(np.concatenate([center - extent / 2, center + extent / 2], axis=1), width, height)
         rows: list[int] = []
         for label in range(len(prompts)):
             group = np.flatnonzero((best == label) & (score >= min_score))
-            rows += group[suppress(boxes[group], score[group], _NMS_IOU)].tolist()
+            rows += group[nms(boxes[group], score[group], _NMS_IOU)].tolist()
         return Detections(boxes[rows], score[rows], tuple(prompts[best[row]] for row in rows))
 
     def _tokens(self, prompts: Sequence[str]) -> tuple[NDArray[np.int64], list[list[int]]]:

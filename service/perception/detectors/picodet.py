@@ -34,7 +34,7 @@ class PicoDet:
         self._side = sides[0] if isinstance(sides[0], int) else 416
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """COCO things in uint8 [H, W, 3] that score at least `min_score` (the model itself cuts at about 0.3)."""
+        """COCO objects in uint8 [H, W, 3] that score at least `min_score` (the model itself cuts at about 0.3)."""
         height, width = image.shape[:2]
         feed = {
             "image": imagenet_tensor(image, self._side, cubic=True),

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.common.errors import ModelUnavailableError
-from fastsplat.service.perception.box_ops import clip_boxes, suppress
+from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import letterboxed
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.types import Detections, Image, TextEncoder
 
-_NMS_IOU = 0.6  # of boxes with one label; rivals between labels are settled by the caller
+_NMS_IOU = 0.6  # of boxes with one label; rivals between labels are resolved by the caller
 
 
 class YoloWorld:
@@ -44,7 +44,7 @@ class YoloWorld:
         self._name = name
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Things in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt.
+        """Objects in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt.
 
         Raises:
             InvalidInputError: the encoder does not know a prompt (label tables).
@@ -64,12 +64,12 @@ class YoloWorld:
         best = scores[0].argmax(1)
         score = scores[0].max(1).astype(np.float32)
         rows = np.flatnonzero(score >= min_score)
-        kept = [
-            rows[best[rows] == label][suppress(boxes[0, group], score[group], _NMS_IOU)]
+        winners = [
+            rows[best[rows] == label][nms(boxes[0, group], score[group], _NMS_IOU)]
             for label in np.unique(best[rows])
             for group in [rows[best[rows] == label]]
         ]
-        rows = np.concatenate(kept) if kept else np.zeros(0, np.intp)
+        rows = np.concatenate(winners) if winners else np.zeros(0, np.intp)
         rows = rows[np.argsort(-score[rows], kind="stable")]
         return Detections(
             clip_boxes(frame.to_image(boxes[0, rows]), width, height),

@@ -29,9 +29,9 @@ def convert(conversion: Conversion, carriers: Path, target: Path, *, packages: P
         ModelUnavailableError: a package or the conversion failed; has its last words.
     """
     if conversion.packages:
-        wanted = ["install", "--no-deps", "--only-binary", ":all:", "--target", str(packages), *conversion.packages]
+        arguments = ["install", "--no-deps", "--only-binary", ":all:", "--target", str(packages), *conversion.packages]
         try:
-            run_pip(wanted, refuse=_PipFailedError)
+            run_pip(arguments, refuse=_PipFailedError)
         except _PipFailedError as error:
             raise ModelUnavailableError(
                 f"model {name}: the packages for its conversion could not be installed: {error}",

@@ -19,7 +19,7 @@ from fastsplat.service.perception.types import Image
 _CANVAS = 320
 
 
-def try_model(entry: ModelEntry, models: Path) -> None:
+def check_model(entry: ModelEntry, models: Path) -> None:
     """Open the model in `models / entry.name` and give it an exercise.
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
@@ -45,8 +45,8 @@ def try_model(entry: ModelEntry, models: Path) -> None:
         solved = float((mask & disc).sum() / max(1, (mask | disc).sum())) > 0.9
         exercise = "the mask of a drawn disc"
     elif entry.role == "closed_set_detector":
-        found = open_closed_set_detector(PerceptionSettings(closed_set_detector=name), models)
-        solved = "stop sign" in found.detect(_drawn_stop_sign(), 0.3).labels
+        closed_set = open_closed_set_detector(PerceptionSettings(closed_set_detector=name), models)
+        solved = "stop sign" in closed_set.detect(_drawn_stop_sign(), 0.3).labels
         exercise = "a drawn stop sign"
     elif entry.adapter == "grounding_dino":
         detector = open_open_set_detector(PerceptionSettings(open_set_detector=name), models)
@@ -76,8 +76,8 @@ def _drawn_stop_sign() -> Image:
     image[240:] = (90, 130, 70)
     cv2.rectangle(image, (155, 150), (165, 300), (120, 120, 120), -1)
     angles = np.pi / 8 + np.arange(8) * np.pi / 4
-    for radius, colour in ((72, (245, 245, 245)), (66, (190, 20, 30))):
+    for radius, color in ((72, (245, 245, 245)), (66, (190, 20, 30))):
         corners = np.stack([160 + radius * np.cos(angles), 115 + radius * np.sin(angles)], 1)
-        cv2.fillPoly(image, [corners.round().astype(np.int32)], colour, cv2.LINE_AA)
+        cv2.fillPoly(image, [corners.round().astype(np.int32)], color, cv2.LINE_AA)
     cv2.putText(image, "STOP", (108, 130), cv2.FONT_HERSHEY_DUPLEX, 1.35, (250, 250, 250), 4, cv2.LINE_AA)
     return image

@@ -1,4 +1,4 @@
-"""Which file of a model's folder plays which part."""
+"""The files of a model's folder by the part they play."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def only_network(folder: Path, *, name: str) -> Path:
 
 
 def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
-    """The two networks of a segmenter, told apart by "decoder" in the file's name.
+    """The two networks of a segmenter, the decoder known by "decoder" in the file's name.
 
     Raises:
         ModelUnavailableError: not exactly one of each.
@@ -43,9 +43,9 @@ def _networks(folder: Path) -> list[Path]:
 
 def _only(paths: list[Path], folder: Path, name: str, what: str) -> Path:
     if len(paths) != 1:
-        found = ", ".join(path.name for path in paths) or "none"
+        names = ", ".join(path.name for path in paths) or "none"
         raise ModelUnavailableError(
-            f"model {name}: {folder} should hold one {what}; found {found}",
+            f"model {name}: {folder} should hold one {what}; it holds {names}",
             field=name,
             hint=f'Run "fastsplat models pull {name}", or set the model directory (FASTSPLAT_MODELS).',
         )

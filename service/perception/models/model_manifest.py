@@ -1,24 +1,35 @@
-"""Reading `manifest.toml`."""
+"""The manifest of models, `manifest.toml`: which there are, where they come from, and what drives them."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
 from fastsplat.service.common.errors import ModelUnavailableError
 
 Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter"]
 Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2"]
 
+ROLES: Mapping[Role, tuple[Adapter, ...]] = {
+    "text_encoder": ("sentence", "clip", "label_table"),
+    "closed_set_detector": ("picodet",),
+    "open_set_detector": ("grounding_dino", "yolo_world"),
+    "segmenter": ("sam1", "sam2"),
+}
+"""Which adapters can play a role."""
+
+T = TypeVar("T")
+
 _Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 _Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
 
 PERMISSIVE = frozenset({"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0"})
-"""SPDX names of the licences that `pull` accepts unasked."""
+"""SPDX names of the licenses that `pull` accepts unasked."""
 
 
 class _Frozen(BaseModel):
@@ -80,7 +91,7 @@ class ModelEntry(_Frozen):
         name: also its folder in the model directory.
         role: what it is for.
         adapter: which of the product's adapters drives it.
-        licence: SPDX name of the weights' licence.
+        license: SPDX name of the weights' license.
         about: one sentence.
         default: whether a bare `pull` fetches it.
         files: what lies in its folder; those without sources come out of `conversion`.
@@ -90,16 +101,23 @@ class ModelEntry(_Frozen):
     name: str
     role: Role
     adapter: Adapter
-    licence: str
+    license: str
     about: str
     default: bool = False
     files: tuple[ModelFile, ...]
     conversion: Conversion | None = None
 
+    @model_validator(mode="after")
+    def _adapter_plays_the_role(self) -> ModelEntry:
+        if self.adapter not in ROLES[self.role]:
+            known = ", ".join(ROLES[self.role])
+            raise ValueError(f"the {_spoken(self.role)} {self.name} has the adapter {self.adapter}, not one of {known}")
+        return self
+
     @property
     def permissive(self) -> bool:
-        """Whether the licence is on the permissive list."""
-        return self.licence in PERMISSIVE
+        """Whether the license is on the permissive list."""
+        return self.license in PERMISSIVE
 
 
 class _Manifest(_Frozen):
@@ -132,33 +150,42 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
     Raises:
         ModelUnavailableError: no such entry, or one of another role.
     """
-    adapter, separator, folder = name.partition(":")
-    adapters = ROLES[role]
+    prefix, separator, folder = name.partition(":")
     if separator:
         inside = folder not in ("", ".", "..") and "/" not in folder and "\\" not in folder
-        for known in adapters:
-            if known == adapter and inside:
-                return known, PurePosixPath(folder)
+        for adapter in ROLES[role]:
+            if adapter == prefix and inside:
+                return adapter, PurePosixPath(folder)
         raise ModelUnavailableError(
-            f'"{name}" names no {role.replace("_", " ")}',
+            f'"{name}" names no {_spoken(role)}',
             field=f"perception.{role}",
-            hint=f"Write adapter:folder with one of the adapters {', '.join(adapters)} and a folder of the models.",
+            hint=f"Write adapter:folder with one of the adapters {', '.join(ROLES[role])} and a folder of the models.",
         )
     for entry in load_manifest():
         if entry.name == name and entry.role == role:
             return entry.adapter, PurePosixPath(entry.name)
     known_names = ", ".join(entry.name for entry in load_manifest() if entry.role == role)
     raise ModelUnavailableError(
-        f'the manifest has no {role.replace("_", " ")} called "{name}"',
+        f'the manifest has no {_spoken(role)} called "{name}"',
         field=f"perception.{role}",
         hint=f"Choose one of {known_names}, or adapter:folder for your own.",
     )
 
 
-ROLES: dict[Role, tuple[Adapter, ...]] = {
-    "text_encoder": ("sentence", "clip", "label_table"),
-    "closed_set_detector": ("picodet",),
-    "open_set_detector": ("grounding_dino", "yolo_world"),
-    "segmenter": ("sam1", "sam2"),
-}
-"""Which adapters can play a role."""
+def select_adapter(adapters: Mapping[Adapter, T], adapter: Adapter, name: str, role: Role) -> T:
+    """What drives the model `name`: the value of `adapter`.
+
+    Raises:
+        ModelUnavailableError: the role has no such adapter; names those it has.
+    """
+    if adapter not in adapters:
+        raise ModelUnavailableError(
+            f"model {name}: no {_spoken(role)} is driven by the adapter {adapter}",
+            field=f"perception.{role}",
+            hint=f"Choose a model with one of the adapters {', '.join(adapters)}.",
+        )
+    return adapters[adapter]
+
+
+def _spoken(role: Role) -> str:
+    return role.replace("_", " ")

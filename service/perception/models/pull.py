@@ -13,7 +13,7 @@ from typing import Literal
 
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.models.convert import convert
-from fastsplat.service.perception.models.model_check import try_model
+from fastsplat.service.perception.models.model_check import check_model
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.models.sources import fetch_file
 from fastsplat.service.perception.onnx_session import file_sha256
@@ -39,7 +39,7 @@ def pull(
     *,
     report: Callable[[Step], None],
     manifest: Path | None = None,
-    allow_licences: Collection[str] = (),
+    allow_licenses: Collection[str] = (),
     revision: str | None = None,
 ) -> None:
     """Put models into the model directory; those already there are left alone if they work.
@@ -52,30 +52,30 @@ def pull(
         names: manifest entries; none: the defaults.
         report: hears every step.
         manifest: another manifest than the built-in one.
-        allow_licences: SPDX names to accept beyond the permissive ones.
+        allow_licenses: SPDX names to accept beyond the permissive ones.
         revision: commit for Hugging Face repositories that the manifest pins none for.
 
     Raises:
-        InvalidInputError: an unknown name, or a licence that needs a yes; nothing has been fetched then.
+        InvalidInputError: an unknown name, or a license that needs a yes; nothing has been fetched then.
         ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
     """
     source = manifest or Path(__file__).parent / "manifest.toml"
     entries = {entry.name: entry for entry in load_manifest(source)}
-    wanted = list(names) or [entry.name for entry in entries.values() if entry.default]
-    for name in wanted:
+    selected = list(names) or [entry.name for entry in entries.values() if entry.default]
+    for name in selected:
         if name not in entries:
             raise InvalidInputError(
                 f'the manifest has no model "{name}"', field="name", hint=f"Choose among {', '.join(entries)}."
             )
         entry = entries[name]
-        if not entry.permissive and entry.licence not in allow_licences:
+        if not entry.permissive and entry.license not in allow_licenses:
             raise InvalidInputError(
-                f"model {name} is under {entry.licence}, which is not a permissive licence",
-                field="licence",
-                hint=f"If its terms suit you, repeat with --allow-licence {entry.licence}.",
+                f"model {name} is under {entry.license}, which is not a permissive license",
+                field="license",
+                hint=f"If its terms suit you, repeat with --allow-license {entry.license}.",
             )
     missing = []
-    for name in wanted:
+    for name in selected:
         if not _is_there(entries[name], models, report):
             missing.append(entries[name])
     if not missing:
@@ -114,7 +114,7 @@ def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -
         # Somebody put it there by hand: theirs to keep, if it works.
         report(Step(entry.name, "trying out what is there"))
         try:
-            try_model(entry, models)
+            check_model(entry, models)
         except ModelUnavailableError:
             return False
     elif state != "ready":
@@ -136,15 +136,15 @@ def _pull_one(
     for file, folder in jobs:
         report(Step(entry.name, f"fetching {file.name}"))
 
-        def seen(done: int, total: int, what: str = file.name) -> None:
+        def on_bytes(done: int, total: int, what: str = file.name) -> None:
             report(Step(entry.name, f"verifying {what}", done, total))
 
-        fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, bytes_seen=seen)
+        fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, on_bytes=on_bytes)
     if conversion:
         report(Step(entry.name, f"converting ({conversion.kind})"))
         convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
     report(Step(entry.name, "trying it out"))
-    try_model(entry, work / "models")
+    check_model(entry, work / "models")
     _put_in_place(staged, models / entry.name, entry)
     report(Step(entry.name, "ready"))
 
@@ -155,7 +155,7 @@ def _put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         raise ModelUnavailableError(f"model {entry.name}: its conversion made no {', '.join(missing)}")
     receipt = {
         "model": entry.name,
-        "licence": entry.licence,
+        "license": entry.license,
         "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
     }
     (staged / _RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")

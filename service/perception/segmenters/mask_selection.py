@@ -1,4 +1,4 @@
-"""Which of a segmenter's proposals to believe."""
+"""The best of a segmenter's mask proposals."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def choose(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
+def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
     """Index of the proposal to keep.
 
-    Segment-Anything proposes a part, a thing and a group, and predicts each one's IoU. The product of three numbers
+    Segment-Anything proposes a part, an object and a group, and predicts each one's IoU. The product of three numbers
     decides: the predicted IoU; the IoU of the mask's own box with the prompt (a part is too small, a spill too large);
     and the stability score of Segment-Anything, the IoU of the masks cut at logits +1 and −1 (ragged masks of half a
-    wall fall there). With true boxes of 15 things the three together reach a mean IoU of 0.940, where predicted IoU
+    wall fall there). With true boxes of 15 objects the three together reach a mean IoU of 0.940, where predicted IoU
     alone has 0.939 and the best proposal 0.946; what they buy is fewer ragged masks for loose boxes.
 
     Args:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.perception.image_tensors import long_side_padded
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.segmenters.mask_selection import choose
+from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.types import Image
 
 _SIDE = 1024
@@ -77,5 +77,5 @@ class Sam1:
                 "orig_im_size": np.array([embedding.height, embedding.width], np.float32),
             }
             logits, quality = self._decoder.run(["masks", "iou_predictions"], feed)
-            result[row] = logits[0, choose(logits[0], quality[0], box)] > 0
+            result[row] = logits[0, select_mask(logits[0], quality[0], box)] > 0
         return result

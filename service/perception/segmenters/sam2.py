@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.segmenters.mask_selection import choose
+from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.types import Image
 
 _SIDE = 1024
@@ -26,7 +26,7 @@ class _Embedding:
 
 
 class Sam2:
-    """Encoder `image` [1, 3, 1024, 1024] (ImageNet-normalised, aspect not kept) → `high_res_feats_0`,
+    """Encoder `image` [1, 3, 1024, 1024] (ImageNet-normalized, aspect not kept) → `high_res_feats_0`,
     `high_res_feats_1`, `image_embed`; decoder with these, points and an unused mask → `masks` [L, M, S, S] logits of
     the square image, `iou_predictions` [L, M].
 
@@ -77,6 +77,6 @@ class Sam2:
             logits, quality = self._decoder.run(["masks", "iou_predictions"], feed)
             layers = logits[0]
             grid = np.array([layers.shape[2] / width, layers.shape[1] / height] * 2, np.float32)
-            layer = layers[choose(layers, quality[0], box * grid)]
+            layer = layers[select_mask(layers, quality[0], box * grid)]
             result[row] = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR) > 0
         return result

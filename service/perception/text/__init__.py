@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from fastsplat.service.perception.models.model_files import only_network, only_table
-from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.text.sentence import SentenceEncoder
@@ -27,8 +28,15 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
     folder = models / inside
     if adapter == "label_table":
         return LabelTable(only_table(folder, name=name), name=name)
-    kind = SentenceEncoder if adapter == "sentence" else ClipTextEncoder
-    return kind(only_network(folder, name=name), folder / "tokenizer.json", name=name, threads=threads)
+    encoder = select_adapter(TEXT_TOWERS, adapter, name, "text_encoder")
+    return encoder(only_network(folder, name=name), folder / "tokenizer.json", name=name, threads=threads)
+
+
+TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
+    "sentence": SentenceEncoder,
+    "clip": ClipTextEncoder,
+}
+"""What drives text encoders that are networks, by the manifest's adapter."""
 
 
 __all__ = ["TextEncoder", "open_text_encoder"]
