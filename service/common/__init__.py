@@ -1,1 +1,1 @@
-"""What every room shares: errors, settings, cameras, the dictionary of labels, progress."""
+"""What every package shares: errors, cameras, the dictionary of labels, progress, cancellation."""

@@ -1,4 +1,4 @@
-"""Work that nobody waits for any more stops: a flag that travels with the call down to the rasterizer."""
+"""Cancellation of calls that nobody waits for any more, by a flag that long work checks, down to the rasterizer."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ _running: ContextVar[Cancellation | None] = ContextVar("_running", default=None)
 
 
 class Cancellation:
-    """The flag of one call; any thread may raise it."""
+    """The cancellation flag of one call; any thread may set it."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
 
     def cancel(self) -> None:
-        """Ask the call to stop at its next look."""
+        """Stop the call at its next `check_cancelled`."""
         self._event.set()
 
     @property
     def cancelled(self) -> bool:
-        """Whether somebody asked."""
+        """Whether `cancel` was called."""
         return self._event.is_set()
 
 
 @contextmanager
 def cancellable(cancellation: Cancellation) -> Iterator[None]:
-    """What runs inside, on this thread, looks at this flag."""
+    """A context in which `check_cancelled`, on this thread, checks this flag."""
     token = _running.set(cancellation)
     try:
         yield
@@ -39,11 +39,11 @@ def cancellable(cancellation: Cancellation) -> Iterator[None]:
 
 
 def check_cancelled() -> None:
-    """Call this between pieces of long work; cheap.
+    """Raise if the call that runs here was cancelled; to be called between pieces of long work, at little cost.
 
     Raises:
-        CancelledError: the caller went away, or its deadline has passed.
+        CancelledError: the caller disconnected, or its deadline has passed.
     """
     cancellation = _running.get()
     if cancellation is not None and cancellation.cancelled:
-        raise CancelledError("the caller went away, or its deadline has passed")
+        raise CancelledError("the caller disconnected, or its deadline has passed")

@@ -1,4 +1,4 @@
-"""How long work tells what it is doing."""
+"""Progress events of long work."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class ProgressEvent:
-    """One step forward.
+    """The progress of one stage at one moment.
 
     Attributes:
         stage: one of `STAGES`.
@@ -31,4 +31,4 @@ Progress = Callable[[ProgressEvent], None]
 
 
 def silent(event: ProgressEvent) -> None:
-    """A `Progress` that nobody listens to."""
+    """A `Progress` that ignores every event."""

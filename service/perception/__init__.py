@@ -1,4 +1,4 @@
-"""Photos to names: a dictionary of what is in the capture and a label map per view.
+"""Photos to a dictionary of what is in the capture, and a label map per view.
 
 The names below load what they need (onnxruntime, tokenizers) only when they are first used.
 """

@@ -24,4 +24,4 @@ flower, tree, plant, fence, bicycle, sign, ladder, toolbox, hammer, screwdriver,
 sculpture""".replace("\n", " ").split(", ")
 
 TAGS = tuple(entry.label for entry in dictionary_of((*COCO_80, *_MORE)).entries)
-"""What an open-set detector looks for when nobody names anything: about 150 objects of homes, offices and streets."""
+"""The prompts of an open-set detector when the user names nothing: about 150 objects of homes, offices, streets."""

@@ -1,4 +1,4 @@
-"""What all views together say of single detections: which classes are in the scene, and which class an object is of."""
+"""Resolution of detections over all views: which classes are in the scene, and which class an object is of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images the way models want to see them."""
+"""Images as input tensors of models."""
 
 from __future__ import annotations
 

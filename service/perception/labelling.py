@@ -29,7 +29,7 @@ _DETECTION_SHARE = 0.3
 
 @dataclass(frozen=True)
 class _ResolvedViews:
-    """What the views together make of their detections.
+    """The detections of all views after the views were compared.
 
     Attributes:
         candidates: of each view, every detection that scores enough to count, under the name of its entry.
@@ -115,7 +115,14 @@ def label_capture(
 def _resolve(
     detections: Sequence[Detections], named: bool, settings: PerceptionSettings, models: Path
 ) -> _ResolvedViews:
-    """Which detections stand, under which names; `named`: the user gave them, so that none is another's synonym."""
+    """The detections that stand, under their entries' names.
+
+    Args:
+        detections: of each view, as detected.
+        named: whether the user gave the names: then none is another's synonym.
+        settings: thresholds.
+        models: the model directory.
+    """
     thresholds = settings.of_open_set() if settings.open_set_detector else settings
     aliases: dict[str, str] = {}
     if settings.synonym_cosine < 1 and settings.open_set_detector and not named:
@@ -191,7 +198,7 @@ def _blank(view: View) -> NDArray[np.uint16]:
 
 
 def _blank_outside(label_map: NDArray[np.uint16], view: View) -> None:
-    """Undistortion leaves margins without content; nothing is there to be named."""
+    """Set to 0 the margins without content that undistortion leaves."""
     if view.valid_path is not None:
         with PillowImage.open(view.valid_path) as picture:
             label_map[np.asarray(picture.convert("L")) < 128] = 0

@@ -21,7 +21,7 @@ _HASH_DIGITS = 12
 
 
 class Calibration(BaseModel):
-    """What was measured for one encoder.
+    """The calibration of one encoder.
 
     Attributes:
         templates, negatives: the prompts it was measured with.
@@ -47,7 +47,7 @@ def calibration_key(name: str, sha256: str) -> str:
 def calibration_for(
     name: str, sha256: str, score: Score, templates: Sequence[str], negatives: Sequence[str]
 ) -> ScoreCalibration | None:
-    """What was measured, or None if this encoder was not measured with these prompts (for the similarity the negatives
+    """The calibration, or None if this encoder was not measured with these prompts (for the similarity the negatives
     do not matter, and their order never does)."""
     calibration = _load().get(calibration_key(name, sha256))
     if calibration is None or calibration.templates != tuple(templates):

@@ -1,4 +1,4 @@
-"""Which label each Gaussian has and how probable it is, whatever the scene's labels are made from."""
+"""The label of each Gaussian and its probability, whatever the scene's labels are made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which dictionary entries a question names, and how: whole, as a kind of what is asked for, or only in passing."""
+"""The dictionary entries that a question names: as what it asks for, as a kind of that, or only in passing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MAX_SPAN = 6
 
 @dataclass(frozen=True)
 class NameMatch:
-    """What the words of a question say of a dictionary, before any embedding is compared.
+    """The entries that a question names, by what it says of them; no embedding is compared for it.
 
     Attributes:
         exact: label ids that are what is asked for, and nothing else is asked: no score can add to that.
@@ -65,7 +65,7 @@ class NameIndex:
             self._hyponyms[" ".join(words[start:])].append(label_id)
 
     def match(self, text: str) -> NameMatch:
-        """What `text` names.
+        """The entries that `text` names.
 
         A question is exact in three cases. (1) The whole of it, question words and articles aside, is a name of the
         dictionary. (2) A name adds plain modifiers to it: "scissors" asks for "red scissors" too, which are scissors.

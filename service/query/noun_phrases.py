@@ -1,5 +1,7 @@
-"""The grammar of a question, as far as it decides what is asked for: question words off, heads apart from what is said
-of them. English; other languages pass through as one head."""
+"""The grammar of a question, as far as it decides what is asked for: its heads, apart from what is said of them.
+
+English only; other languages pass through as one head.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ horse is no horse, a paper towel no towel), nor what often makes a name of its o
 
 @dataclass(frozen=True)
 class Detail:
-    """What a phrase says of its head.
+    """A prepositional phrase or relative clause: what a phrase says of its head.
 
     Attributes:
         connector: the word before it, folded: "of", "on", "without".
@@ -62,7 +64,7 @@ class Detail:
 
 @dataclass(frozen=True)
 class NounPhrase:
-    """A question taken apart.
+    """The parts of a question.
 
     Attributes:
         text: the question without question words, articles, politeness and punctuation around it.

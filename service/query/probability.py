@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 F64 = NDArray[np.float64]
 
 LEAD_LIMIT = 0.3
-"""A lead beyond this says no more."""
+"""Leads are clipped to this; a larger one says no more."""
 
 
 class Logistic(BaseModel):
@@ -28,7 +28,7 @@ class Logistic(BaseModel):
 
 
 class ScoreCalibration(BaseModel):
-    """What was measured for one encoder and one kind of score.
+    """The calibration of one encoder and one score.
 
     Attributes:
         related: from here on an entry is worth showing.
@@ -138,7 +138,7 @@ class Belief:
 
 
 def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreCalibration, coverage: float) -> Belief:
-    """What is believed where scores decide.
+    """Probabilities where scores decide.
 
     Args:
         scores: float64 [N].
@@ -155,7 +155,7 @@ def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreC
 
 
 def named_belief(likely: F64, label_ids: Sequence[int], confidence: F64, coverage: float) -> Belief:
-    """What is believed where the dictionary bears the very name: the words leave no question that a score could answer.
+    """Probabilities where the question is the very name of entries: no score can add to that.
 
     Args:
         likely: float64 [N], the `entry_probability` of all entries.

@@ -27,7 +27,7 @@ _CACHED_CONTEXTS = 8
 
 @dataclass(frozen=True)
 class PromptContext:
-    """What answers need to know beside the question.
+    """A dictionary's embeddings and thresholds under one choice of prompts.
 
     Attributes:
         entries: the dictionary's embeddings, and their similarity to the negatives.

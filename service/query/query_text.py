@@ -1,4 +1,4 @@
-"""Checks of what can be asked: texts, and the prompts they are compared under. Made once, where a question comes in."""
+"""Checks of a question: its texts, and the prompts they are compared under. Made once, where the question comes in."""
 
 from __future__ import annotations
 

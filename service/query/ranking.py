@@ -1,4 +1,4 @@
-"""Texts to ranked dictionary entries: no Gaussian is looked at, and nothing is rendered."""
+"""Texts to ranked dictionary entries; no Gaussian is read and nothing is rendered."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FARTHEST = -1.0
 
 @dataclass(frozen=True)
 class _Judgement:
-    """What an answer says, by entry.
+    """The verdict of an answer, and the entries it is about.
 
     Attributes:
         verdict: see `Answer`.

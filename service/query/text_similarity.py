@@ -1,4 +1,4 @@
-"""How close the entries of a dictionary are to a question: its embedding, put right by its grammar."""
+"""Cosines of questions and dictionary entries, corrected by the grammar of the question."""
 
 from __future__ import annotations
 

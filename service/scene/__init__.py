@@ -1,4 +1,4 @@
-"""The trained artefact: its arrays, its files, its exchange formats."""
+"""The trained scene: its arrays, its files, its exchange formats."""
 
 from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.ply import read_ply, write_ply

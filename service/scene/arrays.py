@@ -17,7 +17,7 @@ from fastsplat.service.scene.types import F32, Evidence
 
 _CHUNK_BYTES = 16 << 20
 _CODES: Mapping[str, np.dtype[np.generic]] = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
-"""How safetensors calls the dtypes that a scene has."""
+"""The dtypes of a scene by their names in safetensors."""
 
 Array = NDArray[np.generic]
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
@@ -25,7 +25,7 @@ Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 
 
 def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int) -> Shapes:
-    """What the file holds, given G, K = (degree + 1)², D, N and E; all float32."""
+    """The arrays of the file, given G, K = (degree + 1)², D, N and E; all float32."""
     shapes: dict[str, tuple[int, ...]] = {
         "means": (gaussians, 3),
         "quats": (gaussians, 4),
@@ -41,7 +41,7 @@ def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int
 
 
 def evidence_shapes(gaussians: int, entries: int) -> Shapes:
-    """What the evidence's file holds, given G and M."""
+    """The arrays of the evidence's file, given G and M."""
     return {"starts": ("I64", (gaussians + 1,)), "labels": ("U16", (entries,)), "counts": ("I64", (entries,))}
 
 

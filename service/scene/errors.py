@@ -1,4 +1,4 @@
-"""What can be wrong with a scene folder that once was right."""
+"""Errors of scene folders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`scene.json` and `cameras.json`: what they hold, and how they are checked when read back."""
+"""`scene.json` and `cameras.json`: their contents, and the checks when they are read back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trained artefact in memory: arrays only, no torch, no files."""
+"""The trained scene in memory: arrays only, no torch, no files."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class CodeSemantics:
 
 
 Semantics = CodeSemantics | Evidence
-"""What the labels of Gaussians are made from."""
+"""What the labels of Gaussians are made from, see `semantics_of`."""
 
 LabelMode = Literal["codes", "evidence"]
 """What says which label a Gaussian has: its code under the affine map W, or what the label maps showed of it."""

@@ -65,10 +65,10 @@ def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -
 
 
 CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}
-"""What drives closed-set detectors, by the manifest's adapter."""
+"""The classes of closed-set detectors, by the manifest's adapter."""
 
 OPEN_SET_DETECTORS: Mapping[Adapter, Callable[[Path, Path, PerceptionSettings], OpenSetDetector]] = {
     "grounding_dino": _open_grounding_dino,
     "yolo_world": _open_yolo_world,
 }
-"""What opens open-set detectors, by the manifest's adapter: from the model directory, the model's folder, settings."""
+"""Functions that open open-set detectors, by the manifest's adapter: of model directory, model folder and settings."""

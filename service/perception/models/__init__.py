@@ -1,1 +1,1 @@
-"""The models the product knows: what they are (`manifest`), where they come from (`pull`), which file is which part."""
+"""The models that the software knows: their manifest, and how they are fetched, converted and checked."""

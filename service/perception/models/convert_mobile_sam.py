@@ -34,7 +34,7 @@ class _DropPath(nn.Module):
 
 
 class _Encoder(nn.Module):
-    """RGB 0..255 in, features out: the pixel normalisation is part of the graph."""
+    """RGB 0..255 in, features out: the pixel normalization is part of the graph."""
 
     mean: torch.Tensor
     deviation: torch.Tensor

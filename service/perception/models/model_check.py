@@ -1,4 +1,4 @@
-"""A freshly pulled model must keep its contract and solve an exercise whose answer needs no stored numbers."""
+"""Checks of a pulled model: its contract, and an exercise whose answer needs no stored numbers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CANVAS = 320
 
 
 def check_model(entry: ModelEntry, models: Path) -> None:
-    """Open the model in `models / entry.name` and give it an exercise.
+    """Raise unless the model in `models / entry.name` opens and solves an exercise.
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
     cut out a drawn disc; a detector must find a drawn stop sign. Detectors that are prompted by embeddings are only

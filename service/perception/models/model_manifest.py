@@ -1,4 +1,4 @@
-"""The manifest of models, `manifest.toml`: which there are, where they come from, and what drives them."""
+"""The manifest of models, `manifest.toml`: their roles, adapters, licenses, files and sources."""
 
 from __future__ import annotations
 
@@ -173,14 +173,14 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
 
 
 def select_adapter(adapters: Mapping[Adapter, T], adapter: Adapter, name: str, role: Role) -> T:
-    """What drives the model `name`: the value of `adapter`.
+    """The value of `adapter`: the class or function that opens the model `name`.
 
     Raises:
         ModelUnavailableError: the role has no such adapter; names those it has.
     """
     if adapter not in adapters:
         raise ModelUnavailableError(
-            f"model {name}: no {_spoken(role)} is driven by the adapter {adapter}",
+            f"model {name}: no {_spoken(role)} has the adapter {adapter}",
             field=f"perception.{role}",
             hint=f"Choose a model with one of the adapters {', '.join(adapters)}.",
         )

@@ -1,4 +1,4 @@
-"""Fetching one file from one source, verified before anybody uses it."""
+"""Fetching one file from one source, and verifying it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
 
 Bytes = Callable[[int, int], None]
-"""Told how many bytes of how many (0: unknown) have arrived."""
+"""Called with the bytes that have arrived and their total (0: unknown)."""
 
 _CHUNK = 1 << 20
 _TIMEOUT_S = 900

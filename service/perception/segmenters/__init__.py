@@ -27,4 +27,4 @@ def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
 
 
 SEGMENTERS: Mapping[Adapter, type[Sam1] | type[Sam2]] = {"sam1": Sam1, "sam2": Sam2}
-"""What drives segmenters, by the manifest's adapter."""
+"""The classes of segmenters, by the manifest's adapter."""

@@ -1,4 +1,4 @@
-"""Text encoders: words to vectors that lie close when the meanings do."""
+"""Text encoders: words to embeddings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
     "sentence": SentenceEncoder,
     "clip": ClipTextEncoder,
 }
-"""What drives text encoders that are networks, by the manifest's adapter."""
+"""The classes of text encoders that are networks, by the manifest's adapter."""
 
 
 __all__ = ["TextEncoder", "open_text_encoder"]

@@ -1,4 +1,4 @@
-"""A table of ready label embeddings, for detectors that need a text tower nobody wants to run."""
+"""Label embeddings from a table, in place of a text tower."""
 
 from __future__ import annotations
 

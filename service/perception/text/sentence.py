@@ -19,7 +19,7 @@ class SentenceEncoder:
     then unit length.
 
     One text a run: the int8 weights scale activations by the whole batch, so that a text's embedding would
-    otherwise depend on its neighbours.
+    otherwise depend on its neighbors.
 
     Raises:
         ModelUnavailableError: on opening, when a file is missing or does not keep this contract.
