@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Any
 
@@ -85,8 +86,9 @@ def camera_from_json(row: Mapping[str, Any]) -> PosedCamera:
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryRow:
-    """What a caller sees of a stored dictionary entry."""
-    return DictionaryRow(**{**row, "aliases": tuple(row["aliases"])})
+    """What a caller sees of a stored dictionary entry; a row may hold more than callers are shown."""
+    shown = {field.name: row[field.name] for field in fields(DictionaryRow)}
+    return DictionaryRow(**{**shown, "aliases": tuple(row["aliases"])})
 
 
 def _time(seconds: float) -> datetime:

@@ -94,6 +94,7 @@ def finish(settings: Settings, models_dir: Path) -> Iterator[Callable[[SceneInfo
         store.blobs.publish(folder, info.id, "v1")
         rows = [
             {"label_id": n, "label": label, "aliases": ["cup"], "pixels": 9, "views": 1, "gaussian_count": 1}
+            | {"confidence": 0.5}  # in the row, and not in what a caller is shown
             for n, label in enumerate(LABELS, start=1)
         ]
         cameras = [camera_to_json(posed) for posed in scene.cameras]
