@@ -60,7 +60,7 @@ _CANDIDATES: tuple[tuple[str, ...], ...] = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class ScoredQuestion:
     """One question with its scores: `first` and `also` are rows of the dictionary; `named` if the hash table knows the
     name, so that the scores decide nothing."""
 
@@ -88,14 +88,14 @@ def measure(
             [_scores(name, cache, [pair.label], [pair.query], [NameMatch()], embedded)[0, 0] for pair in pairs]
         )
         related, exact, figures = _thresholds(pairs, values)
-        asked = ask_scenes(name, cache, embedded)
-        temperature = _temperature(asked if name == "relevancy" else ask_scenes("relevancy", cache, embedded))
-        calibration = fit(asked, related, exact, temperature)
-        results[name] = (calibration, figures | judge(asked, calibration))
+        questions = ask_scenes(name, cache, embedded)
+        temperature = _temperature(questions if name == "relevancy" else ask_scenes("relevancy", cache, embedded))
+        calibration = fit(questions, related, exact, temperature)
+        results[name] = (calibration, figures | judge(questions, calibration))
     return results
 
 
-def ask_scenes(name: Score, cache: TextCache, negatives: NDArray[np.float32]) -> list[Asked]:
+def ask_scenes(name: Score, cache: TextCache, negatives: NDArray[np.float32]) -> list[ScoredQuestion]:
     """Every question of `scenes.txt` with its scores; `negatives` are embedded."""
     return [
         question
@@ -104,9 +104,9 @@ def ask_scenes(name: Score, cache: TextCache, negatives: NDArray[np.float32]) ->
     ]
 
 
-def fit(asked: Sequence[Asked], related: float, exact: float, temperature: float) -> ScoreCalibration:
+def fit(questions: Sequence[ScoredQuestion], related: float, exact: float, temperature: float) -> ScoreCalibration:
     """The logistic models from every fourth scene, the conformal scores from the two that follow it."""
-    fitting = [question for question in asked if question.scene % 4 == 0 and not question.named]
+    fitting = [question for question in questions if question.scene % 4 == 0 and not question.named]
     best = np.array([question.scores.max() for question in fitting])
     present = _logistic(best[:, None], np.array([bool(question.first) for question in fitting]))
     background = round(float(np.median(best[[not question.first for question in fitting]])), 4)
@@ -125,54 +125,54 @@ def fit(asked: Sequence[Asked], related: float, exact: float, temperature: float
         temperature=temperature,
         scenes=(),
     )
-    return models.model_copy(update={"scenes": conformal_scenes(asked, models, (1, 2))})
+    return models.model_copy(update={"scenes": conformal_scenes(questions, models, (1, 2))})
 
 
-def _temperature(asked: Sequence[Asked]) -> float:
-    """The t of σ(t·margin) that makes the fitting scenes' judgements likeliest; `asked` holds margins."""
+def _temperature(questions: Sequence[ScoredQuestion]) -> float:
+    """The t of σ(t·margin) that makes the fitting scenes' judgements likeliest; `questions` hold margins."""
     signed = [
         (margin if row in question.first else -margin)
-        for question in asked
+        for question in questions
         if question.scene % 4 == 0 and not question.named
         for row, margin in enumerate(question.scores.tolist())
         if row not in question.also
     ]
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda t: np.logaddexp(0.0, -t * np.array(signed)).mean(), bounds=(0, 1000), method="bounded"
     )
-    return round(float(found.x), 2)
+    return round(float(optimum.x), 2)
 
 
 def conformal_scenes(
-    asked: Sequence[Asked], models: ScoreCalibration, quarters: Sequence[int]
+    questions: Sequence[ScoredQuestion], models: ScoreCalibration, quarters: Sequence[int]
 ) -> tuple[tuple[float, ...], ...]:
     """By scene, the nonconformity of each question's best acceptable answer; none where a name decides."""
-    found: dict[int, list[float]] = {}
-    for question in asked:
+    by_scene: dict[int, list[float]] = {}
+    for question in questions:
         if question.scene % 4 in quarters and not question.named:
             values = nonconformities(question, models)
-            found.setdefault(question.scene, []).append(round(min(values[row] for row in acceptable(question)), 5))
-    return tuple(tuple(values) for values in found.values())
+            by_scene.setdefault(question.scene, []).append(round(min(values[row] for row in acceptable(question)), 5))
+    return tuple(tuple(values) for values in by_scene.values())
 
 
-def nonconformities(question: Asked, models: ScoreCalibration) -> F64:
+def nonconformities(question: ScoredQuestion, models: ScoreCalibration) -> F64:
     """float64 [N + 1], see `candidates`."""
     entry = entry_probability(question.scores, models)
     return candidates(entry, float(present_probability(question.scores, entry, models)))
 
 
-def acceptable(question: Asked) -> set[int]:
+def acceptable(question: ScoredQuestion) -> set[int]:
     """Label ids that answer; 0 for what is not there."""
     return {row + 1 for row in question.first} or {0}
 
 
-def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
+def judge(questions: Sequence[ScoredQuestion], calibration: ScoreCalibration) -> dict[str, Any]:
     """Figures on the scenes that fitted nothing."""
-    scored = [question for question in asked if not question.named]
+    scored = [question for question in questions if not question.named]
     judges = [question for question in scored if question.scene % 4 == 3]
     accepted, entry_p, top_right, top_p, here, here_p = [], [], [], [], [], []
     for question in judges:
-        entry = entry_probability(question.scores, found)
+        entry = entry_probability(question.scores, calibration)
         judged = [row for row in range(len(entry)) if row not in question.also]
         accepted += [row in question.first for row in judged]
         entry_p += entry[judged].tolist()
@@ -180,7 +180,7 @@ def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
         top_right.append(top in question.first)
         top_p.append(float(entry[top]))
         here.append(bool(question.first))
-        here_p.append(float(present_probability(question.scores, entry, found)))
+        here_p.append(float(present_probability(question.scores, entry, calibration)))
     figures: dict[str, Any] = {
         "scenes": len({question.scene for question in scored}),
         "questions": len(scored),
@@ -196,28 +196,32 @@ def judge(asked: Sequence[Asked], found: ScoreCalibration) -> dict[str, Any]:
         figures[f"{name}_brier_of_base_rate"] = round(float(y.mean() * (1 - y.mean())), 4)
         figures[f"{name}_ece"] = round(calibration_error(p, y), 4)
     for coverage in _COVERAGES:
-        bound = nonconformity_bound(found.scenes, coverage)
-        sets = [label_set(nonconformities(question, found), bound) for question in judges]
+        bound = nonconformity_bound(calibration.scenes, coverage)
+        sets = [label_set(nonconformities(question, calibration), bound) for question in judges]
         covered = [bool(acceptable(question) & set(chosen)) for question, chosen in zip(judges, sets, strict=True)]
         figures[f"label_sets_{coverage}"] = {
             "covered": round(float(np.mean(covered)), 4),
             "mean_size": round(float(np.mean([len(chosen) for chosen in sets])), 2),
         }
     share = QuerySettings().related_probability
-    return figures | _listed(scored, found, 0.0, "listed_by_threshold") | _listed(scored, found, share, "listed")
+    return (
+        figures
+        | _listed(scored, calibration, 0.0, "listed_by_threshold")
+        | _listed(scored, calibration, share, "listed")
+    )
 
 
-def _listed(scored: Sequence[Asked], found: ScoreCalibration, share: float, name: str) -> dict[str, Any]:
+def _listed(scored: Sequence[ScoredQuestion], calibration: ScoreCalibration, share: float, name: str) -> dict[str, Any]:
     """How well the relevant entries are chosen: found, named, absent, and precision and recall of the lists."""
     present = [question for question in scored if question.first]
     absent = [question for question in scored if not question.first]
     lists = {
-        id(question): related_rows(question.scores, entry_probability(question.scores, found), found, share)
+        id(question): related_rows(question.scores, entry_probability(question.scores, calibration), calibration, share)
         for question in scored
     }
     shown = [(row, question) for question in present for row in np.flatnonzero(lists[id(question)]).tolist()]
     welcome = sum(row in question.first or row in question.also for row, question in shown)
-    wanted = sum(len(question.first) for question in present)
+    acceptable_rows = sum(len(question.first) for question in present)
     hit = sum(bool(lists[id(question)][row]) for question in present for row in question.first)
     best = np.array([question.scores.max() for question in present])
     best_absent = np.array([question.scores.max() for question in absent])
@@ -229,15 +233,15 @@ def _listed(scored: Sequence[Asked], found: ScoreCalibration, share: float, name
             "rightly_absent": f"{sum(not lists[id(question)].any() for question in absent)}/{len(absent)}",
             "auroc_present_against_absent": round(auroc(best, best_absent), 4),
             "precision": round(welcome / max(len(shown), 1), 4),
-            "recall": round(hit / wanted, 4),
+            "recall": round(hit / acceptable_rows, 4),
             "entries_an_answer": round(len(shown) / len(present), 2),
         }
     }
 
 
-def related_rows(scores: F64, entry: F64, found: ScoreCalibration, share: float) -> NDArray[np.bool_]:
+def related_rows(scores: F64, entry: F64, calibration: ScoreCalibration, share: float) -> NDArray[np.bool_]:
     """The rule of the product, `service.query.ranking`: above the threshold, and likely enough unless it leads."""
-    return (scores >= found.related) & ((entry >= share) | (scores == scores.max()))
+    return (scores >= calibration.related) & ((entry >= share) | (scores == scores.max()))
 
 
 def _thresholds(pairs: Sequence[Pair], values: F64) -> tuple[float, float, dict[str, Any]]:
@@ -263,12 +267,14 @@ def _thresholds(pairs: Sequence[Pair], values: F64) -> tuple[float, float, dict[
     )
 
 
-def _ask(name: Score, number: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]) -> list[Asked]:
+def _ask(
+    name: Score, number: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]
+) -> list[ScoredQuestion]:
     texts = [question.query for question in scene.asked]
     matches = [NameIndex(dictionary_of(scene.labels)).match(text) for text in texts]
     rows = _scores(name, cache, scene.labels, texts, matches, negatives)
     return [
-        Asked(
+        ScoredQuestion(
             number,
             scene.name,
             scene.labels,
@@ -307,8 +313,8 @@ def _logistic(features: F64, truth: NDArray[np.bool_]) -> list[float]:
         ridge = 1e-3 * float((weights[:-1] ** 2).sum()) / len(columns)
         return float(np.logaddexp(0.0, -sign * (columns @ weights)).mean()) + ridge
 
-    found = minimize(loss, np.zeros(columns.shape[1]), method="BFGS")
-    return [round(float(weight), 3) for weight in found.x]
+    optimum = minimize(loss, np.zeros(columns.shape[1]), method="BFGS")
+    return [round(float(weight), 3) for weight in optimum.x]
 
 
 def calibration_error(probability: F64, truth: F64, bins: int = 10) -> float:

@@ -151,7 +151,7 @@ def sam2_folder(tmp_path: Path) -> Path:
     return tmp_path / "sam2"
 
 
-def make_capture(images: list[Path], given: GivenLabels | None = None) -> Capture:
+def make_capture(images: list[Path], labels: GivenLabels | None = None) -> Capture:
     """Views without meaningful poses: perception looks at images one by one."""
     views = []
     for path in images:
@@ -160,7 +160,7 @@ def make_capture(images: list[Path], given: GivenLabels | None = None) -> Captur
         views.append(View(PosedCamera(camera, np.eye(4), path.name), path))
     nothing = np.zeros((0, 3))
     report = CaptureReport("images", len(views))
-    return Capture(tuple(views), nothing.astype(np.float32), nothing.astype(np.uint8), "ARBITRARY", report, given)
+    return Capture(tuple(views), nothing.astype(np.float32), nothing.astype(np.uint8), "ARBITRARY", report, labels)
 
 
 def read_rgb(path: Path) -> np.ndarray:

@@ -36,8 +36,8 @@ def _true_box(test_data: Path, label: str, view: str) -> np.ndarray:
     return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], np.float32)
 
 
-def _best(found: Detections, label: str) -> np.ndarray:
-    return found.boxes[[name == label for name in found.labels]][0]
+def _best(detections: Detections, label: str) -> np.ndarray:
+    return detections.boxes[[name == label for name in detections.labels]][0]
 
 
 def test_coco_has_eighty_different_classes() -> None:

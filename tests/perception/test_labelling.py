@@ -125,9 +125,9 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
     photo = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     grey = np.full((120, 160, 3), 127, np.uint8)
 
-    def prompts(image: np.ndarray, labels: list[str], chosen: PerceptionSettings) -> str:
+    def prompts(image: np.ndarray, labels: list[str], settings: PerceptionSettings) -> str:
         lines: list[str] = []
-        detect_views(lambda _: image, 1, labels, chosen, models_dir, lambda done, line: lines.append(line))
+        detect_views(lambda _: image, 1, labels, settings, models_dir, lambda done, line: lines.append(line))
         return lines[-1]
 
     assert "for 1 classes" in prompts(photo, ["banana", "Bananas"], settings)

@@ -26,8 +26,8 @@ class DrawnEncoder:
     name = "drawn"
     sha256 = "0" * 64
 
-    def __init__(self, chosen: Mapping[str, Sequence[float]] | None = None) -> None:
-        self._chosen = dict(chosen or {})
+    def __init__(self, directions: Mapping[str, Sequence[float]] | None = None) -> None:
+        self._directions = dict(directions or {})
         self.seen: list[str] = []
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
@@ -36,8 +36,8 @@ class DrawnEncoder:
         return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
 
     def _vector(self, text: str) -> np.ndarray:
-        if text in self._chosen:
-            return np.pad(np.asarray(self._chosen[text], dtype=float), (0, SIZE - len(self._chosen[text])))
+        if text in self._directions:
+            return np.pad(np.asarray(self._directions[text], dtype=float), (0, SIZE - len(self._directions[text])))
         seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
         return np.random.default_rng(seed).standard_normal(SIZE)
 

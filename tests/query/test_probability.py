@@ -33,17 +33,17 @@ scores = arrays(np.float64, st.integers(1, 30), elements=st.floats(-1, 1))
 
 
 @given(scores)
-def test_probabilities_keep_the_order_of_the_scores(found: np.ndarray) -> None:
-    entry = entry_probability(found, CALIBRATION)
+def test_probabilities_keep_the_order_of_the_scores(values: np.ndarray) -> None:
+    entry = entry_probability(values, CALIBRATION)
     assert ((entry >= 0) & (entry <= 1)).all()
-    order = found.argsort()
+    order = values.argsort()
     assert (np.diff(entry[order]) >= -1e-12).all()
 
 
 @given(scores)
-def test_something_is_here_at_least_as_likely_as_the_best_entry(found: np.ndarray) -> None:
-    entry = entry_probability(found, CALIBRATION)
-    present = float(present_probability(found, entry, CALIBRATION))
+def test_something_is_here_at_least_as_likely_as_the_best_entry(values: np.ndarray) -> None:
+    entry = entry_probability(values, CALIBRATION)
+    present = float(present_probability(values, entry, CALIBRATION))
     assert entry.max() <= present <= 1
 
 
