@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from benchmarks.trade.data import HELD_OUT_EVERY
 from fastsplat.service.splatting.plan import SceneSize, steps_per_second
-from fastsplat.service.splatting.presets import PRESETS, PresetName
+
+from benchmarks.trade.data import HELD_OUT_EVERY
+from fastsplat.service.planning.presets import PRESETS, PresetName
 from fastsplat.service.splatting.settings import TrainingSettings
 
 BASE: dict[str, Any] = {

@@ -1,8 +1,8 @@
-"""Measures of a trained scene against known truth."""
+"""Metrics of a trained scene on data sets whose truth is known."""
 
-from fastsplat.service.evaluation.report import Report
-from fastsplat.service.evaluation.scene import evaluate_scene
-from fastsplat.service.evaluation.segmentation import Confusion, confusion
-from fastsplat.service.evaluation.views import ViewsReport, evaluate_views, render_view
+from fastsplat.service.evaluation.evaluation_report import Report, RunCost
+from fastsplat.service.evaluation.held_out_views import ViewsReport, evaluate_views, render_view
+from fastsplat.service.evaluation.registry import METRICS
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 
-__all__ = ["Confusion", "Report", "ViewsReport", "confusion", "evaluate_scene", "evaluate_views", "render_view"]
+__all__ = ["METRICS", "Report", "RunCost", "ViewsReport", "evaluate_scene", "evaluate_views", "render_view"]

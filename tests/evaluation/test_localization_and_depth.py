@@ -1,24 +1,15 @@
-"""Laws of localization, depth errors, 3D masks, detection of the absent, and intervals."""
+"""Laws of localization, depth errors and 3D masks."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.evaluation.absent import absent_nouns
-from fastsplat.service.evaluation.bootstrap import bootstrap_interval
-from fastsplat.service.evaluation.depth import depth_errors
-from fastsplat.service.evaluation.detection import auroc, false_positive_rate_at
+from fastsplat.service.evaluation.depth_error import depth_errors
 from fastsplat.service.evaluation.localization import box_of, peak, peak_in_box, peak_in_mask
-from fastsplat.service.evaluation.solid import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
-from tests.evaluation import naive
-
-FEW = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=12)
+from fastsplat.service.evaluation.mask3d_iou import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
 
 
 def test_a_ring_has_its_peak_in_the_box_and_not_in_the_mask() -> None:
@@ -108,48 +99,3 @@ def test_views_vote_about_a_gaussian() -> None:
     assert gaussian_truth(np.array([[0, 0, 1.0]]), views, 2).tolist() == [2]
     assert gaussian_truth(np.array([[0, 0, 1.0]]), views[:2], 2).tolist() == [1]  # a tie
     assert gaussian_truth(np.zeros((0, 3)), views, 2).tolist() == []
-
-
-@given(present=FEW, absent=FEW)
-def test_auroc_is_the_share_of_ordered_pairs(present: list[float], absent: list[float]) -> None:
-    assert auroc(present, absent) == pytest.approx(naive.auroc(present, absent))
-    assert auroc(present, absent) + auroc(absent, present) == pytest.approx(1)
-    assert auroc(np.exp(present), np.exp(absent)) == pytest.approx(auroc(present, absent))
-
-
-@given(present=FEW, absent=FEW, recall=st.floats(0.05, 1))
-def test_false_positives_at_a_recall_follow_the_threshold(
-    present: list[float], absent: list[float], recall: float
-) -> None:
-    possible = [t for t in present if np.mean([p >= t for p in present]) >= recall - 1e-9]
-    assert false_positive_rate_at(recall, present, absent) == np.mean([a >= max(possible) for a in absent])
-
-
-def test_detection_without_a_side_has_no_figure() -> None:
-    assert np.isnan(auroc([], [1.0])) and np.isnan(false_positive_rate_at(0.9, [1.0], []))
-
-
-def test_an_interval_holds_the_figure_narrows_with_images_and_is_reproducible() -> None:
-    random = np.random.default_rng(0)
-    values = random.normal(5, 1, 200).tolist()
-    few, many = (bootstrap_interval(values[:count], np.mean) for count in (10, 200))
-    assert few[0] < np.mean(values[:10]) < few[1] and many[0] < np.mean(values) < many[1]
-    assert many[1] - many[0] < few[1] - few[0]
-    assert bootstrap_interval(values[:10], np.mean) == few
-    assert bootstrap_interval([3.0] * 5, np.mean) == (3, 3)
-
-
-def test_an_interval_needs_two_images_and_something_to_measure() -> None:
-    assert bootstrap_interval([1.0], np.mean) is None
-    assert bootstrap_interval([1.0, 2.0], lambda drawn: float("nan")) is None
-
-
-def test_absent_nouns_are_many_different_and_name_nothing_that_is_there() -> None:
-    nouns = absent_nouns([])
-    assert len(nouns) >= 150 and len(dictionary_of(nouns)) == len(nouns)
-    both = (*nouns, *absent_nouns([], "household"))
-    assert len(dictionary_of(both)) == len(both)
-    left = absent_nouns(["Zebras", "toy car", "zebra crossing"])
-    assert set(nouns) - set(left) == {"zebra", "race car"}
-    table = ("table", "soda can", "cereal box", "frying pan", "utensil holder", "wall", "floor", "magnifying glass")
-    assert len(absent_nouns(table)) >= 100

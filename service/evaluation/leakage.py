@@ -1,4 +1,4 @@
-"""Training views never score."""
+"""Leakage of test views into training."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SAME = 1e-4
 
 
 def check_unseen(scene: Scene, dataset: Dataset) -> None:
-    """Refuse a scene that was trained on a test view, by the image's name or by its pose.
+    """Raise if the scene was trained on a test view, by the image's name or by its pose.
 
     A scene's cameras are what it was trained on, but for those its quality names as held out.
 
@@ -24,11 +24,11 @@ def check_unseen(scene: Scene, dataset: Dataset) -> None:
     names = {posed.name for posed in trained}
     stated = {posed.name: posed.world_from_camera for posed in scene.cameras}
     for view in dataset.test:
-        seen = view.name in names
+        leaked = view.name in names
         if view.posed is not None:
             pose = view.posed.world_from_camera
-            seen = seen or any(np.abs(posed.world_from_camera - pose).max() < _SAME for posed in trained)
-        if seen:
+            leaked = leaked or any(np.abs(posed.world_from_camera - pose).max() < _SAME for posed in trained)
+        if leaked:
             raise InvalidInputError(
                 f"the scene was trained on the test view {view.name}",
                 field="scene",

@@ -1,4 +1,4 @@
-"""A trained scene against a capture's images and label maps."""
+"""Trained Gaussians, measured on a capture's own images and label maps: no text encoder, no stored scene."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from torch import Tensor
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.evaluation.segmentation import Confusion, confusion
+from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
+from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
+from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
-from fastsplat.service.splatting.quality import psnr, ssim
 from fastsplat.service.splatting.raster import Backend, Splats, rasterize, sh_to_rgb
 from fastsplat.service.splatting.views import load_views
 
@@ -26,8 +27,8 @@ class ViewsReport:
     """Figures over a set of views.
 
     Attributes:
-        psnr: dB, mean over views.
-        ssim: mean over views.
+        psnr: dB, mean over the views where it is defined; NaN without any.
+        ssim: with zeros outside the image, as in 3DGS; mean over the views where it is defined; NaN without any.
         mean_iou: over the labels present in the true maps of these views, all pixels pooled; NaN without labels.
         iou: by label name, NaN where the label is in neither.
         accuracy: share of truly labelled pixels with their label; NaN without labels.
@@ -52,12 +53,12 @@ def evaluate_views(
     max_side: int = 1_000_000,
     backend: Backend = "cpu",
 ) -> ViewsReport:
-    """Renders the named views and holds them against the capture's images and `labelling`'s maps.
+    """Figures of the named views, rendered and compared with the capture's images and `labelling`'s maps.
 
     Args:
         gaussians, head: the trained scene; its classes are those of `labelling.dictionary`.
         names: image names; each must be a view of `capture`.
-        max_side: pictures are compared at this many pixels on the longer side, the images' own size by default.
+        max_side: images are compared at this many pixels on the longer side, the images' own size by default.
 
     Raises:
         InvalidInputError: a name that is no view of the capture, or a head with other classes than the dictionary.
@@ -69,30 +70,40 @@ def evaluate_views(
     labels = len(labelling.dictionary)
     if len(head.bias) != labels + 1:
         raise InvalidInputError(f"a head of {len(head.bias)} classes for {labels} labels", field="head")
-    total = Confusion(np.zeros((labels + 1, labels + 1), np.int64))
-    pictures = []
+    counts = MaskCounts.zeros(labels)
+    qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
     for name in names:
         index = position[name]
         (view,) = load_views(capture, labelling, (index,), max_side, (1.0,))
         frame = view.frames[0]
         posed = PosedCamera(frame.camera, capture.views[index].posed.world_from_camera, name)
         rgb, predicted = render_view(gaussians, head, posed, backend=backend)
-        pictures.append((psnr(rgb, frame.target(), frame.valid), ssim(rgb, frame.target(), frame.valid)))
+        image, target = rgb.clamp(0, 1).numpy(), frame.target().numpy()
+        valid = None if frame.valid is None else frame.valid.numpy()
+        for quality, result in (
+            ("psnr", psnr(image, target, valid)),
+            ("ssim", ssim_zero_padded(image, target, valid)),
+        ):
+            if not isinstance(result, Skipped):
+                qualities[quality].append(result)
         if frame.labels is not None:
-            valid = None if frame.valid is None else frame.valid.numpy()
-            total += confusion(predicted, frame.labels.numpy(), labels, valid)
-    means = np.mean(pictures, axis=0)
-    masks = total.masks()
-    iou = masks.iou()
-    per_label = {entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)}
-    return ViewsReport(float(means[0]), float(means[1]), masks.macro_iou(), per_label, masks.accuracy(), tuple(names))
+            counts += mask_counts(predicted, frame.labels.numpy(), labels, valid)
+    iou = counts.iou()
+    return ViewsReport(
+        psnr=mean(qualities["psnr"]),
+        ssim=mean(qualities["ssim"]),
+        mean_iou=counts.macro_iou(),
+        iou={entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)},
+        accuracy=counts.accuracy(),
+        views=tuple(names),
+    )
 
 
 @torch.no_grad()
 def render_view(
     gaussians: Gaussians, head: SemanticHead, posed: PosedCamera, *, backend: Backend = "cpu"
 ) -> tuple[Tensor, NDArray[np.int32]]:
-    """float32 [H, W, 3] colours on black, and int32 [H, W] most probable classes (0 undetected)."""
+    """float32 [H, W, 3] colors on black, and int32 [H, W] most probable classes (0 undetected)."""
     means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
     origin = torch.from_numpy(posed.world_from_camera[:3, 3].astype(np.float32))
     colors = sh_to_rgb(means, torch.from_numpy(gaussians.sh), origin, gaussians.sh_degree, backend=backend)

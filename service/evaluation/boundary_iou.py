@@ -1,4 +1,4 @@
-"""Boundary IoU: how well the outlines agree, which large areas hide from the plain IoU."""
+"""Boundary IoU: agreement of outlines, which the plain IoU of large areas hides."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.evaluation.masks import MaskCounts
-from fastsplat.service.evaluation.segmentation import check_maps
+from fastsplat.service.evaluation.segmentation import NO_LABEL, NO_TRUTH, MaskCounts, check_maps, overlap, total
+from fastsplat.service.evaluation.types import Skipped, ViewMetric, ViewPrediction
 
 DIAGONAL_SHARE = 0.02
 """Width of the boundary region as a share of the image's diagonal (Cheng et al. 2021 use 2 % for COCO and LVIS)."""
@@ -50,10 +50,7 @@ def mask_boundary_counts(
 ) -> tuple[int, int, int]:
     """|G_d ∩ P_d|, |G_d|, |P_d| of one mask [H, W]; pixels that are not valid are not counted."""
     width = boundary_width(truth.shape[0], truth.shape[1], diagonal_share)
-    true_region, found_region = boundary_region(truth, width), boundary_region(predicted, width)
-    if valid is not None:
-        true_region, found_region = true_region & valid, found_region & valid
-    return int((true_region & found_region).sum()), int(true_region.sum()), int(found_region.sum())
+    return overlap(boundary_region(predicted, width), boundary_region(truth, width), valid)
 
 
 def boundary_width(height: int, width: int, diagonal_share: float) -> int:
@@ -71,3 +68,41 @@ def boundary_region(mask: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
     kernel = np.ones((side, side), np.uint8)
     eroded = cv2.erode(padded, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(mask & (eroded[1:-1, 1:-1] == 0))
+
+
+def view_boundary_counts(view: ViewPrediction) -> MaskCounts | Skipped:
+    """Counts of the masks by argmax; without a label map, of the annotated texts' masks."""
+    labels, truth = len(view.dictionary), view.truth
+    if truth.labels is not None:
+        return boundary_counts(view.label_map, truth.labels, labels, truth.valid)
+    if not view.queries:
+        return Skipped(NO_TRUTH)
+    counts = MaskCounts.zeros(labels).counts
+    for query in view.queries:
+        counts[query.label_id] += mask_boundary_counts(query.leading_mask, query.truth.mask, truth.valid)
+    return MaskCounts(counts)
+
+
+BOUNDARY_IOU = ViewMetric(
+    name="boundary_iou",
+    unit="",
+    higher_is_better=True,
+    description="boundary IoU (Cheng et al. 2021, equation 1) of the masks by argmax; pixels pooled over the test "
+    "views, mean over the labels that the truth shows",
+    measure=view_boundary_counts,
+    combine=lambda counts: total(counts).macro_iou(),
+    undefined=NO_LABEL,
+    per_label=lambda counts: total(counts).iou(),
+    parameters={"diagonal_share": DIAGONAL_SHARE},
+    headline=True,
+)
+BOUNDARY_IOU_MICRO = ViewMetric(
+    name="boundary_iou_micro",
+    unit="",
+    higher_is_better=True,
+    description="as boundary_iou, with the pixels of all labels pooled",
+    measure=view_boundary_counts,
+    combine=lambda counts: total(counts).micro_iou(),
+    undefined=NO_LABEL,
+    parameters={"diagonal_share": DIAGONAL_SHARE},
+)

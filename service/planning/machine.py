@@ -1,9 +1,10 @@
-"""How fast this machine is at what training does: a short measurement at the edge of `service.splatting.plan`."""
+"""Short measurements of this machine: its speed at training, and what perception costs on it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 
 import cv2
@@ -11,23 +12,41 @@ import numpy as np
 import torch
 from PIL import Image
 
+from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses import image_loss
-from fastsplat.service.splatting.plan import Speed
 from fastsplat.service.splatting.raster import Backend, Splats, rasterize
 
 _STEP_S, _IMAGE_S = 0.0077, 0.0030
-"""What a round of each kind takes on the reference machine, quiet."""
+"""Seconds of a round of each kind on the quiet reference machine."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
+_SEARCH_FACTOR = 1.2  # a view's detection and segmentation, in times its segmentation alone
+
+
+@dataclass(frozen=True)
+class PerceptionCost:
+    """Seconds that perception takes on this machine.
+
+    Attributes:
+        overhead_s: that do not depend on the number of views: models loaded.
+        view_s: for each view.
+    """
+
+    overhead_s: float
+    view_s: float
 
 
 def machine_speed(backend: Backend = "cpu") -> Speed:
-    """Against the reference machine. Takes a second.
+    """The speed of this machine as a multiple of the reference machine's. Takes a second.
 
-    A round of `steps` is what an optimisation step is: 8,000 Gaussians with 11 channels drawn on 240×180 pixels,
-    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. Means count, so that
+    A round of `steps` does what an optimization step does: 8,000 Gaussians with 11 channels rendered to 240×180 pixels,
+    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. The mean counts, so that
     other work on the machine slows the figures as it will slow the run.
     """
     threads = torch.get_num_threads()
@@ -36,6 +55,34 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
         return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()))
     finally:
         torch.set_num_threads(threads)
+
+
+def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
+    """What perception of this capture costs on this machine, measured by labelling its middle view.
+
+    Args:
+        capture: with at least one view.
+        settings: of all rooms; those of perception and the model directory count.
+        labels: names to look for, see `label_capture`.
+        progress: hears of the trial, always at fraction 0.
+
+    Raises:
+        FastSplatError: as `label_capture`.
+    """
+    middle = len(capture.views) // 2
+    one_view = replace(capture, views=capture.views[middle : middle + 1])
+    times: list[float] = []
+
+    def listen(event: ProgressEvent) -> None:
+        times.append(time.monotonic())
+        progress(replace(event, fraction=0.0))
+
+    begun = time.monotonic()
+    label_capture(one_view, settings.perception, settings.models, tuple(labels), listen)
+    total = time.monotonic() - begun
+    # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
+    view = _SEARCH_FACTOR * (times[-1] - times[-2])
+    return PerceptionCost(max(0.0, total - view), view)
 
 
 def _mean(work: Callable[[], None]) -> float:

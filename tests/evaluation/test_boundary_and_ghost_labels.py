@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.evaluation.boundary import boundary_counts, boundary_region, boundary_width
-from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
-from fastsplat.service.evaluation.segmentation import confusion
+from fastsplat.service.evaluation.boundary_iou import boundary_counts, boundary_region, boundary_width
+from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
+from fastsplat.service.evaluation.segmentation import mask_counts
 from tests.evaluation import naive
 
 LABELS = 4
@@ -96,7 +96,7 @@ def test_one_pixel_of_shift_costs_the_boundary_more_than_the_area() -> None:
     truth = np.zeros((120, 160), int)
     truth[30:90, 40:120] = 1
     shifted = np.roll(truth, 1, axis=1)
-    plain = confusion(shifted, truth, 1).masks().iou()[1]
+    plain = mask_counts(shifted, truth, 1).iou()[1]
     bounded = boundary_counts(shifted, truth, 1).iou()[1]
     assert bounded < plain < 1
 
@@ -104,7 +104,7 @@ def test_one_pixel_of_shift_costs_the_boundary_more_than_the_area() -> None:
 def test_a_wider_region_than_the_thing_is_the_plain_iou() -> None:
     truth, predicted = _blobs(3), _noisy(_blobs(3), 3)
     wide = boundary_counts(predicted, truth, LABELS, diagonal_share=2.0)
-    assert wide.iou() == pytest.approx(confusion(predicted, truth, LABELS).masks().iou(), nan_ok=True)
+    assert wide.iou() == pytest.approx(mask_counts(predicted, truth, LABELS).iou(), nan_ok=True)
 
 
 def test_the_region_lies_in_the_mask_and_grows_with_its_width() -> None:
