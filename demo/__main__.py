@@ -13,9 +13,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from demo.process import running_service
 from demo.questions import SAMPLE_QUESTIONS, questions_for
-from demo.report import print_report, report_of, save_evidence, write_report
+from demo.run_report import print_report, report_of, save_evidence, write_report
+from demo.service_process import running_service
 from fastsplat.service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
 from fastsplat.service.common.errors import FastSplatError
 from fastsplat_client import Client

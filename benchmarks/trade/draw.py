@@ -72,7 +72,7 @@ def _queries(rows: list[dict[str, Any]], path: Path) -> None:
     if not rows:
         return
     figure, all_axes = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
-    for axes, (across, up) in zip(all_axes, (("label_map_ms", "miou"), ("colours_ms", "psnr")), strict=True):
+    for axes, (across, up) in zip(all_axes, (("label_map_ms", "miou"), ("colors_ms", "psnr")), strict=True):
         for factor in _QUERIES:
             line = [row for row in rows if row["factor"] == factor]
             axes.plot([row[across] for row in line], [row[up] for row in line], "o-", label=factor, ms=4)

@@ -1,4 +1,4 @@
-"""Medians of forward, backward and a whole training step; one row of the table each."""
+"""Medians of forward, backward and label maps; one row of the table each."""
 
 from __future__ import annotations
 
@@ -10,12 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import torch
-from torch import Tensor
 
-from benchmarks.raster.scenes import Scene
-from fastsplat.service.splatting.losses import ImageTarget, image_loss, semantic_loss
-from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
+from benchmarks.raster.garden import Scene
+from fastsplat.service.splatting.raster import RasterSettings, Splats, cpu, label_map
 
 # Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
 # channel.
@@ -101,29 +98,6 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
     )
 
 
-def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int = 15) -> Row:
-    """One whole training step: activations, harmonics, rasterizer, both losses, backward, Adam on every parameter."""
-    step = training_step(scene, labels)
-    with running_with(isa, threads):
-        for _ in range(3):
-            step()
-        times = [_timed(step) for _ in range(rounds)]
-    camera = scene.camera
-    return Row(
-        "cpu",
-        isa,
-        threads,
-        len(scene.splats.means),
-        camera.width,
-        camera.height,
-        scene.splats.features.shape[1],
-        None,
-        None,
-        round(statistics.median(times), 3),
-        None,
-    )
-
-
 def label_row(scene: Scene, isa: str, threads: int, classes: int = 18, rounds: int = 15) -> Row:
     """A label map of the scene, its features being codes; without gradients, from tensors to classes."""
     g = torch.Generator().manual_seed(2)
@@ -157,46 +131,3 @@ def _timed(action: Callable[[], None]) -> float:
     start = time.perf_counter()
     action()
     return (time.perf_counter() - start) * 1e3
-
-
-def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callable[[], None]:
-    """One whole training step of a joint run, on the device of the scene's tensors."""
-    device = scene.viewmat.device
-    g = torch.Generator().manual_seed(1)
-    splats, camera = scene.splats, scene.camera
-    count, code = len(splats.means), splats.features.shape[1] - 3
-    parameters = {
-        "means": splats.means.clone(),
-        "quats": splats.quats.clone(),
-        "log_scales": splats.scales.log(),
-        "logits": torch.logit(splats.opacities),
-        "sh": torch.rand(count, 4, 3, generator=g) - 0.5,
-        "codes": torch.randn(count, code, generator=g),
-        "weight": torch.randn(labels + 1, code, generator=g),
-        "bias": torch.zeros(labels + 1),
-    }
-    parameters = {name: value.to(device) for name, value in parameters.items()}
-    first = {name: torch.zeros_like(value) for name, value in parameters.items()}
-    second = {name: torch.zeros_like(value) for name, value in parameters.items()}
-    target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g).to(device))
-    truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32).to(device)
-    class_weights = torch.ones(labels + 1, device=device)
-    position = -scene.viewmat[:3, :3].T @ scene.viewmat[:3, 3]
-    done = [0]
-
-    def step() -> None:
-        p: dict[str, Tensor] = {name: value.detach().requires_grad_() for name, value in parameters.items()}
-        colours = sh_to_rgb(p["means"], p["sh"], position.float(), 1, backend=backend)
-        features = torch.cat((colours, p["codes"]), dim=1)
-        drawn = Splats(p["means"], p["quats"], p["log_scales"].exp(), torch.sigmoid(p["logits"]), features)
-        rgb, codes = torch.split(rasterize(drawn, scene.viewmat, camera, backend=backend).image, [3, code], dim=2)
-        loss = image_loss(rgb, target, 0.2)
-        loss = loss + semantic_loss(codes, p["weight"], p["bias"], truth, class_weights)
-        loss.backward()
-        done[0] += 1
-        for name, value in parameters.items():
-            grad = p[name].grad
-            assert grad is not None
-            adam_update(value, grad, first[name], second[name], rate=1e-7, step=done[0], backend=backend)
-
-    return step

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
-from fastsplat.service.splatting.plan import SceneSize, steps_per_second
-
-from benchmarks.trade.data import HELD_OUT_EVERY
+from benchmarks.trade.captures import HELD_OUT_EVERY
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
 from fastsplat.service.planning.presets import PRESETS, PresetName
+from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 
 BASE: dict[str, Any] = {
@@ -62,9 +64,13 @@ class Row:
         """Unique."""
         return f"{self.data}/{self.factor}/{self.value}"
 
-    def settings(self) -> TrainingSettings:
-        """To train with."""
-        return TrainingSettings.model_validate({**BASE, **self.training})
+    def settings(self, models: Path) -> Settings:
+        """Of all rooms; `models` is the model directory."""
+        return Settings(
+            models=models,
+            training=TrainingSettings.model_validate({**BASE, **self.training}),
+            perception=PerceptionSettings.model_validate({"threads": 2, **(self.perception or {})}),
+        )
 
 
 def all_rows() -> list[Row]:

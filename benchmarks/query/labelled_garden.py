@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from benchmarks.raster.scenes import garden
+from benchmarks.raster.garden import garden
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder

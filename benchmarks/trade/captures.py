@@ -10,14 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.training.data import load_posed_folder
-from fastsplat.service.capture import admit_upload, build_capture, load_capture
+from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.views import split_views
 
 HELD_OUT_EVERY = 5
@@ -35,14 +36,14 @@ class BenchData:
         capture: posed, with points.
         truth: exact label maps of all views.
         train, test: positions of views; every fifth is a test view.
-        asked: the labels that a detector is asked for: things, not surfaces, and of the sample those it can know.
+        prompts: the labels that a detector is asked for: things, not surfaces, and of the sample those it can know.
     """
 
     capture: Capture
     truth: Labelling
     train: tuple[int, ...]
     test: tuple[int, ...]
-    asked: tuple[str, ...]
+    prompts: tuple[str, ...]
 
 
 def load_data(name: str) -> BenchData:
@@ -55,8 +56,8 @@ def load_data(name: str) -> BenchData:
         truth = label_capture(capture, PerceptionSettings(), Path(), (), silent)
         surfaces = ("plate", "tulip", "dining table")  # two that COCO has no class for, and the surface
     train, test = split_views(len(capture.views), HELD_OUT_EVERY)
-    asked = tuple(entry.label for entry in truth.dictionary.entries if entry.label not in surfaces)
-    return BenchData(capture, replace(truth, exact=True), train, test, asked)
+    prompts = tuple(entry.label for entry in truth.dictionary.entries if entry.label not in surfaces)
+    return BenchData(capture, replace(truth, exact=True), train, test, prompts)
 
 
 def models() -> Path:
@@ -64,16 +65,16 @@ def models() -> Path:
     return Path(os.environ.get("FASTSPLAT_MODELS", ".models"))
 
 
-def training_labels(data: BenchData, settings: PerceptionSettings) -> Labelling:
+def training_labels(data: BenchData, settings: Settings) -> Labelling:
     """What a detector and a segmenter make of the training views; the test views stay undetected."""
     part = replace(data.capture, views=tuple(data.capture.views[i] for i in data.train), given_labels=None)
-    names = data.asked if settings.open_set_detector else ()
-    found = label_capture(part, settings, models(), names, silent)
+    names = data.prompts if settings.perception.open_set_detector else ()
+    detected = label_capture(part, settings.perception, settings.models, names, silent)
     maps = [np.zeros_like(label_map) for label_map in data.truth.label_maps]
     regions = [Regions(label_map, ()) for label_map in maps]
-    for position, label_map, seen in zip(data.train, found.label_maps, found.regions, strict=True):
-        maps[position], regions[position] = label_map, seen
-    return Labelling(found.dictionary, tuple(maps), regions=tuple(regions), expected=found.expected)
+    for position, label_map, view in zip(data.train, detected.label_maps, detected.regions, strict=True):
+        maps[position], regions[position] = label_map, view
+    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions), expected=detected.expected)
 
 
 def _sample() -> Capture:
@@ -84,6 +85,7 @@ def _sample() -> Capture:
             raw = Path(folder) / "raw"
             shutil.copytree(_SAMPLE, raw)
             (raw / "README.md").unlink()
-            admitted = admit_upload(raw, CaptureSettings())
-            build_capture(admitted.folder, built, CaptureSettings(), silent)
+            from fastsplat.service.pipeline import capture_folder  # loads what a row's process does without
+
+            capture_folder(raw, built, CaptureSettings())
     return load_capture(built)

@@ -1,9 +1,8 @@
-"""One row in a process of its own: `python -m benchmarks.trade.measure OUT.json < row.json`."""
+"""One row in a process of its own: `python -m benchmarks.trade.measure_row OUT.json < row.json`."""
 
 from __future__ import annotations
 
 import json
-import resource
 import shutil
 import sys
 import tempfile
@@ -11,26 +10,27 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.trade.data import SCRATCH, BenchData, load_data, models, training_labels
-from benchmarks.trade.rows import Row
-from benchmarks.trade.score import Pictures, localization, maps_iou, score
+from benchmarks.provenance import peak_megabytes
+from benchmarks.trade.captures import SCRATCH, BenchData, load_data, models, training_labels
+from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import SceneIndex, embed_labels
+from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.splatting.raster import RasterSettings, Splats, label_map, rasterize, sh_to_rgb
 from fastsplat.service.splatting.train import train
 
-_ENCODER = "minilm_l6_int8"
+if TYPE_CHECKING:
+    from benchmarks.trade.score import Pictures
+
 _TIMED = 5
 T = TypeVar("T")
 
@@ -46,26 +46,18 @@ def main() -> None:
 
 def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
     figures: dict[str, Any] = {}
-    labelling = data.truth
+    settings, labelling = row.settings(models()), data.truth
     if row.perception is not None:
-        settings = PerceptionSettings.model_validate({"threads": 2, **row.perception})
         labelling, spent = _timed(lambda: training_labels(data, settings))
         figures |= {f"perception_{name}": value for name, value in spent.items()}
-    trained, spent = _timed(lambda: train(data.capture, labelling, row.settings(), silent))
+    trained, spent = _timed(lambda: train(data.capture, labelling, settings.training, silent))
     figures |= spent
-    figures["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
-    encoder = open_text_encoder(_ENCODER, models())
-    scene = Scene(
-        gaussians=trained.gaussians,
-        head=trained.head,
-        dictionary=labelling.dictionary,
-        label_embeddings=embed_labels(labelling.dictionary, encoder, ("{}",)),
-        text_encoder=(encoder.name, encoder.sha256),
-        cameras=tuple(view.posed for view in data.capture.views),
-        scale=data.capture.scale,
-        evidence=trained.evidence,
-        label_mode=trained.label_mode,
-    )
+    figures["peak_mb"] = peak_megabytes()
+    # The libraries of these are not training's, and not in its peak.
+    from benchmarks.trade.score import Pictures, localization, maps_iou, score
+    from fastsplat.service.pipeline import assemble_scene
+
+    scene = assemble_scene(trained, labelling, data.capture, settings, trained.quality)
     with tempfile.TemporaryDirectory() as folder:
         write_scene(scene, Path(folder) / "scene")
         figures["bytes"] = sum(path.stat().st_size for path in (Path(folder) / "scene").rglob("*") if path.is_file())
@@ -73,7 +65,7 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
             kept = SCRATCH / f"{row.data}-base"
             shutil.rmtree(kept, ignore_errors=True)
             shutil.copytree(Path(folder) / "scene", kept)
-    index = SceneIndex(scene, encoder)
+    index = SceneIndex(scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query)
     pictures = Pictures(index.render, index.label_map)
     figures |= {
         "gaussians": len(trained.gaussians),
@@ -91,19 +83,23 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
 
 
 def _query_row(row: Row, data: BenchData) -> dict[str, Any]:
+    from benchmarks.trade.score import score
+
     assert row.query is not None
     scene = read_scene(SCRATCH / f"{row.data}-base")
     pictures = _drawn(scene, row.query)
     return {
         "gaussians": len(scene.gaussians),
         "label_map_ms": _milliseconds(pictures.labels, data),
-        "colours_ms": _milliseconds(pictures.colours, data),
+        "colors_ms": _milliseconds(pictures.colors, data),
         **score(pictures, scene.dictionary, data, False),
     }
 
 
 def _drawn(scene: Scene, query: dict[str, float]) -> Pictures:
     """The scene drawn with other cut-offs, and at a stride: at 1/n of the size, each pixel n × n of the picture."""
+    from benchmarks.trade.score import Pictures
+
     stride = int(query.get("stride", 1))
     settings = replace(RasterSettings(), **{name: value for name, value in query.items() if name != "stride"})
     gaussians = scene.gaussians
@@ -132,14 +128,14 @@ def _drawn(scene: Scene, query: dict[str, float]) -> Pictures:
         found = label_map(splats, viewmat, small.camera, weight, bias, alpha_min=0.5, settings=settings)
         return enlarged(found.classes.numpy().astype(np.uint16), posed, cv2.INTER_NEAREST)
 
-    def colours(posed: PosedCamera) -> NDArray[Any]:
+    def colors(posed: PosedCamera) -> NDArray[Any]:
         viewmat, small = viewed(posed)
         origin = torch.tensor(posed.world_from_camera[:3, 3], dtype=torch.float32)
         rgb = sh_to_rgb(means, sh, origin, gaussians.sh_degree)
         image = rasterize(replace(splats, features=rgb), viewmat, small.camera, settings=settings).image
         return enlarged((image.clamp(0, 1) * 255).round().byte().numpy(), posed, cv2.INTER_LINEAR)
 
-    return Pictures(colours, labels)
+    return Pictures(colors, labels)
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
