@@ -1,4 +1,4 @@
-"""What the demonstration leaves behind: report.json, pictures, PLY files and two tables on the terminal."""
+"""The results of a demonstration: report.json, pictures, PLY files and two tables on the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
 def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAnswer]) -> dict[str, Any]:
-    """The figures of one run, from what the server said."""
+    """The figures of one run, from the server's answers."""
     quality = scene.quality
     return {
         "images": quality["images"],
@@ -33,12 +33,12 @@ def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAns
         "psnr": quality.get("psnr"),
         "ssim": quality.get("ssim"),
         "held_out": quality.get("held_out"),
-        "queries": [_query_of(found) for found in answers],
+        "queries": [_query_of(answered) for answered in answers],
     }
 
 
-def _query_of(found: QueryAnswer) -> dict[str, Any]:
-    answer = found.answer
+def _query_of(answered: QueryAnswer) -> dict[str, Any]:
+    answer = answered.answer
     return {
         "text": answer.text,
         "verdict": answer.verdict,
@@ -50,28 +50,29 @@ def _query_of(found: QueryAnswer) -> dict[str, Any]:
         ],
         "objects": [
             {"id": thing.id, "label": thing.label, "center": thing.box.center.position, "size": thing.box.size}
-            for thing in found.objects
+            for thing in answered.objects
         ],
     }
 
 
-def save_evidence(client: Client, scene: SceneInfo, answers: Sequence[QueryAnswer], folder: Path) -> None:
+def save_pictures(client: Client, scene: SceneInfo, answers: Sequence[QueryAnswer], folder: Path) -> None:
     """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
     middle = scene.cameras[len(scene.cameras) // 2].name
     (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", middle))
     panels = [("rendered", folder / "view.png")]
-    for found in answers:
-        text = found.answer.text
+    for answered in answers:
+        text = answered.answer.text
         stem = re.sub(r"\W+", "-", text).strip("-") or "query"
         for kind in _SHOWN_KINDS:
             (folder / f"{stem}-{kind}.png").write_bytes(client.picture(scene.id, kind, middle, text=text))
-        panels.append((caption_of(found.answer), folder / f"{stem}-overlay.png"))
+        panels.append((caption_of(answered.answer), folder / f"{stem}-overlay.png"))
         (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text))
     write_sheet(panels, folder / "summary.jpg")
     client.download_scene(scene.id, folder / "scene.ply")
 
 
 def write_report(report: Mapping[str, Any], folder: Path) -> None:
+    """Write `report.json` into the folder."""
     (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -91,7 +92,7 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
         "answer",
         "relevancy",
         "Gaussians",
-        title="Asked and answered, REST = gRPC; dim: not relevant",
+        title="Questions and answers, the same over REST and gRPC; dim: not relevant",
     )
     for query in report["queries"]:
         for rank, match in enumerate(query["results"][:_SHOWN]):

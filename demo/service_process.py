@@ -1,4 +1,4 @@
-"""Starts the service as its own process and makes sure that it stops again."""
+"""The service as a process of its own that stops with the block that started it."""
 
 from __future__ import annotations
 
