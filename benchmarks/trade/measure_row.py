@@ -62,9 +62,9 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
         write_scene(scene, Path(folder) / "scene")
         figures["bytes"] = sum(path.stat().st_size for path in (Path(folder) / "scene").rglob("*") if path.is_file())
         if row.factor == "base":
-            kept = SCRATCH / f"{row.data}-base"
-            shutil.rmtree(kept, ignore_errors=True)
-            shutil.copytree(Path(folder) / "scene", kept)
+            shared = SCRATCH / f"{row.data}-base"
+            shutil.rmtree(shared, ignore_errors=True)
+            shutil.copytree(Path(folder) / "scene", shared)
     index = SceneIndex(scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query)
     pictures = Pictures(index.render, index.label_map)
     figures |= {
@@ -125,8 +125,8 @@ def _drawn(scene: Scene, query: dict[str, float]) -> Pictures:
 
     def labels(posed: PosedCamera) -> NDArray[Any]:
         viewmat, small = viewed(posed)
-        found = label_map(splats, viewmat, small.camera, weight, bias, alpha_min=0.5, settings=settings)
-        return enlarged(found.classes.numpy().astype(np.uint16), posed, cv2.INTER_NEAREST)
+        drawn = label_map(splats, viewmat, small.camera, weight, bias, alpha_min=0.5, settings=settings)
+        return enlarged(drawn.classes.numpy().astype(np.uint16), posed, cv2.INTER_NEAREST)
 
     def colors(posed: PosedCamera) -> NDArray[Any]:
         viewmat, small = viewed(posed)

@@ -87,9 +87,9 @@ def all_rows() -> list[Row]:
 
 def _preset(name: PresetName) -> dict[str, Any]:
     """Bounded by the steps that fit the preset's time on the reference machine, so that a busy one gets there too."""
-    wanted = TrainingSettings.model_validate(PRESETS[name])
-    assert wanted.time_budget_s is not None
-    steps = round(wanted.time_budget_s * steps_per_second(wanted, _TABLETOP))
+    settings = TrainingSettings.model_validate(PRESETS[name])
+    assert settings.time_budget_s is not None
+    steps = round(settings.time_budget_s * steps_per_second(settings, _TABLETOP))
     return {**PRESETS[name], "time_budget_s": None, "iterations": steps}
 
 
@@ -128,8 +128,8 @@ def _frontier() -> Iterator[Row]:
     """The same computing time spent on many steps over little, or on few over much."""
     for seconds in (4, 16):
         for side, count in ((120, 5_000), (170, 10_000), (240, 20_000), (340, 20_000), (480, 40_000)):
-            chosen = {**BASE, "max_side": side, "max_gaussians": count}
-            steps = round(seconds * steps_per_second(TrainingSettings.model_validate(chosen), _TABLETOP))
+            bounds = {**BASE, "max_side": side, "max_gaussians": count}
+            steps = round(seconds * steps_per_second(TrainingSettings.model_validate(bounds), _TABLETOP))
             changes = {"max_side": side, "max_gaussians": count, "iterations": steps}
             yield Row("tabletop", f"frontier {seconds} s", f"{side} px, {count}", changes)
 
