@@ -168,11 +168,12 @@ def _train(
     preset: PresetName | None,
     keep: Path | None,
 ) -> _Subject:
-    from fastsplat.service.evaluation import RunCost
     from fastsplat.service.evaluation.train_eval import train_on_split
     from fastsplat.service.scene import write_scene
 
     trained = train_on_split(dataset, settings, work, listen, labels=labels, preset=preset)
+    from fastsplat.service.evaluation import RunCost  # the libraries of metrics are not in the training's peak memory
+
     artefact = keep or work / "artefact"
     write_scene(trained.scene, artefact)
     return _Subject(trained.scene, RunCost(trained.seconds, _folder_bytes(artefact), trained.peak_mb))
