@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.provenance import peak_megabytes
-from benchmarks.trade.captures import SCRATCH, BenchData, load_data, models, training_labels
+from benchmarks.trade.bench_captures import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.progress import silent

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.trade.captures import BenchData
+from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.images import load_rgb
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from benchmarks.trade.captures import HELD_OUT_EVERY
+from benchmarks.trade.bench_captures import HELD_OUT_EVERY
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
 from fastsplat.service.planning.presets import PRESETS, PresetName
