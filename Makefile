@@ -39,7 +39,7 @@ lock: setup  ## write constraints.txt from what is installed
 protos: setup  ## regenerate the wire contract's Python
 	$(BIN)/python protos/generate.py
 
-bench-raster: setup  ## rasterizer and training-step table, writes benchmarks/results/raster.json
+bench-raster: setup  ## rasterizer and training-step table (a made scene without FASTSPLAT_TEST_DATA), writes benchmarks/results/raster.json
 	$(BIN)/python -m benchmarks.raster --peers benchmarks/results/peers.json
 
 bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-only training, frames a second

@@ -7,7 +7,7 @@ from typing import cast
 
 from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.common.errors import LimitExceededError
-from fastsplat.service.splatting.presets import PresetName
+from fastsplat.service.planning.presets import PresetName
 
 
 def scene_options(

@@ -1,13 +1,15 @@
-"""`fastsplat evaluate`: train on a data set's training split, score its test split, say all figures."""
+"""`fastsplat evaluate`: train on a data set's training split, measure on its test split, report every figure."""
 
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -16,110 +18,99 @@ from rich.table import Table
 
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.planning.presets import PresetName, apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, PresetName, with_preset
 
-_FIGURES = (
-    "miou", "miou_micro", "miou_threshold", "boundary_iou", "pixel_accuracy", "localization",
-    "localization_peak_in_mask", "ghost_rate", "mask3d_iou", "psnr", "ssim", "depth_error", "absent_auroc",
-)  # fmt: skip
+if TYPE_CHECKING:  # these load torch, which `--help` and a refusal can do without
+    from fastsplat.service.evaluation import Report, RunCost
+    from fastsplat.service.evaluation.datasets import Dataset
+    from fastsplat.service.evaluation.types import ViewPrediction
+    from fastsplat.service.scene import Scene
 
-_Tell = Callable[[ProgressEvent], None]
+Listener = Callable[[ProgressEvent], None]
+
+Folder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="transforms.json, COLMAP, LERF-OVS or 3D-OVS folder with images.")
+]
+Preset = Annotated[
+    Literal[PresetName, "settings"],
+    typer.Option(help="How much to spend; 'settings' takes FASTSPLAT_TRAINING__* as they are."),
+]
+Labels = Annotated[
+    Literal["given", "detected"],
+    typer.Option(help="Train on the data set's label maps, or on what the models find of its labels."),
+]
+StoredScene = Annotated[
+    str, typer.Option(help="Measure this trained scene instead: an id of the data folder, or an artefact's folder.")
+]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write every figure to this file.")]
+Pictures = Annotated[Path | None, typer.Option(help="Draw photo, truth, prediction and errors of every test view.")]
+Keep = Annotated[Path | None, typer.Option(help="Write the trained scene to this new folder, for --scene.")]
+TimeBudget = Annotated[float | None, typer.Option(min=1, help="Seconds of optimization.")]
+MaxGaussians = Annotated[int | None, typer.Option(min=1, help="Hard budget.")]
+Device = Annotated[
+    Literal["cpu", "cuda"] | None, typer.Option("--device", "--backend", help="Where to train and render.")
+]
+TestEvery = Annotated[int, typer.Option(min=2, help="One view in so many tests, if the data set has no split.")]
+MaskLabel = Annotated[str, typer.Option(help="What binary masks show, for data sets that do not say.")]
 
 
 def evaluate(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="transforms.json, COLMAP, LERF-OVS or 3D-OVS folder with images.")
-    ],
-    preset: Annotated[
-        Literal["draft", "balanced", "best", "settings"],
-        typer.Option(help="How much to spend; 'settings' takes FASTSPLAT_TRAINING__* as they are."),
-    ] = "balanced",
-    labels: Annotated[
-        Literal["given", "detected"],
-        typer.Option(help="Train on the data set's label maps, or on what the models find of its labels."),
-    ] = "given",
-    scene: Annotated[
-        str, typer.Option(help="Score this trained scene instead: an id of the data folder, or an artefact's folder.")
-    ] = "",
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write every figure to this file.")] = None,
-    pictures: Annotated[
-        Path | None, typer.Option(help="Draw photo, truth, answer and error of every test view.")
-    ] = None,
-    keep: Annotated[Path | None, typer.Option(help="Write the trained scene to this new folder, for --scene.")] = None,
-    time_budget: Annotated[float | None, typer.Option(min=1, help="Seconds of optimisation.")] = None,
-    max_gaussians: Annotated[int | None, typer.Option(min=1, help="Hard budget.")] = None,
-    device: Annotated[
-        Literal["cpu", "cuda"] | None, typer.Option("--device", "--backend", help="Where to train and render.")
-    ] = None,
-    test_every: Annotated[
-        int, typer.Option(min=2, help="One view in so many tests, if the data set has no split.")
-    ] = 8,
-    mask_label: Annotated[str, typer.Option(help="What binary masks show, for data sets that do not say.")] = "",
+    folder: Folder,
+    preset: Preset = "balanced",
+    labels: Labels = "given",
+    scene: StoredScene = "",
+    json_file: JsonFile = None,
+    pictures: Pictures = None,
+    keep: Keep = None,
+    time_budget: TimeBudget = None,
+    max_gaussians: MaxGaussians = None,
+    device: Device = None,
+    test_every: TestEvery = 8,
+    mask_label: MaskLabel = "",
 ) -> None:
-    """Train on the training split of a data set and score its test split.
+    """Train on the training split of a data set and measure on its test split.
 
-    Training views never score, a missing prediction counts as zero, and whatever was not measured is null in the JSON
-    with the reason beside it.
+    No view of the training split is measured, a missing prediction counts as zero, and whatever was not measured is
+    null in the JSON with the reason beside it.
     """
-    from fastsplat.service.evaluation.datasets import read_dataset  # loads torch, which `--help` can do without
-    from fastsplat.service.evaluation.scene import evaluate_scene
-    from fastsplat.service.evaluation.trial import train_on
-    from fastsplat.service.perception.text import open_text_encoder
-    from fastsplat.service.query import SceneIndex
-    from fastsplat.service.scene import read_scene, write_scene
+    _check_paths(folder, json_file, pictures, keep)
+    settings = _with_device(load_settings(), device)
+    name = None if preset == "settings" else preset
+    settings = override_training(apply_preset(settings, name), time_budget_s=time_budget, max_gaussians=max_gaussians)
+    stored = _stored_artefact(scene, settings) if scene else None
 
-    _check_targets(json_file, pictures, keep)
-    settings = _settings(preset, time_budget, max_gaussians, device)
+    from fastsplat.service.evaluation.datasets import read_dataset
+
     console = Console()
-    with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, _shown(console) as tell:
-        tell(ProgressEvent("data set", 0.0, folder.name))
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, _progress_bars(console) as listen:
+        listen(ProgressEvent("data set", 0.0, folder.name))
         dataset = read_dataset(folder, settings.capture, test_every=test_every, mask_label=mask_label)
-        tell(ProgressEvent("data set", 1.0, f"{len(dataset.train)} views to train on, {len(dataset.test)} to test"))
-        known: dict[str, Any] = {}
-        if scene:
-            artefact = _artefact(scene, settings)
-            trained = read_scene(artefact)
-            known = {"seconds": trained.quality.get("stage_seconds", {})}
+        listen(ProgressEvent("data set", 1.0, f"{len(dataset.train)} training views, {len(dataset.test)} test views"))
+        if stored is not None:
+            subject = _read(stored)
         else:
-            trial = train_on(dataset, settings, labels, Path(work), tell)
-            trained, artefact = trial.scene, keep or Path(work) / "artefact"
-            write_scene(trained, artefact)
-            known = {"seconds": trial.seconds, "peak_mb": trial.peak_mb}
-        size = sum(path.stat().st_size for path in artefact.iterdir())
-        encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
-        index = SceneIndex(trained, encoder, settings.query)
-        report = evaluate_scene(
-            index,
-            dataset,
-            scene_bytes=size,
-            progress=tell,
-            watch=_painter(index, dataset.dictionary, pictures),
-            **known,
-        )
-    written = report.to_json()
-    written["settings"] = dict(trained.training)
+            subject = _train(dataset, settings, Path(work), listen, labels=labels, preset=name, keep=keep)
+        report = _measure(subject, dataset, settings, listen, pictures)
+    written = {**report.to_json(), "settings": dict(subject.scene.training)}
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(written, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-    console.print(_table(folder.name, written))
+    console.print(_table(folder.name, report))
 
 
-def _settings(preset: str, time_budget: float | None, max_gaussians: int | None, device: str | None) -> Settings:
-    settings = load_settings()
-    training, perception = settings.training, settings.perception
-    name: PresetName | None = next((known for known in PRESETS if known == preset), None)
-    if name is not None:
-        training = with_preset(training, name)
-        perception = perception.model_copy(update=dict(PERCEPTION_PRESETS[name]))
-    chosen = {"time_budget_s": time_budget, "max_gaussians": max_gaussians, "backend": device}
-    training = training.model_copy(update={key: value for key, value in chosen.items() if value is not None})
-    query = settings.query if device is None else settings.query.model_copy(update={"backend": device})
-    return settings.model_copy(update={"training": training, "perception": perception, "query": query})
+@dataclass(frozen=True)
+class _Subject:
+    """The scene that is measured, and what it cost."""
+
+    scene: Scene
+    cost: RunCost
 
 
-def _check_targets(json_file: Path | None, pictures: Path | None, keep: Path | None) -> None:
-    """Before minutes of training, not after."""
+def _check_paths(folder: Path, json_file: Path | None, pictures: Path | None, keep: Path | None) -> None:
+    """Refuse at once, not after seconds of imports or minutes of training."""
+    if not folder.is_dir():
+        raise NotFoundError(f"there is no folder {folder}", field="DIR", hint="Name a data set's folder.")
     if json_file is not None and json_file.is_dir():
         raise InvalidInputError(f"{json_file} is a folder", field="--json", hint="Name a file.")
     if pictures is not None and pictures.exists() and not pictures.is_dir():
@@ -130,18 +121,25 @@ def _check_targets(json_file: Path | None, pictures: Path | None, keep: Path | N
         )
 
 
-def _artefact(scene: str, settings: Settings) -> Path:
+def _with_device(settings: Settings, device: str | None) -> Settings:
+    if device is None:
+        return settings
+    query = settings.query.model_copy(update={"backend": device})
+    return override_training(settings.model_copy(update={"query": query}), backend=device)
+
+
+def _stored_artefact(scene: str, settings: Settings) -> Path:
     """Folder of a scene's arrays: of a path, or of the current version of an id."""
     if (Path(scene) / "scene.json").is_file():
         return Path(scene)
-    from fastsplat.service.store import open_store
-
     if not settings.data_dir.is_dir():
         raise NotFoundError(
             f"{scene} is no scene folder, and there is no data folder {settings.data_dir}",
             field="--scene",
             hint="Name an artefact's folder, or point FASTSPLAT_DATA_DIR at the service's data.",
         )
+    from fastsplat.service.store import open_store
+
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         state, version, _ = store.rows.version(scene)
@@ -152,30 +150,71 @@ def _artefact(scene: str, settings: Settings) -> Path:
         store.close()
 
 
-def _painter(index: Any, dictionary: Any, folder: Path | None) -> Callable[[Any, Any], None]:
+def _read(artefact: Path) -> _Subject:
+    from fastsplat.service.evaluation import RunCost
+    from fastsplat.service.scene import read_scene
+
+    scene = read_scene(artefact)
+    return _Subject(scene, RunCost(scene.quality.get("stage_seconds", {}), _folder_bytes(artefact)))
+
+
+def _train(
+    dataset: Dataset,
+    settings: Settings,
+    work: Path,
+    listen: Listener,
+    *,
+    labels: Literal["given", "detected"],
+    preset: PresetName | None,
+    keep: Path | None,
+) -> _Subject:
+    from fastsplat.service.evaluation.train_eval import train_on_split
+    from fastsplat.service.scene import write_scene
+
+    trained = train_on_split(dataset, settings, work, listen, labels=labels, preset=preset)
+    from fastsplat.service.evaluation import RunCost  # the libraries of metrics are not in the training's peak memory
+
+    artefact = keep or work / "artefact"
+    write_scene(trained.scene, artefact)
+    return _Subject(trained.scene, RunCost(trained.seconds, _folder_bytes(artefact), trained.peak_mb))
+
+
+def _folder_bytes(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.iterdir())
+
+
+def _measure(
+    subject: _Subject, dataset: Dataset, settings: Settings, listen: Listener, pictures: Path | None
+) -> Report:
+    from fastsplat.service.evaluation import evaluate_scene
+    from fastsplat.service.perception.text import open_text_encoder
+    from fastsplat.service.query import SceneIndex
+
+    encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+    index = SceneIndex(subject.scene, encoder, settings.query)
+
+    def draw(view: ViewPrediction) -> None:
+        if pictures is not None and view.rgb is not None:
+            _draw(view, pictures)
+
+    return evaluate_scene(index, dataset, cost=subject.cost, progress=listen, on_view=draw)
+
+
+def _draw(view: ViewPrediction, folder: Path) -> None:
     import numpy as np
     from PIL import Image
 
-    from fastsplat.service.evaluation.pictures import label_sheet, query_sheet
+    from fastsplat.service.evaluation.contact_sheets import label_sheet, query_sheet
 
-    def paint(view: Any, score: Any) -> None:
-        if folder is None or score.rendered is None:
-            return
-        if view.labels is not None:
-            sheet = label_sheet(view, score, dictionary)
-        else:
-            answers = [(query.text, index.ask([query.text])[0]) for query in view.queries]
-            sheet = query_sheet(view, [(text, index.mask2d(answer, view.posed).mask) for text, answer in answers])
-        target = folder / Path(view.name.replace("/", "_")).with_suffix(".jpg")
-        folder.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(np.ascontiguousarray(sheet)).save(target, quality=90)
-
-    return paint
+    sheet = query_sheet(view) if view.truth.labels is None else label_sheet(view)
+    target = folder / Path(view.truth.name.replace("/", "_")).with_suffix(".jpg")
+    folder.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.ascontiguousarray(sheet)).save(target, quality=90)
 
 
 @contextmanager
-def _shown(console: Console) -> Iterator[_Tell]:
-    """One bar a stage."""
+def _progress_bars(console: Console) -> Iterator[Listener]:
+    """One bar for each stage."""
     columns = (
         TextColumn("{task.fields[stage]:<11}"),
         BarColumn(bar_width=24),
@@ -185,7 +224,7 @@ def _shown(console: Console) -> Iterator[_Tell]:
     tasks: dict[str, TaskID] = {}
     with Progress(*columns, console=console) as bars:
 
-        def tell(event: ProgressEvent) -> None:
+        def listen(event: ProgressEvent) -> None:
             if event.stage not in tasks:
                 for earlier in tasks.values():
                     bars.update(earlier, completed=1.0)
@@ -194,23 +233,30 @@ def _shown(console: Console) -> Iterator[_Tell]:
             psnr = f", {event.metrics['psnr']:.1f} dB" if "psnr" in event.metrics else ""
             bars.update(tasks[event.stage], completed=event.fraction, description=f"{event.message}{psnr}")
 
-        yield tell
+        yield listen
 
 
-def _table(name: str, written: dict[str, Any]) -> Table:
-    table = Table(title=f"{name}: {written['dataset']['test_views']} test views, {written['gaussians']} Gaussians")
-    for heading in ("figure", "value", "95 % interval", ""):
+def _table(name: str, report: Report) -> Table:
+    test_views = report.dataset["test_views"]
+    table = Table(title=f"{name}: {test_views} test views, {report.gaussians} Gaussians; ↑ higher is better, ↓ lower")
+    for heading in ("metric", "value", "unit", "95 % interval", ""):
         table.add_column(heading, no_wrap=heading != "")
-    for key in _FIGURES:
-        interval = written["intervals"].get(key)
-        table.add_row(
-            key,
-            "-" if written[key] is None else f"{written[key]:.4f}",
-            "" if interval is None or None in interval else f"{interval[0]:.4f} .. {interval[1]:.4f}",
-            written["reasons"].get(key, ""),
-        )
-    for label, iou in sorted(written["miou_per_class"].items(), key=lambda item: -1 if item[1] is None else item[1]):
-        table.add_row(f"  {label}", "-" if iou is None else f"{iou:.4f}", "", "")
-    for stage, taken in written["seconds"].items():
-        table.add_row(f"{stage}, s", f"{taken:.1f}", "", "")
+    for figure in report.figures.values():
+        if figure.metric.headline:
+            table.add_row(
+                f"{figure.metric.name} {'↑' if figure.metric.higher_is_better else '↓'}",
+                _number(figure.value),
+                figure.metric.unit,
+                "" if figure.interval is None else f"{figure.interval[0]:.4f} .. {figure.interval[1]:.4f}",
+                figure.reason or (f"{len(figure.skipped)} views skipped" if figure.skipped else ""),
+            )
+    by_label = report.figures["miou"].per_label
+    for label, iou in sorted(by_label.items(), key=lambda item: -1.0 if math.isnan(item[1]) else item[1]):
+        table.add_row(f"  {label}", _number(iou), "", "", "")
+    for stage, seconds in report.seconds.items():
+        table.add_row(stage, f"{seconds:.1f}", "s", "", "")
     return table
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.4f}"

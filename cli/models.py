@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -11,10 +11,10 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
 
 from fastsplat.service.common.errors import FastSplatError
-from fastsplat.service.perception.models.model_manifest import load_manifest
-from fastsplat.service.perception.models.pull import Step, model_state
-from fastsplat.service.perception.models.pull import pull as pull_models
 from fastsplat.service.settings import load_settings
+
+if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
+    from fastsplat.service.perception.models.pull import Step
 
 models_app = typer.Typer(
     name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True
@@ -29,6 +29,10 @@ _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another mani
 @models_app.command("list")
 def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
     """Show every model of the manifest and what the model directory holds of it."""
+    from fastsplat.service.perception.models.model_manifest import load_manifest
+
+    from fastsplat.service.perception.models.pull import model_state
+
     directory = models or load_settings().models
     console = Console()
     with _errors(console):
@@ -56,6 +60,8 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
+    from fastsplat.service.perception.models.pull import pull as pull_models
+
     directory = models or load_settings().models
     console = Console()
     columns = (

@@ -1,4 +1,4 @@
-"""`python -m demo`: start the service, post a capture, watch it train, ask it things, keep the evidence."""
+"""`python -m demo`: start the service, post a capture, watch its training, ask questions, write the answers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from demo.process import running_service
 from demo.questions import SAMPLE_QUESTIONS, questions_for
-from demo.report import print_report, report_of, save_evidence, write_report
+from demo.run_report import print_report, report_of, save_pictures, write_report
+from demo.service_process import running_service
 from fastsplat.service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
 from fastsplat.service.common.errors import FastSplatError
 from fastsplat_client import Client
@@ -51,15 +51,15 @@ def main() -> None:
     ):
         try:
             _run(client, options, console, output)
-        except FastSplatError as refused:
-            raise SystemExit(f"{refused.reason}: {refused.message} {refused.details()}") from refused
+        except FastSplatError as error:
+            raise SystemExit(f"{error.reason}: {error.message} {error.details()}") from error
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
 
 
 def _run(client: Client, options: argparse.Namespace, console: Console, output: Path) -> None:
     capture: Path = options.photos or _SAMPLE
-    wanted = SceneOptions(time_budget_s=options.train_seconds)
-    posted = client.create_scene(capture, name=capture.stem, options=wanted)
+    scene_options = SceneOptions(time_budget_s=options.train_seconds)
+    posted = client.create_scene(capture, name=capture.stem, options=scene_options)
     console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
     show = _Progress(console)
     for operation in client.watch(posted.id):
@@ -68,10 +68,10 @@ def _run(client: Client, options: argparse.Namespace, console: Console, output: 
         raise SystemExit(f"the job ended as {operation.state}: {operation.error}\nsee {output}/service.log")
     scene = client.scene(operation.scene_id)
     texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
-    answers = [_asked(client, scene.id, text) for text in texts]
+    answers = [_ask(client, scene.id, text) for text in texts]
     report = report_of(scene, operation, answers)
     write_report(report, output)
-    save_evidence(client, scene, answers, output)
+    save_pictures(client, scene, answers, output)
     print_report(report, console)
 
 
@@ -79,8 +79,8 @@ def _labels(scene: SceneInfo) -> Sequence[str]:
     return [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
 
 
-def _asked(client: Client, scene_id: str, text: str) -> QueryAnswer:
-    """The answer, which is the same over REST and over gRPC: the demonstration holds the service to it."""
+def _ask(client: Client, scene_id: str, text: str) -> QueryAnswer:
+    """The answer, checked to be the same over REST and over gRPC."""
     request = QueryRequest(scene_id, (text,), outputs=frozenset({"objects"}), max_matches=-1)
     (rest,), (grpc,) = client.ask(request), client.ask(request, protocol="gRPC")
     if rest != grpc:
@@ -100,7 +100,7 @@ class _Progress:
             return
         stage = operation.stages[-1]
         figures = ", ".join(f"{name} {stage.metrics[name]:.4g}" for name in _FIGURES if name in stage.metrics)
-        # Tenths of a stage are enough for a log; the message changes more often than anybody reads.
+        # One line for each tenth of a stage: messages change several times a second.
         step = f"{stage.stage} {int(stage.fraction * 10)}"
         if step != self._last:
             self._last = step
@@ -112,8 +112,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
     parser.add_argument("--photos", type=Path, help="a folder of photos, a zip or tar, or a video; default: the sample")
     parser.add_argument("--ask", action="append", help="a question; may be given several times")
-    parser.add_argument("--output", type=Path, default=Path("demo-output"))
-    parser.add_argument("--train-seconds", type=float, help="training time; default: the server's")
+    parser.add_argument("--output", type=Path, default=Path("demo-output"), help="emptied first; default: demo-output")
+    parser.add_argument(
+        "--train-seconds", type=float, help="time budget of all that comes after the capture; default: the server's"
+    )
     parser.add_argument("--http-port", type=int, default=8000)
     parser.add_argument("--grpc-port", type=int, default=8001)
     options = parser.parse_args()

@@ -1,11 +1,11 @@
-"""What the demonstration asks: things that are there, an ambiguous word, and something that is not there."""
+"""Questions of the demonstration: objects that are there, ambiguous words, and an object that is not there."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 SAMPLE_QUESTIONS = ("banana", "coffee", "fruit", "something to read", "bicycle")
-"""For the sample capture: a thing by its name, three ambiguous questions, and a thing that is not there."""
+"""For the sample capture: an object by its name, three ambiguous questions, and an object that is not there."""
 
 _WIDER = {
     "teddy bear": "plush toy",
@@ -36,7 +36,7 @@ _WIDER = {
     "cat": "pet",
     "dog": "pet",
 }
-_STRANGE = ("submarine", "volcano", "bicycle")
+_ABSENT = ("submarine", "volcano", "bicycle")
 
 
 def questions_for(labels: Sequence[str]) -> tuple[str, ...]:
@@ -50,5 +50,5 @@ def questions_for(labels: Sequence[str]) -> tuple[str, ...]:
         purpose), and a thing that is not in the dictionary.
     """
     wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
-    absent = next(word for word in _STRANGE if word not in labels)
+    absent = next(word for word in _ABSENT if word not in labels)
     return (*labels[:2], wider, absent)

@@ -38,12 +38,12 @@ def main() -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     labels = _build()
     poses = camera_poses()
-    chosen = range(len(poses)) if args.views is None else args.views
+    numbers = range(len(poses)) if args.views is None else args.views
     (args.out / "images").mkdir(parents=True, exist_ok=True)
     (args.out / "masks").mkdir(exist_ok=True)
     camera = _camera()
     frames = []
-    for k in chosen:
+    for k in numbers:
         camera.matrix_world = poses[k]
         bpy.context.view_layer.update()
         begin = time.monotonic()

@@ -1,4 +1,4 @@
-"""One picture of a whole run: the rendered view and every question's answer in it."""
+"""One image of a whole run: the rendered view and the answer to every question in it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _GAP = 6
 
 
 def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
-    """Captioned pictures in rows of three, as a JPEG.
+    """Write captioned pictures in rows of three as a JPEG.
 
     Args:
         panels: caption and picture file, in reading order; all pictures have the aspect of the first.
@@ -40,6 +40,6 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
 
 
 def caption_of(answer: Answer) -> str:
-    """A question and what was found, in one line."""
-    found = [match.label for match in answer.matches if match.relevant]
-    return f"“{answer.text}” is {answer.verdict}" + (f": {', '.join(found[:3])}" if found else "")
+    """A question and the labels that answer it, in one line."""
+    labels = [match.label for match in answer.matches if match.relevant]
+    return f"“{answer.text}” is {answer.verdict}" + (f": {', '.join(labels[:3])}" if labels else "")

@@ -12,7 +12,7 @@ from fastsplat.service.store import open_store
 from fastsplat.workers.engine import Worker, start, stop
 
 logger = logging.getLogger(__name__)
-_STAGES = "fastsplat.workers.stages:STAGES_OF_THE_PRODUCT"
+_STAGES = "fastsplat.workers.stages:DEFAULT_STAGES"
 
 
 def run(settings: Settings, stages: str = _STAGES) -> None:

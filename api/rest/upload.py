@@ -16,6 +16,7 @@ from fastsplat.api.uploads import check_announced, scene_options
 from fastsplat.service.calls.service import SceneService
 from fastsplat.service.calls.types import Operation
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat.service.planning.presets import PRESETS
 from fastsplat.service.settings import Settings
 
 _FILE_FIELDS = ("capture", "images")
@@ -64,7 +65,7 @@ BODY_SCHEMA: dict[str, Any] = {
                             "says what was given up",
                         },
                         "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
-                        "preset": {"type": "string", "enum": ["draft", "balanced", "best"]},
+                        "preset": {"type": "string", "enum": list(PRESETS)},
                         "priority": {"type": "integer", "description": "higher ones are trained first; 0 is usual"},
                     },
                 }

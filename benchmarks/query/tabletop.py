@@ -13,19 +13,18 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
 
-_RESULTS = Path(__file__).parents[1] / "results"
 _PATCH = 0.003
 
 
@@ -37,11 +36,10 @@ def main() -> None:
     parser.add_argument("--background", nargs="*", default=["table", "floor", "wall"], help="labels that are no things")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    name = arguments.data.resolve().name
+    start = begin()
     report = measure(read_scene(arguments.scene), arguments.data, set(arguments.background))
-    report = {"command": f"python -m benchmarks.query.tabletop {name} --scene ARTEFACT", **report}
-    out = arguments.out or _RESULTS / f"objects_{name}.json"
-    out.write_text(json.dumps(report, indent=1) + "\n")
+    report = {**provenance(start), **report}
+    write_json(arguments.out or RESULTS / f"objects_{arguments.data.resolve().name}.json", report)
     print(json.dumps(report, indent=1))
 
 
@@ -58,21 +56,20 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
         if label in background:
             continue
         label_id = scene.dictionary.id_of(label)
-        found = [thing for thing in objects if thing.label_id == label_id]
-        rows[label] = {"objects": len(found)}
-        if found:
+        instances = [thing for thing in objects if thing.label_id == label_id]
+        rows[label] = {"objects": len(instances)}
+        if instances:
             truth = oriented_box(points, np.ones(len(points)), up)
             rows[label] |= {
-                "centroid_off": round(float(np.linalg.norm(found[0].centroid - points.mean(axis=0))), 4),
-                "box_centre_off": round(float(np.linalg.norm(found[0].box_center - truth.center)), 4),
-                "box_size_off": round(float(np.abs(found[0].box_size - truth.size).max()), 4),
+                "centroid_off": round(float(np.linalg.norm(instances[0].centroid - points.mean(axis=0))), 4),
+                "box_centre_off": round(float(np.linalg.norm(instances[0].box_center - truth.center)), 4),
+                "box_size_off": round(float(np.abs(instances[0].box_size - truth.size).max()), 4),
                 "size": truth.size.round(3).tolist(),
-                "gaussians": found[0].gaussian_count,
-                "best_views": list(found[0].best_views),
+                "gaussians": instances[0].gaussian_count,
+                "best_views": list(instances[0].best_views),
             }
     off = {key: [row[key] for row in rows.values() if key in row] for key in ("centroid_off", "box_centre_off")}
     return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "gaussians": len(scene.gaussians),
         "label_mode": scene.label_mode,
         "cpu_seconds": round(seconds, 3),
@@ -98,12 +95,12 @@ def _surfaces(data: Path) -> dict[str, np.ndarray]:
         points = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z], axis=-1) @ pose[:3, :3].T + pose[:3, 3]
         for label_id in np.unique(ids[ids > 0]).tolist():
             parts.setdefault(label_id, []).append(points[ids == label_id])
-    found = {}
+    surfaces = {}
     for label, label_id in document["labels"].items():
         points = np.concatenate(parts[label_id])
         first = np.unique((points / _PATCH).astype(np.int64), axis=0, return_index=True)[1]
-        found[label] = points[first]
-    return found
+        surfaces[label] = points[first]
+    return surfaces
 
 
 if __name__ == "__main__":

@@ -1,52 +1,56 @@
-"""`python -m benchmarks.raster`: prints the table and writes benchmarks/results/raster.json."""
+"""`python -m benchmarks.raster`: rasterizer and training step; writes benchmarks/results/raster.json.
+
+The scene is "garden" where FASTSPLAT_TEST_DATA holds it, else a made scene of its statistics; table and file say which,
+and their rows are not to be compared with each other. With --peers, rows of other programs (same keys, `backend` their
+name) are shown beside ours.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from benchmarks.raster.measure import Row, label_row, raster_row, step_row
-from benchmarks.raster.scenes import garden
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.raster.garden import garden, garden_file
+from benchmarks.raster.product_step import step_row
+from benchmarks.raster.raster_rows import Row, label_row, raster_row
 from fastsplat.service.splatting.raster.cpu import instruction_sets
 
-_RESULTS = Path(__file__).parents[1] / "results" / "raster.json"
+_OUT = RESULTS / "raster.json"
 
 
 def main() -> None:
-    """Measures, each row again until a moment with little other load or the end of --patience.
-
-    With --peers, rows of other programs (same keys, `backend` their name) are shown beside ours.
-    """
-    parser = argparse.ArgumentParser(description="rasterizer benchmark")
+    """Measure, each row again until a moment with little other load or the end of --patience."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--quick", action="store_true", help="only the rows that have targets")
     parser.add_argument("--patience", type=float, default=20.0, help="seconds a row may wait for a quiet machine")
     parser.add_argument("--peers", type=Path, help="JSON list of rows measured elsewhere on this machine")
-    parser.add_argument("--out", type=Path, default=_RESULTS)
+    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
 
     rows: list[dict[str, object]] = []
 
-    def add(measure: Callable[..., Row], *given: Any, **options: Any) -> None:
-        row, share = _quietest(lambda: measure(*given, **options), arguments.patience)
+    def add(measure: Callable[..., Row], *parameters: Any, **options: Any) -> None:
+        row, share = _quietest(lambda: measure(*parameters, **options), arguments.patience)
         values = {name: value for name, value in asdict(row).items() if value is not None and value != {}}
         rows.append(values | {"other_cpu": round(share, 3)})
         print(_line(rows[-1]), flush=True)
 
-    load = os.getloadavg()[0]
+    start = begin()
     threads, rounds = arguments.threads, arguments.rounds
+    source = "made, of garden's statistics" if garden_file() is None else "garden"
+    print(f"scene: {source}")
     print(_line({name: name for name in _COLUMNS}))
     small, large = garden(20_000, 320, 240, 6), garden(100_000, 640, 480, 6)
     plain, coded, long = (garden(100_000, 640, 480, channels) for channels in (3, 8, 13))
@@ -65,19 +69,13 @@ def main() -> None:
             add(raster_row, garden(count, 640, 480, 6), best, threads, rounds=max(3, rounds // 3))
         for width, height in ((160, 120), (1280, 720), (1920, 1080)):
             add(raster_row, garden(100_000, width, height, 6), best, threads, rounds=max(3, rounds // 3))
-    if arguments.peers:
+    if arguments.peers and garden_file() is None:
+        print("rows of other programs are left out: they were measured on garden")
+    elif arguments.peers:
         for row in json.loads(arguments.peers.read_text()):
             rows.append(row)
             print(_line(row))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    report = {
-        "machine": _machine(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "threads": threads,
-        "load_average_at_start": round(load, 2),
-        "rows": rows,
-    }
-    arguments.out.write_text(json.dumps(report, indent=1) + "\n")
+    write_json(arguments.out, {**provenance(start), "scene": source, "threads": threads, "rows": rows})
 
 
 _COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms label_map_ms".split()
@@ -111,17 +109,6 @@ def _busy_seconds() -> float:
 
 def _line(row: dict[str, object]) -> str:
     return " ".join(f"{row.get(name, '')!s:>12}" for name in _COLUMNS)
-
-
-def _machine() -> str:
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        names = [
-            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
-        ]
-        model = names[0] if names else model
-    return f"{model}, {len(os.sched_getaffinity(0))} CPUs, {platform.system()}"
 
 
 if __name__ == "__main__":

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from benchmarks.raster.measure import training_step
-from benchmarks.raster.scenes import Scene, garden
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.raster.garden import Scene, garden
+from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Splats, cuda, device_of, label_map, rasterize, sh_to_rgb
 
-_RESULTS = Path(__file__).parents[1] / "results" / "gpu.json"
+_OUT = RESULTS / "gpu.json"
 _PARTS = ("means", "quats", "scales", "opacities", "features")
 _LABELS, _CODE = 20, 8
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Median milliseconds and the most GPU memory of one kind of step, MiB."""
+    """Milliseconds and the highest GPU memory of one kind of step, MiB."""
 
     what: str
     gaussians: int
@@ -44,15 +43,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="GPU benchmark: parity, training, rendering")
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--out", type=Path, default=_RESULTS)
+    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     try:
         device = device_of("cuda")
     except ModelUnavailableError as error:
         raise SystemExit(f"{error}; nothing was measured.") from error
+    start = begin()
     report = measure(device, arguments.gaussians, arguments.rounds)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps(report, indent=1) + "\n")
+    write_json(arguments.out, {**provenance(start), "gpu": torch.cuda.get_device_name(), **report})
 
 
 def measure(device: torch.device, count: int, rounds: int, sizes: tuple[tuple[int, int], ...] = ()) -> dict[str, Any]:
@@ -62,25 +61,21 @@ def measure(device: torch.device, count: int, rounds: int, sizes: tuple[tuple[in
     parity = compare(small, device)
     print("relative L2 distance of cuda from cpu:", json.dumps(parity))
     scene = on_device(garden(count, *sizes[1], 3 + _CODE), device)
-    steps = [
-        timed("joint training step, ours", scene, training_step(scene, _LABELS, "cuda"), rounds),
-        timed("RGB-only training step, gsplat", scene, rgb_step(scene), rounds),
-    ]
+    steps = [joint_step(scene, rounds), timed("RGB-only training step, gsplat", scene, rgb_step(scene), rounds)]
     frames = [
-        timed("label map", seen, labels_of(seen), rounds)
-        for seen in (on_device(garden(count, *size, _CODE), device) for size in sizes[1:])
+        timed("label map", view, labels_of(view), rounds)
+        for view in (on_device(garden(count, *size, _CODE), device) for size in sizes[1:])
     ]
     frames += [
-        timed("colours and codes", seen, picture_of(seen), rounds)
-        for seen in (on_device(garden(count, *size, 3 + _CODE), device) for size in sizes[1:])
+        timed("colors and codes", view, picture_of(view), rounds)
+        for view in (on_device(garden(count, *size, 3 + _CODE), device) for size in sizes[1:])
     ]
     for row in (*steps, *frames):
         print(f"{row.what:34} {row.gaussians:8} {row.width:5}×{row.height:<5} {row.ms:9.3f} ms {row.peak_mib:8.1f} MiB")
     ratios = {"time": steps[0].ms / steps[1].ms, "memory": steps[0].peak_mib / max(steps[1].peak_mib, 1e-9)}
     print("joint / RGB-only:", json.dumps(ratios))
     return {
-        "machine": f"{torch.cuda.get_device_name() if device.type == 'cuda' else device}, {os.cpu_count()} CPUs",
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "scene": scene.source,
         "parity_relative_l2": parity,
         "training": [asdict(row) for row in steps],
         "joint_over_rgb_only": ratios,
@@ -99,7 +94,7 @@ def compare(scene: Scene, device: torch.device) -> dict[str, float]:
     camera, stretch = scene.camera, torch.tensor([1.0, 0.5, 0.25])  # round Gaussians would have no gradient of rotation
     scene = replace(scene, splats=replace(scene.splats, scales=scene.splats.scales * stretch))
     grad = torch.randn(camera.height, camera.width, 6, generator=torch.Generator().manual_seed(0))
-    found: list[dict[str, Tensor]] = []
+    measured: list[dict[str, Tensor]] = []
     backends: tuple[Backend, Backend] = ("cpu", "cuda")
     for backend, place in zip(backends, (torch.device("cpu"), device), strict=True):
         parts = {n: getattr(scene.splats, n).to(place, copy=True).requires_grad_() for n in _PARTS}
@@ -107,9 +102,20 @@ def compare(scene: Scene, device: torch.device) -> dict[str, float]:
         (out.image * grad.to(place)).sum().backward()
         values = {"image": out.image, "alpha": out.alpha, "depth": out.depth}
         values |= {f"d_{name}": part.grad for name, part in parts.items() if part.grad is not None}
-        found.append({name: value.detach().cpu().double() for name, value in values.items()})
-    ours, theirs = found
+        measured.append({name: value.detach().cpu().double() for name, value in values.items()})
+    ours, theirs = measured
     return {name: float((theirs[name] - ours[name]).norm() / ours[name].norm().clamp_min(1e-300)) for name in ours}
+
+
+def joint_step(scene: Scene, rounds: int) -> Timing:
+    """The product's own training step, its mean over `rounds`."""
+    gpu = scene.viewmat.device.type == "cuda"
+    if gpu:
+        torch.cuda.reset_peak_memory_stats()
+    milliseconds = step_milliseconds(scene, _LABELS, rounds, "cuda")
+    peak = torch.cuda.max_memory_allocated() / 2**20 if gpu else 0.0
+    camera = scene.camera
+    return Timing("joint training step, ours", len(scene.splats.means), camera.width, camera.height, milliseconds, peak)
 
 
 def timed(what: str, scene: Scene, action: Callable[[], object], rounds: int) -> Timing:
@@ -134,14 +140,14 @@ def timed(what: str, scene: Scene, action: Callable[[], object], rounds: int) ->
 
 
 def rgb_step(scene: Scene) -> Callable[[], None]:
-    """What a user of gsplat writes: its rasterizer, L1 + D-SSIM, torch's Adam; colours of first-degree harmonics."""
+    """What a user of gsplat writes: its rasterizer, L1 + D-SSIM, torch's Adam; colors of first-degree harmonics."""
     kernels, device = cuda.gsplat_module(), scene.viewmat.device
     g, camera, splats = torch.Generator().manual_seed(1), scene.camera, scene.splats
     count = len(splats.means)
     sh = (torch.rand(count, 4, 3, generator=g) - 0.5).to(device)
     values = (splats.means, splats.quats, splats.scales.log(), torch.logit(splats.opacities), sh)
     means, quats, log_scales, logits, sh = (value.clone().requires_grad_() for value in values)
-    optimiser = torch.optim.Adam([means, quats, log_scales, logits, sh], lr=1e-7, eps=1e-15)
+    optimizer = torch.optim.Adam([means, quats, log_scales, logits, sh], lr=1e-7, eps=1e-15)
     target = torch.rand(camera.height, camera.width, 3, generator=g).to(device)
     rows = ((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0))
     intrinsics = torch.tensor(rows, device=device)[None]
@@ -167,8 +173,8 @@ def rgb_step(scene: Scene) -> Callable[[], None]:
             rasterize_mode="classic",
         )
         image_loss(pictures[0, ..., :3], target, 0.2).backward()
-        optimiser.step()
-        optimiser.zero_grad()
+        optimizer.step()
+        optimizer.zero_grad()
 
     return step
 

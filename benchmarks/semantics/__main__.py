@@ -1,4 +1,4 @@
-"""Measures the ways to hold labels against each other on a data set with exact label maps.
+"""Compares ways to keep labels in a scene, on a data set with exact label maps.
 
     python -m benchmarks.semantics DATA [--rows NAME ...] [--iterations 5000] [--gaussians 40000] [--keep FOLDER]
 
@@ -20,8 +20,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import sys
 import tempfile
 import time
@@ -31,25 +29,27 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.provenance import RESULTS, Start, begin, provenance, write_json
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
 from fastsplat.service.evaluation.datasets.reading import TEST_EVERY
 from fastsplat.service.evaluation.datasets.types import TrueView
-from fastsplat.service.evaluation.scene import evaluate_scene
-from fastsplat.service.evaluation.segmentation import Confusion, confusion
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
+from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling, Regions
-from fastsplat.service.query import SceneIndex, embed_labels
+from fastsplat.service.pipeline import build_scene
+from fastsplat.service.planning.presets import override_training
+from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import CodeSemantics, Scene, read_scene, semantics_of, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.evidence import views_evidence
-from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.views import load_views
 
-_RESULTS = Path("benchmarks/results/semantics.json")
+_OUT = RESULTS / "semantics.json"
 _SURFACES = ("table", "floor", "wall")
 _PROMPTS = {  # what the label table of the development machine calls these
     "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
@@ -81,31 +81,31 @@ def main() -> None:
     dataset = read_dataset(options.data, settings.capture, test_every=every, mask_label=options.mask_label)
     run = _Rows(dataset, settings, options)
     for name in options.rows:
+        start = begin()
         figures = run.maps() if name == "maps" else run.scene(name)
         tag = f"@{options.tag}" if options.tag else ""
-        _store(f"{options.data.resolve().name}{tag}/{name}", figures)
+        _store(f"{options.data.resolve().name}{tag}/{name}", figures, start)
 
 
 class _Rows:
     def __init__(self, dataset: Dataset, settings: Settings, options: argparse.Namespace) -> None:
         self.dataset, self.keep = dataset, options.keep
         bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
-        training = settings.training.model_copy(
-            update={**bounds, "time_budget_s": None, "held_out_every": 0, "evaluations": 0}
-        )
-        self.settings = settings.model_copy(update={"training": training, "perception": _perception(settings)})
+        settings = override_training(settings, **bounds, held_out_every=0, evaluations=0)
+        unbounded = settings.training.model_copy(update={"time_budget_s": None})
+        self.settings = settings.model_copy(update={"training": unbounded, "perception": _perception(settings)})
         self.things = [entry.label for entry in dataset.dictionary.entries if entry.label not in _SURFACES]
 
     def scene(self, name: str) -> dict[str, Any]:
-        """Figures of one way to hold labels."""
-        scene = self._with_evidence() if name == "codes+evidence" else self._kept(name)
+        """Figures of one way to keep labels."""
+        scene = self._with_evidence() if name == "codes+evidence" else self._stored(name)
         encoder = open_text_encoder(self.settings.perception.text_encoder, self.settings.models)
         index = SceneIndex(scene, encoder, self.settings.query)
         report = evaluate_scene(index, self.dataset, samples=0).to_json()
         names = ("miou", "boundary_iou", "localization", "pixel_accuracy", "ghost_rate", "psnr", "absent_auroc")
         per_class = {label: value for label, value in report["miou_per_class"].items() if value is not None}
         worst = min(per_class, key=lambda label: per_class[label])
-        quality = {key: scene.quality.get(key) for key in ("iterations", "train_seconds", "train_cpu_seconds")}
+        quality = {key: scene.quality.get(key) for key in ("iterations", "train_seconds", "build_cpu_seconds")}
         return {
             **{key: _rounded(report[key]) for key in names},
             "miou_things": _rounded(np.mean([per_class.get(label, 0.0) for label in self.things])),
@@ -127,50 +127,34 @@ class _Rows:
             capture = training_capture(blind, Path(work), self.settings.capture, silent)
             labelling = self._detected(capture)
         labels = len(self.dataset.dictionary)
-        total = Confusion(np.zeros((labels + 1, labels + 1), np.int64))
+        total = MaskCounts.zeros(labels)
         for view, label_map in zip(capture.views, labelling.label_maps, strict=True):
             truth = test[view.posed.name].labels
             assert truth is not None
-            total += confusion(label_map, truth, labels)
-        iou = np.nan_to_num(total.masks().iou())
+            total += mask_counts(label_map, truth, labels)
+        iou = np.nan_to_num(total.iou())
         per_class = {label: float(iou[self.dataset.dictionary.id_of(label) or 0]) for label in self.things}
         return {
             "miou_things": _rounded(np.mean(list(per_class.values()))),
             "miou_per_class": {label: _rounded(value) for label, value in per_class.items()},
         }
 
-    def _kept(self, name: str) -> Scene:
+    def _stored(self, name: str) -> Scene:
         folder = self.keep / f"{self.dataset.folder.resolve().name}-{name}"
         if not folder.exists():
-            training = self.settings.training.model_copy(update=_MODES[name])
-            settings = self.settings.model_copy(update={"training": training})
+            settings = override_training(self.settings, **_MODES[name])
             with tempfile.TemporaryDirectory() as work:
                 capture = training_capture(self.dataset, Path(work), settings.capture, silent)
-                given = label_capture(capture, settings.perception, settings.models, (), silent)
-                labelling = self._detected(capture) if name == "detected" else given
+                labelling = self._detected(capture) if name == "detected" else None
                 before = time.process_time()
-                trained = train(capture, labelling, training, _told)
-            cpu = time.process_time() - before
-            encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
-            scene = Scene(
-                trained.gaussians,
-                trained.head,
-                labelling.dictionary,
-                embed_labels(labelling.dictionary, encoder, settings.query.templates),
-                (encoder.name, encoder.sha256),
-                tuple(view.posed for view in capture.views),
-                capture.scale,
-                training.model_dump(mode="json"),
-                {**trained.quality, "train_cpu_seconds": cpu, "held_out_views": []},
-                settings.query.templates,
-                trained.evidence,
-                trained.label_mode,
-            )
+                built = build_scene(capture, settings, labelling=labelling, progress=_show)
+            quality = {**built.scene.quality, "build_cpu_seconds": time.process_time() - before}
+            scene = replace(built.scene, quality=quality)
             write_scene(scene, folder)
         return read_scene(folder)
 
     def _with_evidence(self) -> Scene:
-        scene = self._kept("codes")
+        scene = self._stored("codes")
         with tempfile.TemporaryDirectory() as work:
             capture = training_capture(self.dataset, Path(work), self.settings.capture, silent)
             labelling = label_capture(capture, self.settings.perception, self.settings.models, (), silent)
@@ -185,16 +169,16 @@ class _Rows:
         """What the models find of the things, in the data set's numbering."""
         blind, perception = replace(capture, given_labels=None), self.settings.perception
         prompts = {_PROMPTS.get(label, label): label for label in self.things}
-        found = label_capture(blind, perception, self.settings.models, tuple(prompts), silent)
-        ids = [self.dataset.dictionary.id_of(prompts[entry.label]) or 0 for entry in found.dictionary.entries]
+        detected = label_capture(blind, perception, self.settings.models, tuple(prompts), silent)
+        ids = [self.dataset.dictionary.id_of(prompts[entry.label]) or 0 for entry in detected.dictionary.entries]
         table = np.array([0, *ids], np.uint16)
         regions = tuple(
             Regions(
                 view.ids, tuple(tuple((int(table[label]), score) for label, score in votes) for votes in view.votes)
             )
-            for view in found.regions
+            for view in detected.regions
         )
-        maps = tuple(table[label_map] for label_map in found.label_maps)
+        maps = tuple(table[label_map] for label_map in detected.label_maps)
         return Labelling(self.dataset.dictionary, maps, regions=regions, expected=True)
 
     def _mask_ms(self, index: SceneIndex) -> float:
@@ -210,10 +194,10 @@ class _Rows:
 
 
 def _perception(settings: Settings) -> PerceptionSettings:
-    chosen = settings.perception
-    if chosen.open_set_detector:
-        return chosen
-    return chosen.model_copy(
+    perception = settings.perception
+    if perception.open_set_detector:
+        return perception
+    return perception.model_copy(
         update={
             "open_set_detector": "yolo_world:yolo_world_s",
             "prompt_encoder": "label_table:clip_text_vocab",
@@ -235,21 +219,14 @@ def _rounded(value: Any) -> float | None:
     return None if value is None else round(float(value), 5)
 
 
-def _told(event: ProgressEvent) -> None:
+def _show(event: ProgressEvent) -> None:
     print(f"\r{event.stage} {event.fraction:.0%} {event.message}", end="", file=sys.stderr, flush=True)
 
 
-def _store(name: str, figures: dict[str, Any]) -> None:
-    words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
-    row = {
-        **figures,
-        "command": " ".join(["python -m benchmarks.semantics", *words]),
-        "date": time.strftime("%Y-%m-%d"),
-        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} CPUs",
-        "load_average": round(os.getloadavg()[0], 1),
-    }
-    found = json.loads(_RESULTS.read_text()) if _RESULTS.exists() else {}
-    _RESULTS.write_text(json.dumps({**found, name: row}, indent=1) + "\n")
+def _store(name: str, figures: dict[str, Any], start: Start) -> None:
+    row = {**figures, **provenance(start)}
+    rows = json.loads(_OUT.read_text()) if _OUT.exists() else {}
+    write_json(_OUT, {**rows, name: row})
     print(json.dumps({key: value for key, value in row.items() if key != "miou_per_class"}, indent=1))
 
 

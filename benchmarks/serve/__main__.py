@@ -10,9 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -22,9 +20,10 @@ from typing import Any
 
 import grpc
 
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
-from benchmarks.serve.process import Api, load_of
-from benchmarks.serve.scenes import add_scene, room
+from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.calls.service import open_service
 from fastsplat.service.calls.types import QueryRequest
 from fastsplat.service.settings import Settings
@@ -32,7 +31,7 @@ from fastsplat.service.store import open_store
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
-_OUT = Path(__file__).parent.parent / "results" / "serve.json"
+_OUT = RESULTS / "serve.json"
 _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")
 
 
@@ -42,7 +41,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each loaded phase")
     parser.add_argument("--soak", type=float, default=90.0, help="length of the mixed-request phase")
     parser.add_argument("--out", type=Path, default=_OUT)
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
+    start = begin()
     models = Path(os.environ.get("FASTSPLAT_MODELS", ".models")).resolve()
     folder = Path(tempfile.mkdtemp(prefix="fastsplat-serve-"))
     rows: list[dict[str, Any]] = []
@@ -58,24 +58,18 @@ def main() -> None:
         scene = add_scene(store, small)
         with Api(settings, {}) as api:
             _overhead(settings, scene, api, note)
-            _crowd(scene, api, chosen.seconds, note)
-            _soak(scene, api, chosen.soak, note)
+            _crowd(scene, api, arguments.seconds, note)
+            _soak(scene, api, arguments.soak, note)
         few = {"FASTSPLAT_LIMITS__ADMITTED": "16", "FASTSPLAT_LIMITS__IN_FLIGHT": "1000"}
         with Api(settings, few) as api:
-            _flood(scene, api, chosen.seconds, note)
+            _flood(scene, api, arguments.seconds, note)
         _shelf(settings, small, note)
         big = add_scene(store, room(1_000_000, models))
         _cold(settings, big, note)
         store.close()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    report = {
-        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
-        "date": time.strftime("%Y-%m-%d"),
-        "command": " ".join(["python", "-m", "benchmarks.serve", *sys.argv[1:]]),
-        "rows": rows,
-    }
-    chosen.out.write_text(json.dumps(report, indent=1) + "\n")
+    write_json(arguments.out, {**provenance(start), "rows": rows})
 
 
 Note = Callable[..., None]

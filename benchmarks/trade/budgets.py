@@ -1,4 +1,4 @@
-"""Whether jobs end in the time they were given: `python -m benchmarks.trade.budgets [--seconds 30 60 120]`.
+"""Whether jobs end within their time budget: `python -m benchmarks.trade.budgets [--seconds 30 60 120]`.
 
 Whole jobs through a worker process, as a user would post them: the table-top benchmark with its label maps, and the
 demo's sample with its poses but without label maps, so that a detector runs. What counts is what the budget covers:
@@ -17,13 +17,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.trade.__main__ import machine
+from benchmarks.provenance import RESULTS, ROOT, begin, provenance, write_json
 from fastsplat.service.calls.service import open_service
 from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.settings import Settings
 
-_ROOT = Path(__file__).parents[2]
-_OUT = _ROOT / "benchmarks" / "results" / "trade_budgets.json"
+_OUT = RESULTS / "trade_budgets.json"
 _STAGES = ("perception", "training", "export")
 
 
@@ -33,6 +32,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="*", default=[30.0, 60.0, 120.0])
     parser.add_argument("--data", nargs="*", default=["tabletop", "sample"])
     options = parser.parse_args()
+    start = begin()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(data_dir=Path(folder) / "data")
@@ -40,12 +40,11 @@ def main() -> None:
             for seconds in options.seconds:
                 rows.append({"data": data, "budget_s": seconds, **_job(_upload(data), seconds, settings)})
                 print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
-    document = {"machine": machine(2), "date": time.strftime("%F"), "command": "python -m benchmarks.trade.budgets"}
-    _OUT.write_text(json.dumps({**document, "rows": rows}, indent=1, ensure_ascii=False) + "\n")
+    write_json(_OUT, {**provenance(start), "rows": rows})
 
 
 def _upload(data: str) -> dict[str, bytes]:
-    root = Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop" if data == "tabletop" else _ROOT / "demo" / "sample"
+    root = Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop" if data == "tabletop" else ROOT / "demo" / "sample"
     document = json.loads((root / "transforms.json").read_text())
     document.pop("split", None)
     files: dict[str, bytes] = {}
@@ -65,11 +64,10 @@ def _upload(data: str) -> dict[str, bytes]:
 
 
 def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[str, Any]:
-    program = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
     worker = subprocess.Popen(
-        [sys.executable, "-c", program],
+        [Path(sys.executable).parent / "fastsplat", "worker"],
         env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},
-        cwd=_ROOT,
+        cwd=ROOT,
         start_new_session=True,
     )
     try:
@@ -96,7 +94,7 @@ def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[st
         "stages": stages,
         **figures,
         "load": round(load, 1),
-        "given_up": quality["given_up"],
+        "tradeoffs": quality["tradeoffs"],
     }
 
 

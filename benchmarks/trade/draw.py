@@ -31,13 +31,13 @@ def _sweeps(rows: list[dict[str, Any]], data: str, path: Path) -> None:
         all_axes, (("cpu_s", "psnr"), ("cpu_s", "miou"), ("bytes", "boundary_iou")), strict=True
     ):
         for factor in _SWEPT:
-            chosen = [row for row in rows if row["factor"] == factor]
-            if not chosen:
+            swept = [row for row in rows if row["factor"] == factor]
+            if not swept:
                 continue
-            line = sorted([*chosen, base], key=lambda row: float(row[across]))
+            line = sorted([*swept, base], key=lambda row: float(row[across]))
             scale = 1e-6 if across == "bytes" else 1.0
             axes.plot([row[across] * scale for row in line], [row[up] for row in line], "o-", label=factor, ms=4)
-            for row in chosen:
+            for row in swept:
                 axes.annotate(row["value"], (row[across] * scale, row[up]), fontsize=5, alpha=0.7)
         axes.set(xlabel={"cpu_s": "CPU seconds of training", "bytes": "MB on disk"}[across], ylabel=up, xscale="log")
         axes.grid(alpha=0.3)
@@ -72,7 +72,7 @@ def _queries(rows: list[dict[str, Any]], path: Path) -> None:
     if not rows:
         return
     figure, all_axes = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
-    for axes, (across, up) in zip(all_axes, (("label_map_ms", "miou"), ("colours_ms", "psnr")), strict=True):
+    for axes, (across, up) in zip(all_axes, (("label_map_ms", "miou"), ("colors_ms", "psnr")), strict=True):
         for factor in _QUERIES:
             line = [row for row in rows if row["factor"] == factor]
             axes.plot([row[across] for row in line], [row[up] for row in line], "o-", label=factor, ms=4)

@@ -1,4 +1,4 @@
-"""Figures of a scene on test views: the measures of `service.evaluation` over whatever draws the scene."""
+"""Figures of a scene on test views: the functions of `service.evaluation` over whatever renders the scene."""
 
 from __future__ import annotations
 
@@ -6,72 +6,73 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from benchmarks.trade.data import BenchData
+from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.images import load_rgb
 from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.dictionary import Dictionary, label_key
-from fastsplat.service.evaluation.boundary import boundary_counts
-from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.evaluation.boundary_iou import boundary_counts
+from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
+from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
 from fastsplat.service.evaluation.localization import box_of, peak_in_box
-from fastsplat.service.evaluation.masks import MaskCounts
-from fastsplat.service.evaluation.segmentation import confusion
+from fastsplat.service.evaluation.predictions import truth_ids
+from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
+from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.splatting.quality import psnr, ssim
 
 Map = Callable[[PosedCamera], NDArray[np.generic]]
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """How a scene is drawn: uint8 [H, W, 3] colours, and integer [H, W] label maps in the scene's own dictionary."""
+    """How a scene is rendered: uint8 [H, W, 3] colors, and integer [H, W] label maps in the scene's own dictionary."""
 
-    colours: Map
+    colors: Map
     labels: Map
 
 
-def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, asked_only: bool) -> dict[str, float]:
-    """psnr, ssim, miou, boundary_iou, ghost_rate of the test views at the images' own size.
+def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_only: bool) -> dict[str, float]:
+    """psnr, ssim (zero-padded, as 3DGS), miou, boundary_iou, ghost_rate of the test views at the images' own size.
 
     Args:
         pictures: the scene.
-        dictionary: its labels; they are held against the truth's of the same name, others count as undetected.
+        dictionary: its labels; each counts as the truth's label of the same name, others count as undetected.
         data: the truth.
-        asked_only: only the labels that the detector was asked for count in the means.
+        prompts_only: only the labels that the detector was prompted with count in the means.
     """
     classes = len(data.truth.dictionary)
-    to_truth = _by_name(dictionary, data.truth.dictionary)
-    pixels, edges, ghosts = _nothing(classes), _nothing(classes), GhostCounts(0, 0, 0, 0)
-    likeness = []
+    to_truth = truth_ids(dictionary, data.truth.dictionary)
+    pixels, edges, ghosts = MaskCounts.zeros(classes), MaskCounts.zeros(classes), GhostCounts(0, 0, 0, 0)
+    qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
     for position in data.test:
         view = data.capture.views[position]
-        target = torch.from_numpy(load_rgb(view.image_path).copy()).float() / 255
-        image = torch.from_numpy(np.asarray(pictures.colors(view.posed))).float() / 255
-        likeness.append((psnr(image, target), ssim(image, target)))
-        found, truth = to_truth[pictures.labels(view.posed)], data.truth.label_maps[position].astype(np.int64)
-        pixels += confusion(found, truth, classes).masks()
-        edges += boundary_counts(found, truth, classes)
-        ghosts += ghost_counts(found, truth, classes)
-    seen = [row for row in _counted(data, asked_only) if pixels.present()[row]]
-    iou = pixels.iou()
+        target = load_rgb(view.image_path).astype(np.float32) / 255
+        image = np.asarray(pictures.colors(view.posed)).astype(np.float32) / 255
+        for name, quality in (("psnr", psnr(image, target)), ("ssim", ssim_zero_padded(image, target))):
+            if not isinstance(quality, Skipped):
+                qualities[name].append(quality)
+        predicted, truth = to_truth[pictures.labels(view.posed)], data.truth.label_maps[position].astype(np.int64)
+        pixels += mask_counts(predicted, truth, classes)
+        edges += boundary_counts(predicted, truth, classes)
+        ghosts += ghost_counts(predicted, truth, classes)
+    shown = [row for row in _counted(data, prompts_only) if pixels.present()[row]]
+    iou = pixels.iou()[shown]
     return {
-        "psnr": float(np.mean([pair[0] for pair in likeness])),
-        "ssim": float(np.mean([pair[1] for pair in likeness])),
-        "miou": float(iou[seen].mean()),
-        "worst_iou": float(iou[seen].min()),
-        "boundary_iou": float(np.nan_to_num(edges.iou()[seen]).mean()),
+        **{name: mean(values) for name, values in qualities.items()},
+        "miou": float(iou.mean()),
+        "worst_iou": float(iou.min()),
+        "boundary_iou": float(np.nan_to_num(edges.iou()[shown]).mean()),
         "ghost_rate": ghosts.rate(),
         "ghost_share": ghosts.share_of_pixels(),
     }
 
 
-def localization(index: SceneIndex, data: BenchData, asked_only: bool) -> float:
+def localization(index: SceneIndex, data: BenchData, prompts_only: bool) -> float:
     """Share of (label, test view) pairs that show the label, whose relevancy peaks in the label's box (LERF)."""
     names = [entry.label for entry in data.truth.dictionary.entries]
-    rows = _counted(data, asked_only)
+    rows = _counted(data, prompts_only)
     answers = dict(zip(rows, index.ask([names[row - 1] for row in rows]), strict=True))
     hits = []
     for position in data.test:
@@ -85,24 +86,16 @@ def localization(index: SceneIndex, data: BenchData, asked_only: bool) -> float:
 
 
 def maps_iou(labelling: Labelling, data: BenchData) -> float:
-    """Mean IoU of detected maps themselves, over the training views and the labels that were asked for."""
-    classes, to_truth = len(data.truth.dictionary), _by_name(labelling.dictionary, data.truth.dictionary)
-    total = _nothing(classes)
+    """Mean IoU of detected maps themselves, over the training views and the labels that the detector was prompted
+    with."""
+    classes, to_truth = len(data.truth.dictionary), truth_ids(labelling.dictionary, data.truth.dictionary)
+    total = MaskCounts.zeros(classes)
     for position in data.train:
-        found, truth = to_truth[labelling.label_maps[position]], data.truth.label_maps[position].astype(np.int64)
-        total += confusion(found, truth, classes).masks()
+        truth = data.truth.label_maps[position].astype(np.int64)
+        total += mask_counts(to_truth[labelling.label_maps[position]], truth, classes)
     return float(total.iou()[[row for row in _counted(data, True) if total.present()[row]]].mean())
 
 
-def _counted(data: BenchData, asked_only: bool) -> list[int]:
+def _counted(data: BenchData, prompts_only: bool) -> list[int]:
     entries = enumerate(data.truth.dictionary.entries, start=1)
-    return [row for row, entry in entries if not asked_only or entry.label in data.asked]
-
-
-def _nothing(classes: int) -> MaskCounts:
-    return MaskCounts(np.zeros((classes + 1, 3), np.int64))
-
-
-def _by_name(own: Dictionary, truth: Dictionary) -> NDArray[np.int64]:
-    ids = {label_key(entry.label): row for row, entry in enumerate(truth.entries, start=1)}
-    return np.array([0, *(ids.get(label_key(entry.label), 0) for entry in own.entries)], np.int64)
+    return [row for row, entry in entries if not prompts_only or entry.label in data.prompts]

@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
-import resource
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.training.data import load_posed_folder
+from benchmarks.provenance import RESULTS, begin, peak_megabytes, provenance, write_json
+from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 
@@ -34,7 +30,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=5, help="one view in so many is held out")
     parser.add_argument("--evaluations", type=int, default=24)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--out", type=Path, default=RESULTS)
     options = parser.parse_args()
     settings = TrainingSettings.model_validate(
         {
@@ -48,8 +44,7 @@ def main() -> None:
     )
     result = _measure(options.data, settings)
     name = f"training_{options.data.resolve().name}_{options.seconds:.0f}s"
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(options.out / f"{name}.json", result)
     _draw(result, options.out / f"{name}.png")
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
@@ -67,10 +62,9 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
             curve.append(point)
             print("  ".join(f"{key} {value:g}" for key, value in point.items()), flush=True)
 
-    load_before, cpu_before = os.getloadavg()[0], time.process_time()
+    start, cpu_before = begin(), time.process_time()
     trained = train(capture, labelling, settings, listen)
-    cpu, load_after = time.process_time() - cpu_before, os.getloadavg()[0]
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+    cpu, about, peak_mb = time.process_time() - cpu_before, provenance(start), peak_megabytes()
     from fastsplat.service.evaluation import evaluate_views  # its libraries are not training's, and not in its peak
 
     report = evaluate_views(
@@ -79,11 +73,7 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
     )  # fmt: skip
     return {
         "data": folder.resolve().name,
-        "machine": _machine(),
-        "command": _command(),
-        "date": time.strftime("%Y-%m-%d"),
-        "load_average_before": round(load_before, 2),
-        "load_average_after": round(load_after, 2),
+        **about,
         "cpu_seconds": round(cpu, 1),
         "peak_mb": round(peak_mb, 1),
         **{key: round(value, 4) for key, value in trained.quality.items()},
@@ -92,19 +82,6 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
         "curve": curve,
         "settings": settings.model_dump(mode="json"),
     }
-
-
-def _machine() -> str:
-    lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    model = models[0] if models else platform.machine()
-    return f"{model}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
-
-
-def _command() -> str:
-    """As typed, with folders outside the working directory by their name alone."""
-    words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
-    return " ".join(["python", "-m", "benchmarks.training", *words])
 
 
 def _draw(result: dict[str, Any], path: Path) -> None:

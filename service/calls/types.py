@@ -14,9 +14,9 @@ from PIL import Image
 
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.states import OperationState, SceneState
+from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.query.rle import decode_rle
 from fastsplat.service.query.types import Answer
-from fastsplat.service.splatting.presets import PresetName
 
 Output = Literal["mask2d", "mask3d", "objects"]
 MaskEncoding = Literal["rle", "png"]
@@ -39,7 +39,7 @@ class SceneOptions:
             within 10 %; what is given up for it is in the scene's quality. None: the preset's or server's optimisation
             time, however long the rest takes.
         max_gaussians: hard budget, or None for the preset's or the server's default.
-        preset: how much to spend (`service.splatting.presets`), or None for the server's settings.
+        preset: how much to spend (`service.planning.presets`), or None for the server's settings.
         priority: higher ones are trained first.
     """
 

@@ -8,8 +8,8 @@ import re
 from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import StoreSettings
-from fastsplat.service.splatting.presets import PRESETS
 
 _DEFAULT_PAGE = 50
 _HIGHEST_PRIORITY = 100
@@ -66,10 +66,8 @@ def check_request_id(request_id: str) -> None:
 
 
 def _check_choices(options: SceneOptions) -> None:
-    if options.preset is not None and options.preset not in PRESETS:
-        raise InvalidInputError(
-            f"no preset {options.preset[:40]!r}", field="preset", hint=f"Use one of {', '.join(PRESETS)}."
-        )
+    if options.preset is not None:
+        preset_name(options.preset)
     if abs(options.priority) > _HIGHEST_PRIORITY:
         raise LimitExceededError(
             f"a priority of {options.priority}",

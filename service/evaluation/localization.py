@@ -1,4 +1,4 @@
-"""Whether a relevancy map points at the thing: its peak in the thing's box, its peak in the thing's mask."""
+"""Localization by a relevancy map: its peak in an object's box, its peak in the object's mask."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Box = tuple[float, float, float, float]
 
 
 def peak(relevancy: NDArray[np.floating]) -> tuple[int, int] | None:
-    """Row and column of the highest value of [H, W], or None where no value is above 0: nothing was found.
+    """Row and column of the highest value of [H, W], or None where no value is above 0.
 
     Saturated maps have plateaus; of the pixels that tie (to 1e-6) it is the one deepest among them, the first in
     reading order if several are.
@@ -34,17 +34,17 @@ def peak(relevancy: NDArray[np.floating]) -> tuple[int, int] | None:
 
 def peak_in_box(relevancy: NDArray[np.floating], boxes: Sequence[Box]) -> bool:
     """Whether the centre of the peak's pixel lies in one of the boxes (LERF's localization; False without a peak)."""
-    found = peak(relevancy)
-    if found is None:
+    highest = peak(relevancy)
+    if highest is None:
         return False
-    y, x = found[0] + 0.5, found[1] + 0.5
+    y, x = highest[0] + 0.5, highest[1] + 0.5
     return any(x1 <= x <= x2 and y1 <= y <= y2 for x1, y1, x2, y2 in boxes)
 
 
 def peak_in_mask(relevancy: NDArray[np.floating], mask: NDArray[np.bool_]) -> bool:
     """Whether the peak's pixel belongs to the mask [H, W] (False without a peak)."""
-    found = peak(relevancy)
-    return found is not None and bool(mask[found])
+    highest = peak(relevancy)
+    return highest is not None and bool(mask[highest])
 
 
 def box_of(mask: NDArray[np.bool_]) -> Box | None:

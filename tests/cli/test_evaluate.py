@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,7 +20,7 @@ from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
 from tests.evaluation import made_data
-from tests.evaluation.test_scene_report import KEYS
+from tests.evaluation.test_scene_evaluation import KEYS
 
 
 @pytest.fixture
@@ -119,3 +121,15 @@ def test_what_cannot_be_written_or_found_is_said_before_training(run, tmp_path: 
     assert isinstance(_raised(run(folder, "--scene", "nothing")), NotFoundError)
     assert isinstance(_raised(run(tmp_path / "nowhere")), NotFoundError)
     assert run(folder, "--preset", "luxury").exit_code == 2
+
+
+def test_a_folder_that_is_not_there_is_refused_before_torch_is_loaded(tmp_path: Path) -> None:
+    program = (
+        "import sys; from fastsplat.cli.main import app; from fastsplat.service.common.errors import NotFoundError\n"
+        "try: app(['evaluate', sys.argv[1]], standalone_mode=False)\n"
+        "except NotFoundError as error: print(error.field, error.message)\n"
+        "print([name for name in ('torch', 'cv2', 'scipy', 'pycolmap', 'onnxruntime') if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "nope")]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert output.splitlines() == [f"DIR there is no folder {tmp_path / 'nope'}", "[]"]

@@ -1,4 +1,4 @@
-"""The metrics once more, pixel by pixel, straight from their definitions: slow and plain, to hold the fast ones to."""
+"""The metrics once more, pixel by pixel from their definitions: slow and plain, to compare the fast ones with."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def window(row: int, column: int, reach: int, shape: tuple[int, int]) -> list[tu
 
 def region(mask: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
     """Pixels of the mask that see a pixel outside it, or the image's end, within `width`."""
-    found = np.zeros_like(mask)
+    inner = np.zeros_like(mask)
     for row, column in itertools.product(*map(range, mask.shape)):
         around = window(row, column, width, mask.shape)
         leaves = len(around) < (2 * width + 1) ** 2
-        found[row, column] = mask[row, column] and (leaves or any(not mask[place] for place in around))
-    return found
+        inner[row, column] = mask[row, column] and (leaves or any(not mask[place] for place in around))
+    return inner
 
 
 def iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
@@ -53,7 +53,16 @@ def ghosts(predicted: Map, truth: Map, valid: NDArray[np.bool_]) -> tuple[int, i
     return count, band
 
 
-def auroc(present: list[float], absent: list[float]) -> float:
+def confusion(predicted: Map, truth: Map, labels: int, valid: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+    """[N + 1, N + 1]: row = true class, column = predicted class."""
+    table = np.zeros((labels + 1, labels + 1), np.int64)
+    for place in itertools.product(*map(range, truth.shape)):
+        if valid is None or valid[place]:
+            table[truth[place], predicted[place]] += 1
+    return table
+
+
+def auroc(positive: list[float], negative: list[float]) -> float:
     """Every pair compared."""
-    pairs = [(p > a) + 0.5 * (p == a) for p in present for a in absent]
+    pairs = [(p > a) + 0.5 * (p == a) for p in positive for a in negative]
     return sum(pairs) / len(pairs)

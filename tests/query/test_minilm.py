@@ -13,8 +13,7 @@ from scipy.stats import binom
 
 from benchmarks.calibration.calibrate import acceptable, ask_scenes, measure, nonconformities
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation.absence import measure_absence
-from fastsplat.service.evaluation.absent import absent_nouns
+from fastsplat.service.evaluation.negative_queries import measure_negative_queries, negative_nouns
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import Answer, QuerySettings, SceneIndex, embed_labels
 from fastsplat.service.query.calibration import calibration_for
@@ -279,10 +278,10 @@ def test_what_is_there_stands_out_from_a_hundred_nouns_that_are_not(
     encoder: TextEncoder, make_scene: Any, labels: Sequence[str], synonyms: list[str]
 ) -> None:
     index = SceneIndex(make_scene(labels, code=2), encoder, QuerySettings())
-    absent = absent_nouns(labels)
+    absent = negative_nouns(labels)
     assert len(absent) >= 100
     for present in (list(labels), synonyms):
-        found = measure_absence(index, present, absent)
+        found = measure_negative_queries(index, present, absent)
         assert found is not None and found.auroc >= 0.95 and found.said_absent > 0.8 and found.said_present == 1
 
 

@@ -1,4 +1,4 @@
-"""A job's time budget: decided once, whoever runs the job, and told to the user."""
+"""A job's time budget is planned once, whichever attempt runs the job, and every tradeoff is reported."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ import numpy as np
 import pytest
 
 from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.progress import silent
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.planning.presets import PRESETS, apply_preset
+from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.plan import Speed
-from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.workers.budget import kept_plan, plan_perception, plan_training
+from fastsplat.workers.budget import job_settings, make_plan, stored_plan
 from fastsplat.workers.protocol import Job
 
 
 @pytest.fixture(autouse=True)
 def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """How busy the machine is while tests run must not decide what they see."""
-    monkeypatch.setattr("fastsplat.workers.budget.machine_speed", lambda backend: Speed())
+    monkeypatch.setattr("fastsplat.service.planning.time_budget.machine_speed", lambda backend: Speed())
 
 
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:
@@ -42,30 +44,27 @@ def _capture(views: int) -> Capture:
 
 
 def test_without_a_budget_a_job_trains_with_the_operators_settings_and_the_users_choices(tmp_path: Path) -> None:
-    plain = plan_training(_job(tmp_path, SceneOptions()), _capture(20), 5, time.monotonic())
-    assert (plain.settings, plain.given_up) == (TrainingSettings(), ())
-    fewer = plan_training(_job(tmp_path, SceneOptions(max_gaussians=77, preset="best")), _capture(20), 5, 0.0)
+    plain = make_plan(_job(tmp_path, SceneOptions()), _capture(20), 5, time.monotonic())
+    assert (plain.settings, plain.tradeoffs) == (TrainingSettings(), ())
+    fewer = make_plan(_job(tmp_path, SceneOptions(max_gaussians=77, preset="best")), _capture(20), 5, 0.0)
     assert fewer.settings == TrainingSettings().model_copy(update={**PRESETS["best"], "max_gaussians": 77})
-    settings, given_up = plan_perception(
-        _job(tmp_path, SceneOptions(preset="draft")), _capture(20), time.monotonic(), silent
-    )
-    assert given_up == () and settings.max_views == PERCEPTION_PRESETS["draft"]["max_views"]
+    assert job_settings(_job(tmp_path, SceneOptions(preset="draft"))) == apply_preset(Settings(), "draft")
 
 
 def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_path: Path) -> None:
     options = SceneOptions(time_budget_s=20.0)
     job = _job(tmp_path, options)
-    first = plan_training(job, _capture(40), 17, time.monotonic())
+    first = make_plan(job, _capture(40), 17, time.monotonic())
     assert first.settings.time_budget_s is not None and 5 < first.settings.time_budget_s < 18
-    assert any("optimisation" in line for line in first.given_up)
+    assert any("optimization" in line for line in first.tradeoffs)
     later = _job(tmp_path, options, attempt=2, perception_s=9.0)
-    assert plan_training(later, _capture(40), 17, time.monotonic()) == first == kept_plan(later)
+    assert make_plan(later, _capture(40), 17, time.monotonic()) == first == stored_plan(later)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["plan.json"]
 
 
 def test_what_perception_took_is_missing_from_the_training(tmp_path: Path) -> None:
-    found = [
-        plan_training(
+    plans = [
+        make_plan(
             _job(tmp_path / str(spent), SceneOptions(time_budget_s=60.0), perception_s=spent),
             _capture(40),
             17,
@@ -73,20 +72,41 @@ def test_what_perception_took_is_missing_from_the_training(tmp_path: Path) -> No
         ).settings.time_budget_s
         for spent in (1.0, 30.0)
     ]
-    assert found[0] is not None and found[1] is not None
-    assert found[0] - found[1] == pytest.approx(29, abs=2)
+    assert plans[0] is not None and plans[1] is not None
+    assert plans[0] - plans[1] == pytest.approx(29, abs=2)
 
 
 def test_a_budget_that_perception_has_used_up_still_trains_and_says_so(tmp_path: Path) -> None:
     job = _job(tmp_path, SceneOptions(time_budget_s=1.0), perception_s=10.0)
-    found = plan_training(job, _capture(40), 17, time.monotonic())
-    assert found.settings.time_budget_s == pytest.approx(0.1)
-    assert "the time budget itself: 1 s" in found.given_up[-1]
+    plan = make_plan(job, _capture(40), 17, time.monotonic())
+    assert plan.settings.time_budget_s == pytest.approx(0.1)
+    assert "the time budget itself: 1 s" in plan.tradeoffs[-1]
 
 
-def test_given_label_maps_and_few_views_need_no_trial_of_perception(tmp_path: Path) -> None:
-    job = _job(tmp_path, SceneOptions(time_budget_s=5.0))
-    settings, given_up = plan_perception(job, _capture(3), time.monotonic(), silent)
-    assert settings == job.settings.perception and given_up == ()
-    unposed = dataclasses.replace(job, options=SceneOptions())
-    assert plan_perception(unposed, _capture(40), time.monotonic(), silent) == (job.settings.perception, ())
+def test_a_plan_that_the_first_release_wrote_is_followed(tmp_path: Path) -> None:
+    plan = {"settings": TrainingSettings(seed=5).model_dump(mode="json"), "given_up": ["resolution 480 → 240 px"]}
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    stored = make_plan(_job(tmp_path, SceneOptions(time_budget_s=9.0)), _capture(9), 2, time.monotonic())
+    assert stored.settings.seed == 5 and stored.tradeoffs == ("resolution 480 → 240 px",)
+
+
+@pytest.mark.parametrize(("views", "budget", "has_maps"), [(3, 5.0, False), (40, None, False), (40, 5.0, True)])
+def test_few_views_label_maps_of_the_capture_and_no_budget_need_no_trial(
+    views: int, budget: float | None, has_maps: bool
+) -> None:
+    capture = _capture(views)
+    if has_maps:
+        capture = dataclasses.replace(capture, given_labels=GivenLabels(Dictionary(()), (None,) * views))
+    plan = plan_perception(capture, Settings(), (), budget, _no_progress, started=time.monotonic())
+    assert plan.settings == Settings().perception and plan.tradeoffs == ()
+
+
+def _no_progress(event: ProgressEvent) -> None:
+    raise AssertionError(event)
+
+
+def test_tradeoffs_end_every_message() -> None:
+    events: list[ProgressEvent] = []
+    with_tradeoffs(events.append, ("fewer views", "coarser"))(ProgressEvent("training", 0.5, "step 3"))
+    assert [event.message for event in events] == ["step 3 (to end in time: fewer views, coarser)"]
+    assert with_tradeoffs(silent, ()) is silent

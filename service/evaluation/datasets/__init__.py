@@ -1,4 +1,4 @@
-"""Data sets with a truth: what a scene may be trained on, and what it is held against."""
+"""Data sets with a truth: what a scene may be trained on, and what it is measured on."""
 
 from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.datasets.training import training_capture

@@ -1,4 +1,4 @@
-"""The part of a data set that a scene may be trained on, through the same door as everybody's uploads."""
+"""The part of a data set that a scene may be trained on, checked and built as any upload is."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.contents import common_folder
 from fastsplat.service.capture.documents import read_json
 from fastsplat.service.capture.images import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload import admit_upload
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat.service.pipeline import capture_folder
 
 _MASKS = "mask_labels"
 
@@ -34,7 +33,7 @@ def training_capture(dataset: Dataset, work: Path, settings: CaptureSettings, pr
 
     Raises:
         InvalidInputError: no training views.
-        FastSplatError: as `admit_upload` and `build_capture`.
+        FastSplatError: as `capture_folder`.
     """
     if not dataset.train:
         raise InvalidInputError(
@@ -44,8 +43,7 @@ def training_capture(dataset: Dataset, work: Path, settings: CaptureSettings, pr
     staged = work / "upload"
     staged.mkdir(parents=True)
     _stage(layout, dataset, staged, settings)
-    upload = admit_upload(staged, settings)
-    return subset(build_capture(upload.folder, work / "capture", settings, progress), dataset.train)
+    return subset(capture_folder(staged, work / "capture", settings, progress), dataset.train)
 
 
 def subset(capture: Capture, names: tuple[str, ...]) -> Capture:

@@ -1,4 +1,4 @@
-"""A data set as the evaluator sees it."""
+"""A data set with its truth and its split."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class Dataset:
         kind: its layout.
         dictionary: the labels of the label maps, or the annotated texts; may be empty.
         train: names of the views that a scene may be trained on.
-        test: the views that it is held against; none of them is in `train`.
+        test: the views that it is measured on; none of them is in `train`.
         training_labels: whether the training views have label maps.
-        mask_label: the name that binary masks were given, or "".
+        mask_label: the name of what binary masks show, or "".
         notes: what was left aside or made up for, as sentences for people.
 
     Raises:

@@ -1,0 +1,101 @@
+"""What every committed measurement says of itself: command, machine, commit, date, and the load around it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+
+
+@dataclass(frozen=True)
+class Start:
+    """The moment before the first measurement.
+
+    Attributes:
+        load: the machine's load average over the last minute.
+        date: UTC, ISO 8601.
+    """
+
+    load: float
+    date: str
+
+
+def begin() -> Start:
+    """Now; call it before anything is measured."""
+    return Start(os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"))
+
+
+def provenance(start: Start) -> dict[str, Any]:
+    """command, machine, commit, date, load_before and load_after of what was measured since `start`."""
+    return {
+        "command": command(),
+        "machine": machine(),
+        "commit": commit(),
+        "date": start.date,
+        "load_before": round(start.load, 2),
+        "load_after": round(os.getloadavg()[0], 2),
+    }
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Replace a file of results, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    part.replace(path)
+
+
+def command() -> str:
+    """The command as typed, with absolute paths cut to their last part."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    program = Path(sys.argv[0]).name if spec is None else f"-m {spec.name.removesuffix('.__main__')}"
+    words = [Path(word).name if word.startswith("/") else word for word in sys.argv[1:]]
+    return " ".join(["python", program, *words])
+
+
+def machine() -> str:
+    """Processor, number of CPUs, and the rasterizer's instruction set and threads."""
+    from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
+
+    return f"{processor()}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
+
+
+def peak_megabytes() -> float:
+    """Highest resident memory of this process so far, 10^6 bytes; loads nothing, unlike the evaluation's."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def processor() -> str:
+    """The processor's name where the system tells it, else its architecture."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def commit() -> str:
+    """The commit that is measured, with "+ changes" where tracked files differ from it; "unknown" outside git."""
+    head = _git("rev-parse", "--short=12", "HEAD")
+    if not head:
+        return "unknown"
+    return f"{head} + changes" if _git("status", "--porcelain", "--untracked-files=no") else head
+
+
+def _git(*words: str) -> str:
+    try:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,66 @@
+"""Scenes to be asked: the rasterizer benchmark's garden, cut into labels by place."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from benchmarks.raster.garden import garden
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.text import TextEncoder
+from fastsplat.service.query import QuerySettings, embed_labels
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.label_evidence import evidence_from_dense
+
+CODE = 8
+_VIEWS = 40
+
+
+def labelled_garden(
+    count: int, labels: int, encoder: TextEncoder, mode: str = "codes", width: int = 640, height: int = 480
+) -> Scene:
+    """`count` Gaussians; each has the label of the nearest of `labels` random places, as a code of 8 numbers and as
+    evidence; forty cameras around the garden's own, which is the first."""
+    view = garden(count, width, height, 1)
+    random = np.random.default_rng(0)
+    means = view.splats.means.numpy()
+    _, nearest = cKDTree(means[random.permutation(count)[:labels]]).query(means)
+    ids = np.asarray(nearest, dtype=np.int64) + 1
+    anchors = random.standard_normal((labels + 1, CODE)).astype(np.float32)
+    sums = np.zeros((count, labels + 1), dtype=np.float32)
+    sums[np.arange(count), ids] = 5.0
+    dictionary = dictionary_of(f"{_WORDS[i % len(_WORDS)]} {i}x" for i in range(labels))
+    pose = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
+    return Scene(
+        gaussians=Gaussians(
+            means=means,
+            quats=view.splats.quats.numpy(),
+            log_scales=np.log(view.splats.scales.numpy()),
+            logit_opacities=torch.logit(view.splats.opacities).numpy(),
+            sh=random.normal(0, 0.3, (count, 4, 3)).astype(np.float32),
+            codes=anchors[ids] + random.normal(0, 0.1, (count, CODE)).astype(np.float32),
+        ),
+        head=SemanticHead(anchors, -0.5 * (anchors**2).sum(axis=1)),
+        dictionary=dictionary,
+        label_embeddings=embed_labels(dictionary, encoder),
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=tuple(
+            PosedCamera(view.camera, _turned(pose, 2 * np.pi * i / _VIEWS), f"{i}.jpg") for i in range(_VIEWS)
+        ),
+        scale="ARBITRARY",
+        label_templates=QuerySettings().templates,
+        evidence=evidence_from_dense(sums),
+        label_mode="evidence" if mode == "evidence" else "codes",
+    )
+
+
+def _turned(pose: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.eye(4)
+    turn[:2, :2] = [[c, -s], [s, c]]
+    return np.asarray(turn @ pose)
+
+
+_WORDS = "mug spoon bed tree lamp chair stone fence rose bottle table window brick cable helmet drum".split()

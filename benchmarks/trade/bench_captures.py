@@ -1,0 +1,91 @@
+"""The two captures that are measured: the table-top benchmark and the demo's sample, with exact label maps."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.views import split_views
+
+HELD_OUT_EVERY = 5
+SCRATCH = Path(tempfile.gettempdir()) / "fastsplat-trade"
+"""What rows share (a capture with points, trained scenes); may be deleted at any time."""
+
+_SAMPLE = Path(__file__).parents[2] / "demo" / "sample"
+
+
+@dataclass(frozen=True)
+class BenchData:
+    """A capture with the truth.
+
+    Attributes:
+        capture: posed, with points.
+        truth: exact label maps of all views.
+        train, test: positions of views; every fifth is a test view.
+        prompts: the labels that a detector is asked for: things, not surfaces, and of the sample those it can know.
+    """
+
+    capture: Capture
+    truth: Labelling
+    train: tuple[int, ...]
+    test: tuple[int, ...]
+    prompts: tuple[str, ...]
+
+
+def load_data(name: str) -> BenchData:
+    """ "tabletop" (found through FASTSPLAT_TEST_DATA) or "sample"."""
+    if name == "tabletop":
+        capture, truth = load_posed_folder(Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop")
+        surfaces: tuple[str, ...] = ("table", "floor", "wall")
+    else:
+        capture = _sample()
+        truth = label_capture(capture, PerceptionSettings(), Path(), (), silent)
+        surfaces = ("plate", "tulip", "dining table")  # two that COCO has no class for, and the surface
+    train, test = split_views(len(capture.views), HELD_OUT_EVERY)
+    prompts = tuple(entry.label for entry in truth.dictionary.entries if entry.label not in surfaces)
+    return BenchData(capture, replace(truth, exact=True), train, test, prompts)
+
+
+def models() -> Path:
+    """The model directory."""
+    return Path(os.environ.get("FASTSPLAT_MODELS", ".models"))
+
+
+def training_labels(data: BenchData, settings: Settings) -> Labelling:
+    """What a detector and a segmenter make of the training views; the test views stay undetected."""
+    part = replace(data.capture, views=tuple(data.capture.views[i] for i in data.train), given_labels=None)
+    names = data.prompts if settings.perception.open_set_detector else ()
+    detected = label_capture(part, settings.perception, settings.models, names, silent)
+    maps = [np.zeros_like(label_map) for label_map in data.truth.label_maps]
+    regions = [Regions(label_map, ()) for label_map in maps]
+    for position, label_map, view in zip(data.train, detected.label_maps, detected.regions, strict=True):
+        maps[position], regions[position] = label_map, view
+    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions), expected=detected.expected)
+
+
+def _sample() -> Capture:
+    built = SCRATCH / "sample"
+    if not built.is_dir():
+        SCRATCH.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=SCRATCH) as folder:
+            raw = Path(folder) / "raw"
+            shutil.copytree(_SAMPLE, raw)
+            (raw / "README.md").unlink()
+            from fastsplat.service.pipeline import capture_folder  # loads what a row's process does without
+
+            capture_folder(raw, built, CaptureSettings())
+    return load_capture(built)

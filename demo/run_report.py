@@ -1,0 +1,103 @@
+"""The results of a demonstration: report.json, pictures, PLY files and two tables on the terminal."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from demo.sheet import caption_of, write_sheet
+from fastsplat.service.calls.types import Operation, PictureKind, QueryAnswer, SceneInfo
+from fastsplat_client import Client
+
+_SHOWN = 4
+_SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
+
+
+def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAnswer]) -> dict[str, Any]:
+    """The figures of one run, from the server's answers."""
+    quality = scene.quality
+    return {
+        "images": quality["images"],
+        "registered": quality["registered"],
+        "unregistered": quality.get("unregistered", []),
+        "warnings": quality.get("warnings", []),
+        "dictionary": [{"label": row.label, "pixels": row.pixels, "views": row.views} for row in scene.dictionary],
+        "gaussians": scene.gaussians,
+        "train_seconds": {stage.stage: round(stage.seconds, 1) for stage in operation.stages},
+        "psnr": quality.get("psnr"),
+        "ssim": quality.get("ssim"),
+        "held_out": quality.get("held_out"),
+        "queries": [_query_of(answered) for answered in answers],
+    }
+
+
+def _query_of(answered: QueryAnswer) -> dict[str, Any]:
+    answer = answered.answer
+    return {
+        "text": answer.text,
+        "verdict": answer.verdict,
+        "probability": answer.probability,
+        "explanation": answer.explanation,
+        "results": [
+            {name: getattr(match, name) for name in ("label", "relevancy", "gaussian_count", "relevant")}
+            for match in answer.matches
+        ],
+        "objects": [
+            {"id": thing.id, "label": thing.label, "center": thing.box.center.position, "size": thing.box.size}
+            for thing in answered.objects
+        ],
+    }
+
+
+def save_pictures(client: Client, scene: SceneInfo, answers: Sequence[QueryAnswer], folder: Path) -> None:
+    """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
+    middle = scene.cameras[len(scene.cameras) // 2].name
+    (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", middle))
+    panels = [("rendered", folder / "view.png")]
+    for answered in answers:
+        text = answered.answer.text
+        stem = re.sub(r"\W+", "-", text).strip("-") or "query"
+        for kind in _SHOWN_KINDS:
+            (folder / f"{stem}-{kind}.png").write_bytes(client.picture(scene.id, kind, middle, text=text))
+        panels.append((caption_of(answered.answer), folder / f"{stem}-overlay.png"))
+        (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text))
+    write_sheet(panels, folder / "summary.jpg")
+    client.download_scene(scene.id, folder / "scene.ply")
+
+
+def write_report(report: Mapping[str, Any], folder: Path) -> None:
+    """Write `report.json` into the folder."""
+    (folder / "report.json").write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+
+
+def print_report(report: Mapping[str, Any], console: Console) -> None:
+    """The dictionary and the ranked answers, for people."""
+    facts = f"{report['registered']} of {report['images']} images registered, {report['gaussians']} Gaussians"
+    if report["psnr"] is not None:
+        facts += f", {report['psnr']:.2f} dB on {report['held_out']:g} held-out views"
+    console.print(f"\n[bold]{facts}[/bold]")
+    table = Table("label", "views", "pixels", title="The scene's dictionary")
+    for row in report["dictionary"]:
+        table.add_row(row["label"], str(row["views"]), f"{row['pixels']:,}")
+    console.print(table)
+    table = Table(
+        "query",
+        "verdict",
+        "answer",
+        "relevancy",
+        "Gaussians",
+        title="Questions and answers, the same over REST and gRPC; dim: not relevant",
+    )
+    for query in report["queries"]:
+        for rank, match in enumerate(query["results"][:_SHOWN]):
+            first = (query["text"], query["verdict"]) if rank == 0 else ("", "")
+            figures = (match["label"], f"{match['relevancy']:.3f}", str(match["gaussian_count"]))
+            table.add_row(*first, *figures, style="" if match["relevant"] else "dim")
+        table.add_section()
+    console.print(table)

@@ -1,0 +1,120 @@
+"""Trained Gaussians, measured on a capture's own images and label maps: no text encoder, no stored scene."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
+from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
+from fastsplat.service.evaluation.types import Skipped, mean
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.splatting.raster import Backend, Splats, rasterize, sh_to_rgb
+from fastsplat.service.splatting.views import load_views
+
+
+@dataclass(frozen=True)
+class ViewsReport:
+    """Figures over a set of views.
+
+    Attributes:
+        psnr: dB, mean over the views where it is defined; NaN without any.
+        ssim: with zeros outside the image, as in 3DGS; mean over the views where it is defined; NaN without any.
+        mean_iou: over the labels present in the true maps of these views, all pixels pooled; NaN without labels.
+        iou: by label name, NaN where the label is in neither.
+        accuracy: share of truly labelled pixels with their label; NaN without labels.
+        views: names, in order.
+    """
+
+    psnr: float
+    ssim: float
+    mean_iou: float
+    iou: Mapping[str, float]
+    accuracy: float
+    views: tuple[str, ...]
+
+
+def evaluate_views(
+    gaussians: Gaussians,
+    head: SemanticHead,
+    capture: Capture,
+    labelling: Labelling,
+    names: Collection[str],
+    *,
+    max_side: int = 1_000_000,
+    backend: Backend = "cpu",
+) -> ViewsReport:
+    """Figures of the named views, rendered and compared with the capture's images and `labelling`'s maps.
+
+    Args:
+        gaussians, head: the trained scene; its classes are those of `labelling.dictionary`.
+        names: image names; each must be a view of `capture`.
+        max_side: images are compared at this many pixels on the longer side, the images' own size by default.
+
+    Raises:
+        InvalidInputError: a name that is no view of the capture, or a head with other classes than the dictionary.
+    """
+    position = {view.posed.name: index for index, view in enumerate(capture.views)}
+    missing = [name for name in names if name not in position]
+    if missing or not names:
+        raise InvalidInputError(f"no views named {missing}" if missing else "no views to evaluate", field="names")
+    labels = len(labelling.dictionary)
+    if len(head.bias) != labels + 1:
+        raise InvalidInputError(f"a head of {len(head.bias)} classes for {labels} labels", field="head")
+    counts = MaskCounts.zeros(labels)
+    qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
+    for name in names:
+        index = position[name]
+        (view,) = load_views(capture, labelling, (index,), max_side, (1.0,))
+        frame = view.frames[0]
+        posed = PosedCamera(frame.camera, capture.views[index].posed.world_from_camera, name)
+        rgb, predicted = render_view(gaussians, head, posed, backend=backend)
+        image, target = rgb.clamp(0, 1).numpy(), frame.target().numpy()
+        valid = None if frame.valid is None else frame.valid.numpy()
+        for quality, result in (
+            ("psnr", psnr(image, target, valid)),
+            ("ssim", ssim_zero_padded(image, target, valid)),
+        ):
+            if not isinstance(result, Skipped):
+                qualities[quality].append(result)
+        if frame.labels is not None:
+            counts += mask_counts(predicted, frame.labels.numpy(), labels, valid)
+    iou = counts.iou()
+    return ViewsReport(
+        psnr=mean(qualities["psnr"]),
+        ssim=mean(qualities["ssim"]),
+        mean_iou=counts.macro_iou(),
+        iou={entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)},
+        accuracy=counts.accuracy(),
+        views=tuple(names),
+    )
+
+
+@torch.no_grad()
+def render_view(
+    gaussians: Gaussians, head: SemanticHead, posed: PosedCamera, *, backend: Backend = "cpu"
+) -> tuple[Tensor, NDArray[np.int32]]:
+    """float32 [H, W, 3] colors on black, and int32 [H, W] most probable classes (0 undetected)."""
+    means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
+    origin = torch.from_numpy(posed.world_from_camera[:3, 3].astype(np.float32))
+    colors = sh_to_rgb(means, torch.from_numpy(gaussians.sh), origin, gaussians.sh_degree, backend=backend)
+    splats = Splats(
+        means,
+        torch.from_numpy(gaussians.quats),
+        torch.exp(torch.from_numpy(gaussians.log_scales)),
+        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
+        torch.cat([colors, torch.from_numpy(gaussians.codes)], dim=1),
+    )
+    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
+    image = rasterize(splats, viewmat, posed.camera, backend=backend).image.float()
+    logits = image[..., 3:] @ torch.from_numpy(head.weight).T + torch.from_numpy(head.bias)
+    return image[..., :3], logits.argmax(dim=2).to(torch.int32).numpy()

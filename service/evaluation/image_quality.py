@@ -1,0 +1,110 @@
+"""PSNR and SSIM of rendered views, by torchmetrics: not by the code that the training loss is made of.
+
+LPIPS is not among them: its distances need the ImageNet weights of AlexNet or VGG, which neither torchmetrics nor any
+other package ships, and this project fetches no weights whose licence and digest are not in its model manifest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from fastsplat.service.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
+
+_SIGMA = 1.5
+_REACH = 5  # of SSIM's window of 11×11 pixels to each side
+_NO_PIXEL = "no pixel of the view counts: its mask covers all of it"
+
+Pixels = NDArray[np.floating]
+"""[H, W, 3], 0..1."""
+
+
+def psnr(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
+    """Peak signal-to-noise ratio in dB over the valid pixels [H, W]; skipped where there are none and where the images
+    are equal, for then it is infinite."""
+    counted = np.ones(target.shape[:2], np.bool_) if valid is None else valid
+    if not counted.any():
+        return Skipped(_NO_PIXEL)
+    left, right = (torch.from_numpy(pixels[counted].astype(np.float64)) for pixels in (image, target))
+    value = float(peak_signal_noise_ratio(left, right, data_range=1.0))
+    return value if np.isfinite(value) else Skipped("image and photo are equal, so their PSNR is infinite")
+
+
+def ssim(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
+    """Structural similarity (Wang et al. 2004) of RGB channels: the mean over the windows that lie within the image and
+    are centered on a valid pixel [H, W]."""
+    height, width = target.shape[:2]
+    if min(height, width) <= 2 * _REACH:
+        return Skipped("the view is smaller than the window of SSIM, 11×11 pixels")
+    inside = slice(_REACH, -_REACH)
+    counted = np.ones((height, width), np.bool_) if valid is None else valid
+    return _mean_over(_ssim_map(image, target)[inside, inside], counted[inside, inside])
+
+
+def ssim_zero_padded(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
+    """As `ssim`, with a window at every valid pixel and zeros outside the image, as 3DGS and its successors compute it
+    in training and in their tables."""
+    margin = ((_REACH, _REACH), (_REACH, _REACH), (0, 0))
+    full = _ssim_map(np.pad(image, margin), np.pad(target, margin))[_REACH:-_REACH, _REACH:-_REACH]
+    return _mean_over(full, np.ones(target.shape[:2], np.bool_) if valid is None else valid)
+
+
+def _ssim_map(image: Pixels, target: Pixels) -> Pixels:
+    """[H, W, 3]."""
+    left, right = (
+        torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1), np.float32))[None]
+        for pixels in (image, target)
+    )
+    maps = structural_similarity_index_measure(left, right, sigma=_SIGMA, data_range=1.0, return_full_image=True)
+    assert isinstance(maps, tuple)  # the mean and the map, as asked for
+    return np.asarray(maps[1][0].permute(1, 2, 0).numpy())
+
+
+def _mean_over(values: Pixels, counted: NDArray[np.bool_]) -> float | Skipped:
+    return float(values[counted].mean(dtype=np.float64)) if counted.any() else Skipped(_NO_PIXEL)
+
+
+def _of_view(
+    quality: Callable[[Pixels, Pixels, NDArray[np.bool_] | None], float | Skipped],
+) -> Callable[[ViewPrediction], float | Skipped]:
+    """`quality` as a function of a view's rendered and true pixels."""
+
+    def measure(view: ViewPrediction) -> float | Skipped:
+        if view.rgb is None or view.truth.rgb is None:
+            return Skipped("the view has no pose")
+        return quality(view.rgb.astype(np.float32) / 255, view.truth.rgb.astype(np.float32) / 255, view.truth.valid)
+
+    return measure
+
+
+PSNR = ViewMetric(
+    name="psnr",
+    unit="dB",
+    higher_is_better=True,
+    description="peak signal-to-noise ratio of the 8-bit rendered view over the pixels that count; mean over views",
+    measure=_of_view(psnr),
+    combine=mean,
+    headline=True,
+)
+SSIM = ViewMetric(
+    name="ssim",
+    unit="",
+    higher_is_better=True,
+    description="structural similarity (Wang et al. 2004) of RGB: Gaussian window of 11×11 pixels, sigma 1.5, windows "
+    "that lie within the image; mean over views",
+    measure=_of_view(ssim),
+    combine=mean,
+    headline=True,
+)
+SSIM_ZERO_PADDED = ViewMetric(
+    name="ssim_zero_padded",
+    unit="",
+    higher_is_better=True,
+    description="as ssim, with zeros outside the image: the definition behind the tables of 3DGS and its successors",
+    measure=_of_view(ssim_zero_padded),
+    combine=mean,
+)

@@ -1,0 +1,94 @@
+"""What a scene says of a test view, rendered and asked once for all metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
+from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
+from fastsplat.service.evaluation.localization import box_of
+from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
+from fastsplat.service.query import Answer, SceneIndex
+
+
+def predict_view(
+    index: SceneIndex,
+    view: TrueView,
+    dictionary: Dictionary,
+    to_truth: NDArray[np.int32],
+    answers: Mapping[str, Answer],
+) -> ViewPrediction:
+    """The scene's prediction for one view; of a view without a pose everything is missing.
+
+    Args:
+        index: the scene.
+        view: the truth.
+        dictionary: the data set's.
+        to_truth: see `truth_ids`.
+        answers: the scene's answer to every text of the view.
+    """
+    posed = view.posed
+    labels = np.zeros(_size(view), np.uint16) if posed is None else index.label_map(posed)
+    return ViewPrediction(
+        truth=view,
+        dictionary=dictionary,
+        label_map=to_truth[labels],
+        queries=tuple(
+            _predict_query(index, view, labels, answers[truth.text], label_id, truth)
+            for label_id, truth in _query_truths(view, dictionary)
+        ),
+        rgb=None if posed is None else index.render(posed),
+        depth=None if posed is None or view.depth is None else index.depth(posed),
+    )
+
+
+def truth_ids(own: Dictionary, truth: Dictionary) -> NDArray[np.int32]:
+    """int32 [labels of `own` + 1]: each label's id in `truth`, by name or alias; 0 for undetected and for labels that
+    `truth` does not have."""
+    names = [(entry.label, *entry.aliases) for entry in own.entries]
+    ids = [next((number for name in group if (number := truth.id_of(name))), UNDETECTED) for group in names]
+    return np.array([UNDETECTED, *ids], np.int32)
+
+
+def texts_of(view: TrueView, dictionary: Dictionary) -> tuple[str, ...]:
+    """What is asked in a view: its annotated texts, or the names of the labels in its map."""
+    return tuple(truth.text for _, truth in _query_truths(view, dictionary))
+
+
+def _predict_query(
+    index: SceneIndex, view: TrueView, labels: NDArray[np.uint16], answer: Answer, label_id: int, truth: QueryTruth
+) -> QueryPrediction:
+    nothing = np.zeros(labels.shape, np.bool_)
+    answered = None if view.posed is None else index.mask2d(answer, view.posed)
+    return QueryPrediction(
+        truth=truth,
+        label_id=label_id,
+        answer=answer,
+        leading_mask=labels == answer.matches[0].label_id if answer.matches else nothing,
+        answer_mask=nothing if answered is None else answered.mask,
+        relevancy=np.zeros(labels.shape, np.float32) if answered is None else answered.relevancy,
+    )
+
+
+def _query_truths(view: TrueView, dictionary: Dictionary) -> list[tuple[int, QueryTruth]]:
+    """Dictionary ids and truths of the view's texts."""
+    if view.labels is None:
+        return [(dictionary.id_of(truth.text) or UNDETECTED, truth) for truth in view.queries]
+    truths = []
+    counted = view.labels if view.valid is None else np.where(view.valid, view.labels, UNDETECTED)
+    for number in np.unique(counted).tolist():
+        mask = counted == number
+        box = box_of(mask)
+        if number != UNDETECTED and box is not None:
+            truths.append((int(number), QueryTruth(dictionary.label_of(int(number)), mask, (box,))))
+    return truths
+
+
+def _size(view: TrueView) -> tuple[int, int]:
+    if view.posed is not None:
+        return view.posed.camera.height, view.posed.camera.width
+    height, width = view.queries[0].mask.shape if view.queries else (1, 1)
+    return height, width

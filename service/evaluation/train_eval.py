@@ -1,0 +1,101 @@
+"""Training on the training split of a data set, with its cost."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.progress import Progress
+from fastsplat.service.evaluation.datasets import Dataset, training_capture
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.pipeline import build_scene
+from fastsplat.service.planning.presets import PresetName, override_training
+from fastsplat.service.scene import Scene
+from fastsplat.service.settings import Settings
+
+TrainingLabels = Literal["given", "detected"]
+"""`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names."""
+
+
+@dataclass(frozen=True)
+class TrainedScene:
+    """The scene of a training split, with what it cost.
+
+    Attributes:
+        scene: ready to be asked; its cameras are the training views alone.
+        seconds: by stage: capture, perception, training, export.
+        peak_mb: highest resident memory of this process so far, 10^6 bytes.
+    """
+
+    scene: Scene
+    seconds: Mapping[str, float]
+    peak_mb: float
+
+
+def train_on_split(
+    dataset: Dataset,
+    settings: Settings,
+    work: Path,
+    progress: Progress,
+    *,
+    labels: TrainingLabels = "given",
+    preset: PresetName | None = None,
+) -> TrainedScene:
+    """A scene trained as a job trains it (`service.pipeline`), on the training views and nothing else.
+
+    Every training view is trained on: `held_out_every` of the settings does not count here.
+
+    Args:
+        dataset: see `read_dataset`.
+        settings: of all rooms, with the preset applied.
+        work: an empty folder for intermediate files.
+        progress: hears of every stage; may raise `CancelledError`.
+        labels: where the labels come from; a data set without labels is trained without.
+        preset: recorded in the scene.
+
+    Raises:
+        InvalidInputError: `given`, and the training views have no label maps.
+        FastSplatError: whatever the stages raise.
+    """
+    open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the capture
+    begun = time.monotonic()
+    capture = training_capture(dataset, work, settings.capture, progress)
+    capture_seconds = time.monotonic() - begun
+    names = tuple(entry.label for entry in dataset.dictionary.entries)
+    built = build_scene(
+        _with_label_source(capture, dataset, labels),
+        override_training(settings, held_out_every=0),
+        labels=names if labels == "detected" else (),
+        labelling=None if names else Labelling(Dictionary(()), ()),
+        preset=preset,
+        capture_seconds=capture_seconds,
+        progress=progress,
+    )
+    return TrainedScene(built.scene, built.stage_seconds, peak_megabytes())
+
+
+def peak_megabytes() -> float:
+    """Highest resident memory of this process so far, 10^6 bytes."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def _with_label_source(capture: Capture, dataset: Dataset, labels: TrainingLabels) -> Capture:
+    if labels == "detected":
+        return replace(capture, given_labels=None)
+    if len(dataset.dictionary) and capture.given_labels is None:
+        raise InvalidInputError(
+            f"{dataset.folder.name} has no label maps for its training views",
+            field="labels",
+            hint="Let the models find the labels: --labels detected.",
+        )
+    return capture

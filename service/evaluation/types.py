@@ -1,0 +1,155 @@
+"""Predictions for a test view, and what a metric is: a name, a direction, and a function of predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from fastsplat.service.query import Answer, SceneIndex
+
+C = TypeVar("C")
+
+
+@dataclass(frozen=True)
+class QueryPrediction:
+    """One text in one view; without a pose the masks are empty and nothing is relevant.
+
+    Attributes:
+        truth: where the answer is.
+        label_id: of the text in the data set's dictionary, 0 where it has none.
+        answer: the scene's.
+        leading_mask: bool [H, W], pixels whose most probable label is the one that leads the answer.
+        answer_mask: bool [H, W], the mask that the service answers with; empty for the verdict `absent`.
+        relevancy: float32 [H, W], 0..1.
+    """
+
+    truth: QueryTruth
+    label_id: int
+    answer: Answer
+    leading_mask: NDArray[np.bool_]
+    answer_mask: NDArray[np.bool_]
+    relevancy: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ViewPrediction:
+    """What a scene says of one test view, with the truth.
+
+    Attributes:
+        truth: the view.
+        dictionary: the data set's, N labels.
+        label_map: int32 [H, W], the most probable label of each pixel as an id of `dictionary`, 0 for none and for a
+            label that the data set does not have; zeros without a pose.
+        queries: one a text that the truth shows here.
+        rgb: uint8 [H, W, 3], the rendered view; None without a pose.
+        depth: float32 [H, W] camera z in scene units, 0 where none; None without a pose or a true depth.
+    """
+
+    truth: TrueView
+    dictionary: Dictionary
+    label_map: NDArray[np.int32]
+    queries: tuple[QueryPrediction, ...]
+    rgb: NDArray[np.uint8] | None
+    depth: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True)
+class EvaluatedScene:
+    """What a metric of the whole scene may look at.
+
+    Attributes:
+        index: the scene, with its text encoder.
+        dataset: the truth.
+        to_truth: int32 [scene's labels + 1]: their ids in the data set's dictionary, 0 for those it does not have.
+        texts: every text that the truth shows in some test view.
+    """
+
+    index: SceneIndex
+    dataset: Dataset
+    to_truth: NDArray[np.int32]
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A view, or a scene, in which a metric has nothing to measure.
+
+    Attributes:
+        reason: why, as a sentence for people without its full stop.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class ViewMetric(Generic[C]):
+    """A metric of test views: something is measured in each, and the measurements are combined.
+
+    Attributes:
+        name: key of the report.
+        unit: "dB", "scene units" or, for a share of 1, "".
+        higher_is_better: direction.
+        description: what it is, with the source of its definition.
+        measure: what one view contributes, or why it contributes nothing. Metrics that name the same function share
+            its results.
+        combine: the figure over the contributions of at least one view; NaN where they leave it undefined.
+        undefined: why `combine` may give NaN, as a sentence without its full stop.
+        per_label: the figure of each label, float64 [N + 1], NaN where it is undefined.
+        parameters: constants of the definition.
+        headline: whether it stands in the table on the terminal and in the rows of the views.
+    """
+
+    name: str
+    unit: str
+    higher_is_better: bool
+    description: str
+    measure: Callable[[ViewPrediction], C | Skipped]
+    combine: Callable[[Sequence[C]], float]
+    undefined: str = "the test views have nothing to measure it on"
+    per_label: Callable[[Sequence[C]], NDArray[np.float64]] | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    headline: bool = False
+
+
+@dataclass(frozen=True)
+class SceneFigure:
+    """What a `SceneMetric` measures.
+
+    Attributes:
+        value: the figure, finite.
+        per_label: the figure of each label, float64 [N + 1], NaN where it is undefined; None where labels have none.
+        details: further facts by name, ready for JSON; the names are keys of the report.
+    """
+
+    value: float
+    per_label: NDArray[np.float64] | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SceneMetric:
+    """A metric of a scene as a whole; attributes as in `ViewMetric`, and it has no interval over views.
+
+    Attributes:
+        measure: the figure, or why there is none.
+    """
+
+    name: str
+    unit: str
+    higher_is_better: bool
+    description: str
+    measure: Callable[[EvaluatedScene], SceneFigure | Skipped]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    headline: bool = False
+
+
+def mean(values: Sequence[float]) -> float:
+    """Mean of finite values; NaN without any."""
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else float("nan")

@@ -1,0 +1,235 @@
+"""Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
+
+A worker calls the stages one by one and keeps the result of each (`workers.stages`); the evaluation, the benchmarks and
+library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import Progress, ProgressEvent, silent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.planning.presets import PresetName
+from fastsplat.service.planning.time_budget import plan_perception, plan_training, with_tradeoffs
+from fastsplat.service.query import embed_labels
+from fastsplat.service.scene import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
+
+LabelSource = Literal["none", "given", "detected"]
+"""Where a scene's labels come from: it has none, label maps came with the capture, models detected them."""
+
+
+@dataclass(frozen=True)
+class LabelledViews:
+    """The result of perception.
+
+    Attributes:
+        labelling: dictionary and label maps.
+        tradeoffs: what the time budget reduced, in words.
+    """
+
+    labelling: Labelling
+    tradeoffs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a scene came about, beside what training measured.
+
+    Attributes:
+        preset: that was applied to the settings, or None.
+        tradeoffs: what the time budget reduced, in words.
+        stage_seconds: by stage.
+    """
+
+    preset: PresetName | None = None
+    tradeoffs: tuple[str, ...] = ()
+    stage_seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene with what it was made of.
+
+    Attributes:
+        scene: ready to be stored and asked.
+        labelling: what it was trained on.
+        stage_seconds: by stage: perception, training, export.
+    """
+
+    scene: Scene
+    labelling: Labelling
+    stage_seconds: Mapping[str, float]
+
+
+def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress: Progress = silent) -> Capture:
+    """The capture of a folder of photos, a video, an archive or a posed data set, checked as any upload is.
+
+    Args:
+        folder: the files; its subfolder `.admitted` is written.
+        work: a folder for the result, which must not exist.
+        settings: limits, and how poses are found.
+        progress: hears of the stage; may raise `CancelledError`.
+
+    Raises:
+        FastSplatError: as `admit_upload` and `build_capture`.
+    """
+    return build_capture(admit_upload(folder, settings).folder, work, settings, progress)
+
+
+def label_views(
+    capture: Capture,
+    settings: Settings,
+    labels: Sequence[str] = (),
+    progress: Progress = silent,
+    *,
+    time_budget_s: float | None = None,
+) -> LabelledViews:
+    """Label maps of the capture's views, from the capture itself or from detection.
+
+    Args:
+        capture: registered images.
+        settings: of all rooms, with the preset applied.
+        labels: names to look for; empty: whatever is there.
+        progress: hears of every view; may raise `CancelledError`.
+        time_budget_s: seconds for perception, training and export together; None: no bound.
+
+    Raises:
+        FastSplatError: as `label_capture`.
+    """
+    plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
+    labelling = label_capture(capture, plan.settings, settings.models, tuple(labels), progress)
+    return LabelledViews(labelling, plan.tradeoffs)
+
+
+def build_scene(
+    capture: Capture,
+    settings: Settings,
+    *,
+    labels: Sequence[str] = (),
+    labelling: Labelling | None = None,
+    preset: PresetName | None = None,
+    time_budget_s: float | None = None,
+    capture_seconds: float | None = None,
+    progress: Progress = silent,
+) -> BuiltScene:
+    """A scene of a capture: labelled, trained and assembled in this process.
+
+    Args:
+        capture: registered images.
+        settings: of all rooms, with the preset applied (`service.planning.presets.apply_preset`).
+        labels: names to look for; empty: whatever is there.
+        labelling: in place of perception, where the labels are known.
+        preset: recorded in the scene.
+        time_budget_s: seconds for perception, training and export together; None: no bound beside the settings' own.
+        capture_seconds: what the capture took, recorded in the scene.
+        progress: hears of every stage; may raise `CancelledError`.
+
+    Raises:
+        ModelUnavailableError: the text encoder is missing, said before anything else is done.
+        FastSplatError: whatever the stages raise.
+    """
+    open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
+    seconds = {} if capture_seconds is None else {"capture": capture_seconds}
+    begun = time.monotonic()
+    if labelling is None:
+        labelled = label_views(capture, settings, labels, progress, time_budget_s=time_budget_s)
+    else:
+        labelled = LabelledViews(labelling)
+    seconds["perception"] = time.monotonic() - begun
+    begun = time.monotonic()
+    count = len(labelled.labelling.dictionary)
+    plan = plan_training(capture, settings, count, time_budget_s, spent_s=seconds["perception"])
+    tradeoffs = (*labelled.tradeoffs, *plan.tradeoffs)
+    trained = train(capture, labelled.labelling, plan.settings, with_tradeoffs(progress, tradeoffs))
+    seconds["training"] = time.monotonic() - begun
+    begun = time.monotonic()
+    used = settings.model_copy(update={"training": plan.settings})
+    quality = scene_quality(trained, labelled.labelling, capture, Provenance(preset, tradeoffs, dict(seconds)))
+    scene = assemble_scene(trained, labelled.labelling, capture, used, quality, progress)
+    seconds["export"] = time.monotonic() - begun
+    return BuiltScene(scene, labelled.labelling, seconds)
+
+
+def assemble_scene(
+    trained: TrainedSplats,
+    labelling: Labelling,
+    capture: Capture,
+    settings: Settings,
+    quality: Mapping[str, Any],
+    progress: Progress = silent,
+) -> Scene:
+    """The scene of a finished training, its labels embedded.
+
+    Args:
+        trained: Gaussians, head and evidence.
+        labelling: what they were trained on; its dictionary becomes the scene's.
+        capture: its cameras and scale become the scene's.
+        settings: of all rooms; `settings.training` is what was trained with, and is recorded.
+        quality: figures and facts, ready for JSON, see `scene_quality`.
+        progress: hears of the stage "export".
+
+    Raises:
+        ModelUnavailableError: the text encoder of the settings is missing.
+    """
+    progress(ProgressEvent("export", 0.1, f"embedding {len(labelling.dictionary)} labels"))
+    encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+    templates = settings.query.templates
+    return Scene(
+        gaussians=trained.gaussians,
+        head=trained.head,
+        dictionary=labelling.dictionary,
+        label_embeddings=embed_labels(labelling.dictionary, encoder, templates),
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=tuple(view.posed for view in capture.views),
+        scale=capture.scale,
+        training=settings.training.model_dump(mode="json"),
+        quality=dict(quality),
+        label_templates=templates,
+        evidence=trained.evidence,
+        label_mode=trained.label_mode,
+    )
+
+
+def scene_quality(
+    trained: TrainedSplats, labelling: Labelling, capture: Capture, provenance: Provenance
+) -> dict[str, Any]:
+    """What a scene's manifest says of how well it was made, ready for JSON.
+
+    What training measured, and: preset, tradeoffs, label_source, gaussians, held_out_views, images, registered,
+    unregistered, source, warnings, mean_reprojection_error_px, stage_seconds.
+    """
+    report = capture.report
+    return {
+        **trained.quality,
+        "preset": provenance.preset,
+        "tradeoffs": list(provenance.tradeoffs),
+        "label_source": _label_source(labelling),
+        "gaussians": len(trained.gaussians),
+        "held_out_views": list(trained.held_out),
+        "images": report.images,
+        "registered": len(capture.views),
+        "unregistered": list(report.unregistered),
+        "source": report.source,
+        "warnings": list(report.warnings),
+        "mean_reprojection_error_px": report.mean_reprojection_error_px,
+        "stage_seconds": dict(provenance.stage_seconds),
+    }
+
+
+def _label_source(labelling: Labelling) -> LabelSource:
+    if not len(labelling.dictionary):
+        return "none"
+    return "given" if labelling.exact else "detected"

@@ -1,0 +1,263 @@
+"""The cost of a training run on a machine, and the settings with which a run ends within a time budget.
+
+The optimization itself stops by the clock (`TrainingSettings.time_budget_s`), so only what comes before and after it
+has to be predicted to the second; the time of a step decides which resolution and how many Gaussians are worth
+optimizing. All seconds are those of the reference machine (2 CPU threads with AVX-512) and are divided by the machine's
+`Speed`, which `service.planning.machine` measures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.densify import planned_count
+from fastsplat.service.splatting.schedule import image_level, image_scales
+from fastsplat.service.splatting.semantics import code_size
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.thrift import JUDGES, MEASURES
+from fastsplat.service.splatting.views import split_views
+
+_SHARES = 40  # points at which the cost of a step is taken along a run
+_STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
+_SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
+_SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
+_DEGREE_0_FROM_LEVEL = 4
+_PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
+_LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
+
+
+@dataclass(frozen=True)
+class Speed:
+    """How many times as fast as the reference machine a machine is: at 0.5 everything takes twice as long.
+
+    Attributes:
+        steps: of rendering and differentiating, on all threads.
+        serial: of everything else, which runs on one thread.
+    """
+
+    steps: float = 1.0
+    serial: float = 1.0
+
+
+@dataclass(frozen=True)
+class SceneSize:
+    """The properties of a capture that decide how long its training takes.
+
+    Attributes:
+        views: registered images.
+        width, height: of the largest image, pixels.
+        points: of the sparse reconstruction.
+        labels: in the dictionary.
+    """
+
+    views: int
+    width: int
+    height: int
+    points: int
+    labels: int
+
+
+_REFERENCE = Speed()
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """Settings of a run that fits a budget, with its predicted cost.
+
+    Attributes:
+        settings: of the run; its `time_budget_s` are the seconds of optimization that fit.
+        seconds: predicted for everything that the budget covers.
+        parts: `seconds` by name: "spent", "load", "optimize", "finish" (measuring and writing), "tail".
+        steps: optimization steps that are predicted to fit.
+        tradeoffs: what is reduced against the requested settings, in words; empty if nothing is.
+    """
+
+    settings: TrainingSettings
+    seconds: float
+    parts: Mapping[str, float]
+    steps: int
+    tradeoffs: tuple[str, ...] = field(default=())
+
+
+def scene_size(capture: Capture, labels: int) -> SceneSize:
+    """The size of a capture with `labels` entries in its dictionary."""
+    cameras = [view.posed.camera for view in capture.views]
+    return SceneSize(
+        len(cameras),
+        max((camera.width for camera in cameras), default=0),
+        max((camera.height for camera in cameras), default=0),
+        len(capture.points),
+        labels,
+    )
+
+
+def views_within_budget(
+    requested: int, views: int, time_budget_s: float, *, overhead_s: float, view_s: float
+) -> tuple[int, tuple[str, ...]]:
+    """The number of views that perception may look at within its share of the budget, 40 %, and the tradeoffs.
+
+    Args:
+        requested: views it would look at; 0 means all.
+        views: that the capture has.
+        time_budget_s: for everything from the start of perception on, seconds.
+        overhead_s: seconds of perception that do not depend on the views, those already spent included.
+        view_s: seconds a view.
+
+    Returns:
+        The number of views, 3 at least where there are so many; and what is reduced, in words.
+    """
+    requested = min(requested or views, views)
+    fit = math.floor((_PERCEPTION_SHARE * time_budget_s - overhead_s) / max(view_s, 1e-9))
+    count = min(requested, max(fit, _FEWEST_VIEWS))
+    return count, (f"perception on {count} of {requested} views",) if count < requested else ()
+
+
+def fit_training(
+    settings: TrainingSettings,
+    scene: SceneSize,
+    time_budget_s: float,
+    *,
+    speed: Speed = _REFERENCE,
+    spent_s: float = 0.0,
+    tail_s: float = 0.0,
+) -> TrainingPlan:
+    """The best run that ends within the budget.
+
+    The budget replaces `settings.time_budget_s`. Where too few steps fit for the requested resolution and number of
+    Gaussians, these are reduced together, level by level along the measured frontier, until enough steps fit; the
+    spherical harmonics follow at level 4. A budget larger than needed ends the run at `settings.iterations`.
+
+    Args:
+        settings: as requested: a preset, or the operator's own.
+        scene: what is trained.
+        time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
+        speed: of this machine, as `service.planning.machine.machine_speed` measures it.
+        spent_s: seconds of the budget that are spent.
+        tail_s: seconds that the caller needs after the run, on this machine.
+
+    Raises:
+        InvalidInputError: a budget or speed that is not positive, or negative seconds.
+    """
+    for name, value in (("time_budget_s", time_budget_s), ("steps", speed.steps), ("serial", speed.serial)):
+        if not 0 < value < float("inf"):
+            raise InvalidInputError(f"{name} of {value}", field=name, hint="Give a number above 0.")
+    for name, value in (("spent_s", spent_s), ("tail_s", tail_s)):
+        if not 0 <= value < float("inf"):
+            raise InvalidInputError(f"{name} of {value}", field=name, hint="Give seconds, 0 or more.")
+    enough_steps = min(settings.iterations, max(_FEWEST_STEPS, min(_ENOUGH_STEPS, _STEPS_A_VIEW * scene.views)))
+    for level in range(_LEVELS):
+        reduced = _at_level(settings, scene, level)
+        load = load_seconds(scene) / speed.serial
+        finish = measure_seconds(reduced, scene) / speed.steps + write_seconds(reduced) / speed.serial
+        left = time_budget_s - spent_s - load - finish - tail_s
+        rate = steps_per_second(reduced, scene) * speed.steps
+        if rate * left >= enough_steps:
+            break
+    optimize = max(left, _LEAST_SHARE * time_budget_s)
+    steps = min(settings.iterations, max(1, int(rate * optimize)))
+    reduced = reduced.model_copy(update={"time_budget_s": optimize})
+    optimized = min(optimize, settings.iterations / rate)
+    parts = {"spent": spent_s, "load": load, "optimize": optimized, "finish": finish, "tail": tail_s}
+    seconds = sum(parts.values())
+    return TrainingPlan(reduced, seconds, parts, steps, _tradeoffs(settings, reduced, scene, time_budget_s, seconds))
+
+
+def step_seconds(pixels: int, gaussians: int, channels: int) -> float:
+    """One optimization step on the reference machine.
+
+    Fitted to 15 pairs of image size and number of Gaussians of the table-top benchmark, within 20 %: Gaussians are
+    projected and updated, pixels are compared, and what a pixel blends grows with the number of Gaussians to the 0.8.
+
+    Args:
+        pixels: of the image. gaussians: in use. channels: of the code.
+    """
+    blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
+    return 1e-3 * (1.8 + 1.9e-4 * gaussians + blended * (0.8 + 0.025 * channels))
+
+
+def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
+    """Mean over a run of `settings`, bounded by time, on the reference machine; schedules as in training."""
+    start = max(1, min(scene.points, settings.max_gaussians))
+    width, height = _size(settings, scene)
+    scales = image_scales(settings)
+    channels = 0 if settings.label_mode == "evidence" else code_size(scene.labels, settings.code_size)
+    rates = []
+    for index in range(_SHARES):
+        share = (index + 0.5) / _SHARES
+        count = planned_count(share, start, settings.max_gaussians, settings.densify_from, settings.full_count_at)
+        pixels = width * height * scales[image_level(share, settings)] ** 2
+        rates.append(1 / step_seconds(round(pixels), count, channels))
+    return sum(rates) / len(rates)
+
+
+def load_seconds(scene: SceneSize) -> float:
+    """Everything before the first step: images decoded and reduced, Gaussians and codes initialized."""
+    pixels = scene.width * scene.height
+    return 0.1 + scene.views * (0.002 + 2.5e-8 * pixels) + 2e-6 * scene.points + (0.2 if scene.labels else 0.0)
+
+
+def write_seconds(settings: TrainingSettings) -> float:
+    """The last checkpoint and the result, gathered and written."""
+    return 0.1 + 5e-6 * settings.max_gaussians
+
+
+def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
+    """Renderings after the last step: for pruning, for label evidence, and the held-out views to be measured."""
+    width, height = _size(settings, scene)
+    held_out = len(split_views(scene.views, settings.held_out_every)[1])
+    step = step_seconds(round(width * height), settings.max_gaussians, 0)
+    measured, pruning = 0.4 * step, 0.0
+    evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
+    if settings.surplus_loss_db and held_out:
+        small = round(width * height * image_scales(settings)[0] ** 2)
+        weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
+        pruning = weighed + MEASURES * min(held_out, JUDGES) * measured
+    return held_out * measured + pruning + evidence
+
+
+def export_seconds(labels: int) -> float:
+    """Embedding the dictionary of so many labels and writing the scene."""
+    return 1.0 + 0.01 * labels
+
+
+def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> TrainingSettings:
+    if level == 0:
+        return settings
+    longest = min(settings.max_side, max(scene.width, scene.height, 1))
+    side = max(min(longest, _SMALLEST_SIDE), round(longest * _SIDE_FACTOR**level / 8) * 8)
+    least = min(settings.max_gaussians, _FEWEST_GAUSSIANS)
+    count = max(least, _round_number(settings.max_gaussians * _GAUSSIANS_FACTOR**level))
+    degree = settings.max_sh_degree if level < _DEGREE_0_FROM_LEVEL else 0
+    return settings.model_copy(update={"max_side": side, "max_gaussians": count, "max_sh_degree": degree})
+
+
+def _round_number(value: float) -> int:
+    """Two significant digits."""
+    return int(float(f"{value:.1e}"))
+
+
+def _size(settings: TrainingSettings, scene: SceneSize) -> tuple[float, float]:
+    factor = min(1.0, settings.max_side / max(scene.width, scene.height, 1))
+    return scene.width * factor, scene.height * factor
+
+
+def _tradeoffs(
+    requested: TrainingSettings, reduced: TrainingSettings, scene: SceneSize, budget: float, seconds: float
+) -> tuple[str, ...]:
+    side = min(requested.max_side, max(scene.width, scene.height))
+    lines = []
+    if reduced.max_side < side:
+        lines.append(f"resolution {side} → {reduced.max_side} px")
+    if reduced.max_gaussians < requested.max_gaussians:
+        lines.append(f"Gaussians {requested.max_gaussians:,} → {reduced.max_gaussians:,}")
+    if reduced.max_sh_degree < requested.max_sh_degree:
+        lines.append(f"harmonics degree {requested.max_sh_degree} → {reduced.max_sh_degree}")
+    if requested.time_budget_s is not None and (reduced.time_budget_s or 0) < requested.time_budget_s:
+        lines.append(f"optimization {requested.time_budget_s:.3g} → {reduced.time_budget_s:.3g} s")
+    if seconds > 1.1 * budget:
+        lines.append(f"the time budget itself: {budget:.3g} s → {seconds:.2g} s, the least that this capture takes")
+    return tuple(lines)

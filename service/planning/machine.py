@@ -1,0 +1,134 @@
+"""Short measurements of this machine: its speed at training, and what perception costs on it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from io import BytesIO
+
+import cv2
+import numpy as np
+import torch
+from PIL import Image
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception import label_capture
+from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.raster import Backend, Splats, rasterize
+
+_STEP_S, _IMAGE_S = 0.0077, 0.0030
+"""Seconds of a round of each kind on the quiet reference machine."""
+
+_FEWEST_ROUNDS, _SECONDS = 5, 0.4
+_GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
+_SEARCH_FACTOR = 1.2  # a view's detection and segmentation, in times its segmentation alone
+
+
+@dataclass(frozen=True)
+class PerceptionCost:
+    """Seconds that perception takes on this machine.
+
+    Attributes:
+        overhead_s: that do not depend on the number of views: models loaded.
+        view_s: for each view.
+    """
+
+    overhead_s: float
+    view_s: float
+
+
+def machine_speed(backend: Backend = "cpu") -> Speed:
+    """The speed of this machine as a multiple of the reference machine's. Takes a second.
+
+    A round of `steps` does what an optimization step does: 8,000 Gaussians with 11 channels rendered to 240×180 pixels,
+    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. The mean counts, so that
+    other work on the machine slows the figures as it will slow the run.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in training
+    try:
+        return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()))
+    finally:
+        torch.set_num_threads(threads)
+
+
+def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
+    """What perception of this capture costs on this machine, measured by labelling its middle view.
+
+    Args:
+        capture: with at least one view.
+        settings: of all rooms; those of perception and the model directory count.
+        labels: names to look for, see `label_capture`.
+        progress: hears of the trial, always at fraction 0.
+
+    Raises:
+        FastSplatError: as `label_capture`.
+    """
+    middle = len(capture.views) // 2
+    one_view = replace(capture, views=capture.views[middle : middle + 1])
+    times: list[float] = []
+
+    def listen(event: ProgressEvent) -> None:
+        times.append(time.monotonic())
+        progress(replace(event, fraction=0.0))
+
+    begun = time.monotonic()
+    label_capture(one_view, settings.perception, settings.models, tuple(labels), listen)
+    total = time.monotonic() - begun
+    # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
+    view = _SEARCH_FACTOR * (times[-1] - times[-2])
+    return PerceptionCost(max(0.0, total - view), view)
+
+
+def _mean(work: Callable[[], None]) -> float:
+    work()
+    rounds, begun = 0, time.monotonic()
+    while rounds < _FEWEST_ROUNDS or time.monotonic() - begun < _SECONDS:
+        work()
+        rounds += 1
+    return (time.monotonic() - begun) / rounds
+
+
+def _step(backend: Backend) -> Callable[[], None]:
+    splats, viewmat, target = _workload()
+    camera = Camera(_WIDTH, _HEIGHT, 220.0, 220.0, _WIDTH / 2, _HEIGHT / 2)
+
+    def step() -> None:
+        image = rasterize(splats, viewmat, camera, backend=backend).image
+        rgb, rest = torch.split(image, [3, image.shape[2] - 3], dim=2)
+        loss = image_loss(rgb, target, 0.2, None) + rest.square().mean()
+        loss.backward()  # type: ignore[no-untyped-call]
+
+    return step
+
+
+def _image() -> Callable[[], None]:
+    noise = np.random.default_rng(0).integers(0, 256, (30, 40, 3), np.uint8)
+    photo = cv2.imencode(".jpg", cv2.resize(noise, (640, 480), interpolation=cv2.INTER_CUBIC))[1].tobytes()
+
+    def image() -> None:
+        with Image.open(BytesIO(photo)) as opened:
+            cv2.resize(np.asarray(opened.convert("RGB")), (320, 240), interpolation=cv2.INTER_AREA)
+
+    return image
+
+
+def _workload() -> tuple[Splats, torch.Tensor, torch.Tensor]:
+    random = torch.Generator().manual_seed(0)
+    means = torch.rand(_GAUSSIANS, 3, generator=random) * torch.tensor([2.0, 1.5, 2.0]) + torch.tensor(
+        [-1.0, -0.75, 1.5]
+    )
+    parts = (
+        means,
+        torch.randn(_GAUSSIANS, 4, generator=random),
+        torch.rand(_GAUSSIANS, 3, generator=random) * 0.03 + 0.005,
+        torch.rand(_GAUSSIANS, generator=random) * 0.8 + 0.1,
+        torch.rand(_GAUSSIANS, 11, generator=random),
+    )
+    target = torch.rand(_HEIGHT, _WIDTH, 3, generator=random)
+    return Splats(*(part.requires_grad_() for part in parts)), torch.eye(4), target

@@ -1,0 +1,78 @@
+"""Three named choices between speed and quality, read off the frontier that `make bench-trade` measures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.splatting.settings import TrainingSettings
+
+if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
+    from fastsplat.service.settings import Settings
+
+PresetName = Literal["draft", "balanced", "best"]
+
+PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
+    {
+        "draft": MappingProxyType(
+            {"time_budget_s": 30.0, "max_gaussians": 20_000, "max_side": 480, "max_sh_degree": 0, "evaluations": 3}
+        ),
+        "balanced": MappingProxyType(
+            {
+                name: TrainingSettings.model_fields[name].default
+                for name in ("time_budget_s", "max_gaussians", "max_side", "max_sh_degree", "evaluations")
+            }
+        ),
+        "best": MappingProxyType(
+            {"time_budget_s": 480.0, "max_gaussians": 100_000, "max_side": 960, "max_sh_degree": 3, "evaluations": 10}
+        ),
+    }
+)
+"""What each preset changes of `TrainingSettings`; "balanced" is the settings' own defaults, said explicitly."""
+
+PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
+    {
+        "draft": MappingProxyType({"max_views": 12, "closer_look": True}),
+        "balanced": MappingProxyType({"max_views": 0, "closer_look": True}),
+        "best": MappingProxyType({"max_views": 0, "closer_look": True}),
+    }
+)
+"""What each preset changes of `service.perception.settings.PerceptionSettings`."""
+
+
+def apply_preset(settings: Settings, name: str | None) -> Settings:
+    """The settings with a preset's values for training and perception in place of their own.
+
+    Args:
+        settings: of all rooms.
+        name: a `PresetName`; None changes nothing.
+
+    Raises:
+        InvalidInputError: no preset of this name.
+    """
+    if name is None:
+        return settings
+    preset = preset_name(name)
+    training = settings.training.model_copy(update=dict(PRESETS[preset]))
+    perception = settings.perception.model_copy(update=dict(PERCEPTION_PRESETS[preset]))
+    return settings.model_copy(update={"training": training, "perception": perception})
+
+
+def preset_name(text: str) -> PresetName:
+    """`text` as the name of a preset.
+
+    Raises:
+        InvalidInputError: no preset of this name.
+    """
+    for name in PRESETS:
+        if name == text:
+            return name
+    raise InvalidInputError(f"no preset {text[:40]!r}", field="preset", hint=f"Use one of {', '.join(PRESETS)}.")
+
+
+def override_training(settings: Settings, **values: Any) -> Settings:
+    """The settings with `values` in place of the fields of `settings.training`; a value of None changes nothing."""
+    changes = {name: value for name, value in values.items() if value is not None}
+    return settings.model_copy(update={"training": settings.training.model_copy(update=changes)})

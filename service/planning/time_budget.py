@@ -1,0 +1,109 @@
+"""How a job's time budget is divided over its stages.
+
+The budget (`SceneOptions.time_budget_s`) covers everything after the capture stage: perception, training and export.
+How long poses take to find cannot be predicted; the budget starts to count when they are there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.planning.cost_model import export_seconds, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.machine import machine_speed, perception_cost
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.settings import TrainingSettings
+
+S = TypeVar("S", PerceptionSettings, TrainingSettings)
+
+_FEW_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class StagePlan(Generic[S]):
+    """How a stage runs.
+
+    Attributes:
+        settings: of the stage.
+        tradeoffs: what the time budget reduces against the requested settings, in words.
+    """
+
+    settings: S
+    tradeoffs: tuple[str, ...] = ()
+
+
+def plan_perception(
+    capture: Capture,
+    settings: Settings,
+    labels: Sequence[str],
+    time_budget_s: float | None,
+    progress: Progress,
+    *,
+    started: float,
+) -> StagePlan[PerceptionSettings]:
+    """How perception runs; with a budget, one view is labelled on trial where a detector will run.
+
+    Args:
+        capture: what is labelled.
+        settings: of all rooms, with the preset applied.
+        labels: names to look for.
+        time_budget_s: seconds for everything after the capture stage; None: no bound.
+        progress: hears of the trial.
+        started: `time.monotonic()` when the budget began to count.
+
+    Raises:
+        FastSplatError: as `label_capture`.
+    """
+    perception = settings.perception
+    if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
+        return StagePlan(perception)
+    progress(ProgressEvent("perception", 0.0, "labelling one view to measure the time it takes"))
+    cost = perception_cost(capture, settings, labels, progress)
+    views, tradeoffs = views_within_budget(
+        perception.max_views,
+        len(capture.views),
+        time_budget_s,
+        overhead_s=time.monotonic() - started + cost.overhead_s,
+        view_s=cost.view_s,
+    )
+    return StagePlan(perception.model_copy(update={"max_views": views}), tradeoffs)
+
+
+def plan_training(
+    capture: Capture, settings: Settings, labels: int, time_budget_s: float | None, *, spent_s: float
+) -> StagePlan[TrainingSettings]:
+    """How training runs; with a budget, the speed of this machine is measured (a second).
+
+    Args:
+        capture: what is trained.
+        settings: of all rooms, with the preset applied.
+        labels: entries of its dictionary.
+        time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
+        spent_s: seconds of the budget that are spent already.
+    """
+    if time_budget_s is None:
+        return StagePlan(settings.training)
+    begun = time.monotonic()
+    speed = machine_speed(settings.training.backend)
+    fitted = fit_training(
+        settings.training,
+        scene_size(capture, labels),
+        time_budget_s,
+        speed=speed,
+        spent_s=spent_s + time.monotonic() - begun,
+        tail_s=export_seconds(labels) / speed.serial,
+    )
+    return StagePlan(fitted.settings, fitted.tradeoffs)
+
+
+def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:
+    """A `Progress` whose every message ends with the tradeoffs."""
+    if not tradeoffs:
+        return progress
+    suffix = f" (to end in time: {', '.join(tradeoffs)})"
+    return lambda event: progress(replace(event, message=event.message + suffix))

@@ -1,0 +1,148 @@
+"""Laws of the cost model: a planned run ends in time on any machine, and every reduction is named."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.planning.cost_model import (
+    SceneSize,
+    Speed,
+    fit_training,
+    step_seconds,
+    steps_per_second,
+    views_within_budget,
+)
+from fastsplat.service.planning.machine import machine_speed
+from fastsplat.service.splatting.settings import TrainingSettings
+
+TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)
+
+scenes = st.builds(
+    SceneSize,
+    views=st.integers(1, 500),
+    width=st.integers(8, 1_600),
+    height=st.integers(8, 1_600),
+    points=st.integers(0, 200_000),
+    labels=st.integers(0, 200),
+)
+speeds = st.builds(Speed, st.floats(0.05, 50), st.floats(0.05, 50))
+budgets = st.floats(0.01, 5_000)
+wishes = st.builds(
+    TrainingSettings,
+    max_gaussians=st.integers(1, 1_000_000),
+    max_side=st.integers(8, 2_000),
+    max_sh_degree=st.integers(0, 3),
+    iterations=st.integers(1, 30_000),
+    label_mode=st.sampled_from(["codes", "evidence", "auto"]),
+    surplus_loss_db=st.sampled_from([0.0, 0.05]),
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(wishes, scenes, budgets, speeds, st.floats(0, 20))
+@example(TrainingSettings(), TABLE, 60.0, Speed(), 20.0)
+@example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, Speed(), 0.0)
+def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(requested, scene, budget, speed, tail) -> None:
+    planned = fit_training(requested, scene, budget, speed=speed, spent_s=tail / 2, tail_s=tail)
+    assert planned.seconds == pytest.approx(sum(planned.parts.values()))
+    assert planned.seconds <= 1.1 * budget or any("time budget itself" in line for line in planned.tradeoffs)
+    assert planned.seconds <= budget * 1.0001 or planned.settings.time_budget_s == pytest.approx(0.1 * budget)
+
+
+@settings(deadline=None, max_examples=60)
+@given(wishes, scenes, budgets, speeds)
+def test_a_plan_never_asks_for_more_than_was_requested_and_names_every_loss(requested, scene, budget, speed) -> None:
+    planned = fit_training(requested, scene, budget, speed=speed)
+    chosen, said = planned.settings, " | ".join(planned.tradeoffs)
+    longest = max(scene.width, scene.height)
+    assert min(chosen.max_side, longest) <= min(requested.max_side, longest)
+    assert (min(chosen.max_side, longest) < min(requested.max_side, longest)) == ("resolution" in said)
+    assert chosen.max_gaussians <= requested.max_gaussians
+    assert (chosen.max_gaussians < requested.max_gaussians) == ("Gaussians" in said)
+    assert chosen.max_sh_degree <= requested.max_sh_degree
+    assert (chosen.max_sh_degree < requested.max_sh_degree) == ("harmonics" in said)
+    assert requested.time_budget_s is not None and chosen.time_budget_s is not None
+    assert (chosen.time_budget_s < requested.time_budget_s) == ("optimization" in said)
+    assert chosen.max_gaussians >= 1 and chosen.max_side >= 8 and 1 <= planned.steps <= requested.iterations
+    kept = {"max_side", "max_gaussians", "max_sh_degree", "time_budget_s"}
+    assert chosen.model_dump(exclude=kept) == requested.model_dump(exclude=kept)
+    TrainingSettings.model_validate(chosen.model_dump())
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.floats(5, 500), st.floats(1.0, 8.0), st.floats(0.2, 4))
+def test_more_time_and_a_faster_machine_never_give_up_more(budget, more, factor) -> None:
+    requested = TrainingSettings()
+    speed, faster = Speed(factor, factor), Speed(factor * more, factor * more)
+    poor = fit_training(requested, TABLE, budget, speed=speed)
+    for rich in (
+        fit_training(requested, TABLE, budget * more, speed=speed),
+        fit_training(requested, TABLE, budget, speed=faster),
+    ):
+        assert rich.settings.max_gaussians >= poor.settings.max_gaussians
+        assert rich.settings.max_side >= poor.settings.max_side
+        assert rich.settings.max_sh_degree >= poor.settings.max_sh_degree
+
+
+def test_a_budget_larger_than_needed_gives_up_nothing_and_ends_with_the_steps() -> None:
+    requested = TrainingSettings(iterations=600)
+    planned = fit_training(requested, TABLE, 4_000.0)
+    assert planned.tradeoffs == () and planned.steps == 600 and planned.seconds < 200
+    assert planned.settings.max_gaussians == requested.max_gaussians and planned.settings.max_side == requested.max_side
+
+
+def test_a_second_is_too_little_and_the_plan_says_so_but_still_trains() -> None:
+    planned = fit_training(TrainingSettings(), TABLE, 1.0, speed=Speed(0.2, 0.2), tail_s=1.0)
+    assert planned.settings.time_budget_s == pytest.approx(0.1)
+    assert planned.tradeoffs[-1].startswith("the time budget itself: 1 s")
+    assert planned.settings.max_gaussians < 5_000 and planned.settings.max_sh_degree == 0
+
+
+def test_one_gaussian_and_one_view_can_be_planned() -> None:
+    planned = fit_training(TrainingSettings(max_gaussians=1), SceneSize(1, 8, 8, 0, 0), 10.0)
+    assert planned.settings.max_gaussians == 1 and planned.seconds <= 10.001
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), st.floats(0, 10))
+def test_perception_keeps_to_its_share_of_the_budget_or_to_three_views(
+    requested, views, budget, overhead, view
+) -> None:
+    chosen, tradeoffs = views_within_budget(requested, views, budget, overhead_s=overhead, view_s=view)
+    asked = min(requested or views, views)
+    assert 1 <= chosen <= asked and (chosen < asked) == bool(tradeoffs)
+    assert chosen <= 3 or overhead + chosen * view <= 0.4 * budget * 1.0001 + 1e-6
+    assert chosen == asked or overhead + (chosen + 1) * view > 0.4 * budget * 0.9999
+
+
+@pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
+def test_impossible_budgets_are_refused_by_name(budget: float) -> None:
+    with pytest.raises(InvalidInputError, match="time_budget_s"):
+        fit_training(TrainingSettings(), TABLE, budget)
+    for slow in (Speed(budget, 1.0), Speed(1.0, budget)):
+        with pytest.raises(InvalidInputError, match=r"steps|serial"):
+            fit_training(TrainingSettings(), TABLE, 10.0, speed=slow)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 10**7), st.integers(1, 10**7), st.integers(0, 16))
+def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, channels: int) -> None:
+    cost = step_seconds(pixels, gaussians, channels)
+    assert 0 < cost < step_seconds(2 * pixels, gaussians, channels)
+    assert cost < step_seconds(pixels, 2 * gaussians, channels) and cost < step_seconds(pixels, gaussians, channels + 1)
+
+
+def test_the_mean_rate_lies_between_the_cheapest_and_the_dearest_step() -> None:
+    settings = TrainingSettings()
+    rate = steps_per_second(settings, TABLE)
+    assert 1 / step_seconds(480 * 360, 40_000, 8) < rate < 1 / step_seconds(240 * 180, 4_955, 8)
+
+
+def test_the_measured_speed_of_this_machine_is_plausible() -> None:
+    planned = machine_speed()
+    assert 0.001 < planned.steps < 1_000 and 0.001 < planned.serial < 1_000
