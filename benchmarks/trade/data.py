@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.training.data import load_posed_folder
-from fastsplat.service.capture import admit_upload, build_capture, load_capture
+from fastsplat.service.capture import build_capture, load_capture, validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
@@ -84,6 +84,6 @@ def _sample() -> Capture:
             raw = Path(folder) / "raw"
             shutil.copytree(_SAMPLE, raw)
             (raw / "README.md").unlink()
-            admitted = admit_upload(raw, CaptureSettings())
+            admitted = validate_upload(raw, CaptureSettings())
             build_capture(admitted.folder, built, CaptureSettings(), silent)
     return load_capture(built)

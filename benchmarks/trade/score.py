@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.trade.data import BenchData
-from fastsplat.service.capture.images import load_rgb
+from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.evaluation.boundary import boundary_counts

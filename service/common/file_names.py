@@ -1,9 +1,10 @@
-"""File names that clients choose: which are safe to write below a folder, and which files to ignore."""
+"""File names that clients choose: which are safe to write below a folder, which to ignore, and what they share."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable, Sequence
 from pathlib import PurePosixPath
 
 from fastsplat.service.common.errors import InvalidInputError
@@ -11,6 +12,7 @@ from fastsplat.service.common.errors import InvalidInputError
 _MAX_DEPTH = 16
 _MAX_NAME_BYTES = 255
 _SHOWN_LETTERS = 80
+_SHOWN_NAMES = 5
 _SYSTEM_FILES = frozenset({"__MACOSX", "Thumbs.db", "desktop.ini"})
 
 
@@ -35,6 +37,23 @@ def safe_parts(name: str) -> tuple[str, ...]:
 def is_system_file(parts: tuple[str, ...]) -> bool:
     """Whether a file is hidden or written by an operating system beside the user's own."""
     return any(part in _SYSTEM_FILES or part.startswith(".") for part in parts)
+
+
+def common_folder(paths: Iterable[str]) -> str:
+    """The deepest folder that holds all of some relative paths; "." if that is their root."""
+    folders = [PurePosixPath(path).parts[:-1] for path in paths]
+    shared = []
+    for column in zip(*folders, strict=False):
+        if len(set(column)) > 1:
+            break
+        shared.append(column[0])
+    return "/".join(shared) or "."
+
+
+def list_names(names: Sequence[str]) -> str:
+    """The first few names, and how many more there are, for a message."""
+    listed = ", ".join(name[:_SHOWN_LETTERS] for name in names[:_SHOWN_NAMES])
+    return f"{listed} and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else listed
 
 
 def _problem(name: str, parts: tuple[str, ...]) -> str:

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.contents import common_folder
-from fastsplat.service.capture.documents import read_json
-from fastsplat.service.capture.images import open_map
+from fastsplat.service.capture.image_io import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload import admit_upload
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset
@@ -34,7 +34,7 @@ def training_capture(dataset: Dataset, work: Path, settings: CaptureSettings, pr
 
     Raises:
         InvalidInputError: no training views.
-        FastSplatError: as `admit_upload` and `build_capture`.
+        FastSplatError: as `validate_upload` and `build_capture`.
     """
     if not dataset.train:
         raise InvalidInputError(
@@ -44,8 +44,10 @@ def training_capture(dataset: Dataset, work: Path, settings: CaptureSettings, pr
     staged = work / "upload"
     staged.mkdir(parents=True)
     _stage(layout, dataset, staged, settings)
-    upload = admit_upload(staged, settings)
-    return subset(build_capture(upload.folder, work / "capture", settings, progress), dataset.train)
+    upload = validate_upload(staged, settings)
+    capture = build_capture(upload.folder, work / "capture", settings, progress)
+    names = {view.posed.name for view in capture.views}  # images that are masked entirely are no views
+    return subset(capture, tuple(name for name in dataset.train if name in names))
 
 
 def subset(capture: Capture, names: tuple[str, ...]) -> Capture:
@@ -66,7 +68,7 @@ def subset(capture: Capture, names: tuple[str, ...]) -> Capture:
 
 
 def _stage(layout: Layout, dataset: Dataset, target: Path, settings: CaptureSettings) -> None:
-    photos = layout.poses.photos
+    photos = layout.poses.images
     if layout.contents.source == "nerfstudio":
         photos = tuple(photo for photo in photos if photo.name in set(dataset.train))
     for photo in photos:
@@ -93,7 +95,7 @@ def _stage_colmap(layout: Layout, dataset: Dataset, target: Path, binary: dict[s
     if dataset.mask_label:
         (target / "labels").mkdir()
         (target / "labels" / "labels.json").write_text(json.dumps({dataset.mask_label: 1}))
-        common = common_folder(photo.path for photo in layout.poses.photos)
+        common = common_folder(photo.path for photo in layout.poses.images)
         for path, mask in binary.items():
             home = target / "labels" / Path(path).relative_to(common).with_suffix(".png")
             home.parent.mkdir(parents=True, exist_ok=True)
@@ -109,9 +111,9 @@ def _stage_transforms(
     document = read_json(layout.root / name, name, settings)
     home = Path(name).parent
     kept = set(dataset.train)
-    by_path = frames_by_path(document, name, layout.poses.photos)
+    by_path = frames_by_path(document, name, layout.poses.images)
     frames = []
-    for photo in layout.poses.photos:
+    for photo in layout.poses.images:
         if photo.name not in kept:
             continue
         frame = dict(by_path[photo.path])

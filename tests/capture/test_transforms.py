@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import admit_upload, build_capture, load_capture, load_image
+from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.capture.ply_points import read_points
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat.service.common.progress import silent
@@ -47,7 +47,7 @@ def send(upload, photo) -> Callable[..., Path]:
 
 
 def _build(folder: Path, settings) -> Any:
-    admit_upload(folder, settings)
+    validate_upload(folder, settings)
     return build_capture(folder, folder.parent / "out", settings, silent)
 
 
@@ -75,11 +75,11 @@ def test_axes(send, settings) -> None:
 def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_path: Path) -> None:
     """Its points were triangulated, its depth maps rendered: both agree only if every convention does."""
     document = json.loads((test_data / "tabletop" / "transforms.json").read_text())
-    chosen = document["frames"][::8]
+    frames = document["frames"][::8]
     document["split"] = {"test": ["016"]}
-    document["frames"] = chosen
+    document["frames"] = frames
     folder = tmp_path / "place" / "upload"
-    for file in ["points3d.ply", *(frame[key] for frame in chosen for key in ("file_path", "mask_path"))]:
+    for file in ["points3d.ply", *(frame[key] for frame in frames for key in ("file_path", "mask_path"))]:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes((test_data / "tabletop" / file).read_bytes())
     (folder / "transforms.json").write_text(json.dumps(document))
@@ -87,8 +87,8 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
     assert capture.scale == "METRIC"
     assert capture.test_names == ("images/016.jpg",)
     assert len(capture.points) == 4955
-    agreeing = seen = 0
-    for view, frame in zip(capture.views, chosen, strict=True):
+    agreeing = visible = 0
+    for view, frame in zip(capture.views, frames, strict=True):
         camera = view.posed.camera
         with Image.open(test_data / "tabletop" / frame["depth_path"]) as image:
             depth = np.asarray(image).astype(float) * 1e-4
@@ -98,12 +98,12 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
         v = np.floor(camera.fy * front[:, 1] / front[:, 2] + camera.cy).astype(int)
         inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
         near = np.abs(depth[v[inside], u[inside]] - front[inside, 2]) < 0.02 * front[inside, 2]
-        agreeing, seen = agreeing + near.sum(), seen + len(near)
-    assert agreeing > 0.7 * seen > 5_000
-    given = capture.given_labels
-    assert given is not None and given.dictionary.label_of(13) == "mug"
-    with Image.open(test_data / "tabletop" / chosen[2]["mask_path"]) as image:
-        np.testing.assert_array_equal(np.asarray(Image.open(given.map_paths[2])), np.asarray(image))
+        agreeing, visible = agreeing + near.sum(), visible + len(near)
+    assert agreeing > 0.7 * visible > 5_000
+    labels = capture.given_labels
+    assert labels is not None and labels.dictionary.label_of(13) == "mug"
+    with Image.open(test_data / "tabletop" / frames[2]["mask_path"]) as image:
+        np.testing.assert_array_equal(np.asarray(Image.open(labels.map_paths[2])), np.asarray(image))
 
 
 def test_intrinsics_forms(send, settings) -> None:
@@ -141,7 +141,7 @@ def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
             np.testing.assert_array_equal(load_image(view), np.asarray(image.convert("RGB")))
 
 
-def test_turned_phone_photo_with_given_poses(upload, photo, settings) -> None:
+def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
     """Poses are for stored pixels: the view is upright, and a ray still ends on the same colour."""
     exif = Image.Exif()
     exif[0x0112] = 6
@@ -204,12 +204,12 @@ def _pose(**cells: float) -> list[list[float]]:
      _pose(m00=-1.0), _pose(m30=1.0), [[1, 0, 0, "0"]] * 4, [[True, 0, 0, 0]] * 4, np.zeros((4, 4)).tolist()],
     ids=str,
 )  # fmt: skip
-def test_no_pose(pose: Any, send, settings, refused) -> None:
+def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
     document = _document()
     document["frames"][1]["transform_matrix"] = pose
     folder = send(document)
     with refused(InvalidInputError, "transforms.json", "images/1.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize(
@@ -242,16 +242,16 @@ def test_no_pose(pose: Any, send, settings, refused) -> None:
     ],
     ids=lambda value: str(value)[:50],
 )
-def test_document_that_is_none(document: Any, said: str, send, settings, refused) -> None:
+def test_invalid_documents_are_refused(document: Any, said: str, send, settings, refused) -> None:
     folder = send(document)
     with refused(InvalidInputError, said):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_document_that_is_too_large(send, settings, refused) -> None:
     folder = send(_document())
     with refused(LimitExceededError, "transforms.json", "MAX_JSON_BYTES"):
-        admit_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
+        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
 
 
 def _ply(
@@ -295,7 +295,7 @@ def test_ply_forms_say_the_same(tmp_path: Path, settings) -> None:
         (b"", InvalidInputError),
     ],
 )
-def test_ply_that_is_none(content: bytes, kind: type[FastSplatError], send, settings, refused) -> None:
+def test_invalid_ply_files_are_refused(content: bytes, kind: type[FastSplatError], send, settings, refused) -> None:
     folder = send(_document(), **{"points3d.ply": content})
     with refused(kind, "points3d.ply"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)

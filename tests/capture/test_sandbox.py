@@ -1,4 +1,4 @@
-"""Admission in a child process: the same words as in process, and what kills the child kills one request."""
+"""The sandbox: the same errors as in process, its environment and its limits; what kills it ends one request."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import admit_upload, isolation
-from fastsplat.service.capture.admission import admit_isolated
+from fastsplat.service.capture import sandbox, validate_upload
+from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.common.errors import CancelledError, FastSplatError, ResourceError
@@ -59,42 +59,42 @@ def _unreadable_poses(folder: Path) -> None:
 _UPLOADS = (_photos, _archive, _damaged, _climbing, _empty, _unreadable_poses)
 
 
-def _outcome(admit: Callable[[Path, CaptureSettings], object], folder: Path, fill: Callable[[Path], None]) -> str:
+def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, fill: Callable[[Path], None]) -> str:
     folder.mkdir()
     fill(folder)
     try:
-        found = vars(admit(folder, CaptureSettings()))
+        outcome = vars(validate(folder, CaptureSettings()))
     except FastSplatError as error:
-        found = {"error": type(error).__name__, "message": error.message, **error.details()}
-    return json.dumps(found, default=str).replace(str(folder), "HERE")
+        outcome = {"error": type(error).__name__, "message": error.message, **error.details()}
+    return json.dumps(outcome, default=str).replace(str(folder), "HERE")
 
 
 @pytest.mark.parametrize("fill", _UPLOADS)
 def test_the_child_says_what_the_process_itself_would_say(tmp_path: Path, fill: Callable[[Path], None]) -> None:
-    alone = _outcome(admit_upload, tmp_path / "alone", fill)
-    assert _outcome(admit_isolated, tmp_path / "isolated", fill) == alone
+    alone = _outcome(validate_upload, tmp_path / "alone", fill)
+    assert _outcome(validate_in_sandbox, tmp_path / "isolated", fill) == alone
 
 
 def test_an_upload_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
     for number in range(2):
         (tmp_path / f"{number}.jpg").write_bytes(_photo(number, (3_000, 3_000)))
     with pytest.raises(ResourceError) as caught:
-        admit_isolated(tmp_path, CaptureSettings(admit_memory_bytes=300 * 2**20))
-    assert "FASTSPLAT_CAPTURE__ADMIT_MEMORY_BYTES" in caught.value.limit and "upload" in caught.value.message
-    assert admit_isolated(tmp_path, CaptureSettings()).images == 2
+        validate_in_sandbox(tmp_path, CaptureSettings(validation_memory_bytes=300 * 2**20))
+    assert "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES" in caught.value.limit and "upload" in caught.value.message
+    assert validate_in_sandbox(tmp_path, CaptureSettings()).images == 2
 
 
 def test_an_upload_that_takes_too_long_is_refused(tmp_path: Path) -> None:
     _photos(tmp_path)
     with pytest.raises(ResourceError) as caught:
-        admit_isolated(tmp_path, CaptureSettings(admit_seconds=0))
-    assert "FASTSPLAT_CAPTURE__ADMIT_SECONDS" in caught.value.limit
+        validate_in_sandbox(tmp_path, CaptureSettings(validation_seconds=0))
+    assert "FASTSPLAT_CAPTURE__VALIDATION_SECONDS" in caught.value.limit
 
 
-def test_nobody_looks_on_when_the_sender_has_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_validation_stops_when_the_caller_is_cancelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _photos(tmp_path)
-    monkeypatch.setattr(isolation, "_HEARTBEAT_S", 0.01)
-    gone = Cancellation()
-    gone.cancel()
-    with cancellable(gone), pytest.raises(CancelledError):
-        admit_isolated(tmp_path, CaptureSettings())
+    monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
+    cancellation = Cancellation()
+    cancellation.cancel()
+    with cancellable(cancellation), pytest.raises(CancelledError):
+        validate_in_sandbox(tmp_path, CaptureSettings())
