@@ -279,8 +279,12 @@ class _Build:
                 "no image has a pixel that its mask leaves to use",
                 hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
             )
-        warnings = [f"{len(blank)} images are masked entirely and are not used: {list_names(blank)}."] if blank else []
-        return _Views(tuple(view for view, _ in written), tuple(label_map for _, label_map in written), tuple(warnings))
+        warning = f"{len(blank)} of {count} images are masked entirely and are not used: {list_names(blank)}."
+        return _Views(
+            views=tuple(view for view, _ in written),
+            label_maps=tuple(label_map for _, label_map in written),
+            warnings=(warning,) if blank else (),
+        )
 
     def _triangulated(self, views: tuple[View, ...]) -> tuple[NDArray[np.float32], NDArray[np.uint8], float]:
         images = []

@@ -60,6 +60,18 @@ def test_archive_and_loose_files_are_the_same_upload(form, upload, photo, settin
     assert {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} == set(files)
 
 
+def test_backslashes_of_a_zip_made_by_windows_are_folders(upload, photo, settings) -> None:
+    folder = upload({"photos.zip": _zip([("set\\a.jpg", photo(1)), ("set\\b.jpg", photo(2))])})
+    root = validate_upload(folder, settings).folder / "files"
+    assert {path.relative_to(root).as_posix() for path in root.rglob("*.jpg")} == {"set/a.jpg", "set/b.jpg"}
+
+
+def test_backslashes_in_a_tar_are_refused(upload, photo, settings, refused) -> None:
+    folder = upload({"photos.tar": _tar([(_member("a.jpg"), photo(1)), (_member("set\\b.jpg"), photo(2))])})
+    with refused(UnsafeArchiveError, "photos.tar", "b.jpg", "backslash"):
+        validate_upload(folder, settings)
+
+
 @pytest.mark.parametrize("name", ["../evil.jpg", "a/../../evil.jpg", "/etc/evil.jpg", "C:/evil.jpg", "..\\evil.jpg"])
 @pytest.mark.parametrize("form", ["zip", "tar"])
 def test_paths_that_leave_the_folder(name, form, upload, photo, settings, refused) -> None:

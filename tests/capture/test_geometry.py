@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.capture.geometry import (
     Reconstruction,
@@ -175,6 +176,29 @@ def test_normalizing_the_world_is_one_similarity() -> None:
     np.testing.assert_allclose(np.median(np.linalg.norm(normalized[:, :3, 3], axis=1)), 3.0, rtol=0.1)
     ups = -normalized[:, :3, 1].mean(axis=0)
     np.testing.assert_allclose(ups / np.linalg.norm(ups), [0, 0, 1], atol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+def test_the_upright_rotation_is_the_smallest(seed: int) -> None:
+    """As scipy computes it from one pair of vectors."""
+    up = Rotation.random(rng=seed).as_matrix()[:, 1] * [1, 1, seed % 2 or 1e-7]
+    up /= np.linalg.norm(up)
+    poses = np.eye(4)[None].repeat(3, axis=0)
+    poses[:, :3, :3] = Rotation.align_vectors([-up], [[0.0, 1.0, 0.0]])[0].as_matrix()
+    poses[:, :3, 3] = np.eye(3)
+    normalized, _ = normalize_world(poses, np.zeros((1, 3)))
+    applied = normalized[0, :3, :3] @ poses[0, :3, :3].T
+    expected, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
+    np.testing.assert_allclose(applied, expected.as_matrix(), atol=1e-9)
+
+
+def test_cameras_upside_down_are_turned() -> None:
+    poses = np.eye(4)[None].repeat(3, axis=0)
+    poses[:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # image down is world up
+    poses[:, :3, 3] = np.eye(3)
+    normalized, _ = normalize_world(poses, np.zeros((1, 3)))
+    np.testing.assert_allclose(-normalized[:, :3, 1], [[0, 0, 1]] * 3, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(normalized[:, :3, :3]), 1)
 
 
 @given(st.integers(2, 200), st.integers(1, 90))

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
+import sys
+import threading
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -98,3 +102,43 @@ def test_validation_stops_when_the_caller_is_cancelled(tmp_path: Path, monkeypat
     cancellation.cancel()
     with cancellable(cancellation), pytest.raises(CancelledError):
         validate_in_sandbox(tmp_path, CaptureSettings())
+
+
+def test_the_child_runs_in_the_environment_of_the_sandbox(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "upload").mkdir()
+    (tmp_path / "task").mkdir()
+    _photos(tmp_path / "upload")
+    monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    environments: list[list[bytes]] = []
+
+    def listen(fraction: float, message: str) -> None:
+        children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
+        environments.extend(Path(f"/proc/{child}/environ").read_bytes().split(b"\0") for child in children)
+
+    settings = CaptureSettings()
+    request = {"upload": str(tmp_path / "upload"), "settings": settings.model_dump(mode="json")}
+    sandbox.run_sandboxed("validate", request, tmp_path / "task", settings, listen)
+    assert environments
+    for entry in (
+        b"OPENBLAS_NUM_THREADS=1",
+        b"OMP_WAIT_POLICY=passive",
+        b"OPENCV_FFMPEG_CAPTURE_OPTIONS=protocol_whitelist;file",
+    ):
+        assert entry in environments[0]
+
+
+def test_a_child_whose_parent_died_before_it_looked_does_nothing(tmp_path: Path) -> None:
+    over = subprocess.Popen([sys.executable, "-c", ""])
+    over.wait()
+    limits = {"memory_bytes": 6 << 30, "memory_limit": "", "description": ""}
+    upload = tmp_path / "upload"
+    upload.mkdir()
+    _photos(upload)
+    settings = CaptureSettings().model_dump(mode="json")
+    (tmp_path / "request.json").write_text(json.dumps({"upload": str(upload), "settings": settings, **limits}))
+    command = [sys.executable, "-m", "fastsplat.service.capture.sandbox_worker", "validate", str(tmp_path)]
+    assert subprocess.run([*command, str(over.pid)], check=False).returncode == 1
+    assert not (tmp_path / "result.json").exists()
+    assert subprocess.run([*command, str(os.getpid())], check=False).returncode == 0
+    assert (tmp_path / "result.json").exists()

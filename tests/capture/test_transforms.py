@@ -15,7 +15,7 @@ from PIL import Image
 
 from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.capture.ply_points import read_points
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 from fastsplat.service.common.progress import silent
 
 _SIZE = (64, 48)
@@ -191,6 +191,97 @@ def test_masks_without_labels_are_ignored_pixels(send, settings) -> None:
     assert "mask" in capture.report.warnings[0]
 
 
+def test_frames_without_their_image_are_skipped(send, settings) -> None:
+    """As public data sets have them; a split and label maps may speak of them too."""
+    document = _document(split={"test": ["1", "lost/8.jpg"]})
+    document["frames"] += [{"file_path": f"lost/{name}", "transform_matrix": "none"} for name in ("8.jpg", "9")]
+    ids = _png(np.ones((48, 64), np.uint8))
+    labels = {"labels.json": b'["mug"]', "labels/images/0.png": ids, "labels/lost/8.png": ids}
+    folder = send(document, **labels)
+    warning = "2 of 5 frames of transforms.json are skipped, as their images are missing: lost/8.jpg, lost/9."
+    assert validate_upload(folder, settings).warnings == (warning,)
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    assert [view.posed.name for view in capture.views] == [f"images/{i}.jpg" for i in range(3)]
+    assert capture.report.warnings == (warning,) and capture.test_names == ("images/1.jpg",)
+    assert capture.given_labels is not None and [path is not None for path in capture.given_labels.map_paths] == [
+        1,
+        0,
+        0,
+    ]
+
+
+def test_a_long_list_of_missing_images_is_cut(send, settings) -> None:
+    document = _document()
+    document["frames"] += [{"file_path": f"{i:03d}{'x' * 300}.jpg", "transform_matrix": _pose()} for i in range(100)]
+    folder = send(document)
+    (warning,) = validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.02})).warnings
+    assert "100 of 103" in warning and "004" in warning and "005" not in warning and "and 95 more" in warning
+    assert len(warning) < 600
+
+
+@pytest.mark.parametrize(
+    ("missing", "share", "usable"), [(3, 0.5, True), (4, 0.5, False), (4, 0.4, True), (1, 1, False)]
+)
+def test_too_few_images_present(missing: int, share: float, usable: bool, send, settings, refused) -> None:
+    document = _document()
+    document["frames"] += [{"file_path": f"{i}.jpg", "transform_matrix": _pose()} for i in range(missing)]
+    folder, limited = send(document), settings.model_copy(update={"min_frames_present": share})
+    if usable:
+        assert validate_upload(folder, limited).images == 3
+    else:
+        with refused(InvalidInputError, f"{missing} of {3 + missing} frames", "0.jpg", "MIN_FRAMES_PRESENT"):
+            validate_upload(folder, limited)
+
+
+def test_no_image_present(send, settings, refused) -> None:
+    folder = send(_document(frames=[{"file_path": "lost.jpg", "transform_matrix": _pose()}]))
+    with refused(InvalidInputError, "1 of 1", "lost.jpg"):
+        validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.0}))
+
+
+def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
+    document = _document()
+    for frame in document["frames"]:
+        frame["file_path"] = f"../{frame['file_path']}"
+    files = {f"images/{i}.jpg": photo(i, _SIZE) for i in range(3)}
+    folder = upload({**files, "poses/transforms.json": json.dumps(document).encode(), "poses/points3d.ply": _POINTS})
+    assert [view.posed.name for view in _build(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
+
+
+def test_images_that_are_masked_entirely_are_left_out(send, settings) -> None:
+    """They teach nothing, and nothing can be measured on them."""
+    masks = {f"m{i}.png": _png(np.full((48, 64), 255 * (i != 1), np.uint8)) for i in range(3)}
+    document = _document(split={"test": ["1", "2"]})
+    for i, frame in enumerate(document["frames"]):
+        frame["mask_path"] = f"m{i}.png"
+    capture = _build(send(document, **masks), settings)
+    assert [view.posed.name for view in capture.views] == ["images/0.jpg", "images/2.jpg"]
+    assert capture.test_names == ("images/2.jpg",)
+    assert any("1 images" in warning and "images/1.jpg" in warning for warning in capture.report.warnings)
+    assert all(path.stem != "00001" for path in capture.views[0].image_path.parent.parent.rglob("*"))
+
+
+def test_masks_that_leave_nothing_are_refused(send, settings, refused) -> None:
+    document = _document()
+    for frame in document["frames"]:
+        frame["mask_path"] = "m.png"
+    folder = send(document, **{"m.png": _png(np.zeros((48, 64), np.uint8))})
+    with refused(InvalidInputError, "masks", "0 everywhere"):
+        validate_upload(folder, settings)
+
+
+def test_masks_of_which_nothing_is_left_in_smaller_images(send, settings, refused) -> None:
+    mask = np.zeros((48, 64), np.uint8)
+    mask[0, 0] = 255
+    document = _document()
+    for frame in document["frames"]:
+        frame["mask_path"] = "m.png"
+    folder, small = send(document, **{"m.png": _png(mask)}), settings.model_copy(update={"max_side": 16})
+    validate_upload(folder, small)
+    with refused(ReconstructionError, "mask"):
+        build_capture(folder, folder.parent / "out", small, silent)
+
+
 def _pose(**cells: float) -> list[list[float]]:
     pose = np.eye(4)
     for cell, value in cells.items():
@@ -236,6 +327,8 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
         (_document(frames=[{"file_path": "images/9.jpg", "transform_matrix": _pose()}]), "images/9.jpg"),
         (_document(frames=[{"file_path": "../../../../etc/passwd", "transform_matrix": _pose()}]), "passwd"),
         (_document(frames=[{"file_path": "images/0.jpg", "transform_matrix": _pose()}] * 2), "same file"),
+        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "xxx"),
+        (_document(frames=[{"file_path": "transforms.json", "transform_matrix": _pose()}]), "not an image"),
         (_document(split={"test": ["7"]}), "'7'"),
         (_document(ply_file_path="lost.ply"), "lost.ply"),
         (_document(labels={"mug": 0.5}), "mug"),

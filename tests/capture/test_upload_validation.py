@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -39,6 +40,13 @@ def test_one_image(upload, photo, settings, refused) -> None:
         validate_upload(folder, settings)
 
 
+@pytest.mark.parametrize("files", [{}, {"labels.json": b'["mug"]', "labels/alone.png": b""}])
+def test_the_only_image_is_not_an_image(files: dict[str, bytes], upload, settings, refused) -> None:
+    folder = upload({"alone.jpg": b"these are my holiday notes", **files})
+    with refused(CorruptImageError, "alone.jpg", "is not an image"):
+        validate_upload(folder, settings)
+
+
 def test_too_many_images(upload, photo, settings, refused) -> None:
     folder = upload({f"{i}.jpg": photo(i) for i in range(5)})
     with refused(LimitExceededError, "MAX_IMAGES"):
@@ -64,6 +72,36 @@ def test_link_in_the_upload(upload, photo, settings, refused) -> None:
 def test_no_video(content: bytes, upload, settings, refused) -> None:
     folder = upload({"walk.mp4": content})
     with refused(InvalidInputError, "walk.mp4"):
+        validate_upload(folder, settings)
+
+
+def _video(path: Path, frames: int) -> bytes:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+    for index in range(frames):
+        writer.write(np.full((48, 64, 3), 5 * index, np.uint8))
+    writer.release()
+    content = path.read_bytes()
+    path.unlink()
+    return content
+
+
+def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, settings, refused, tmp_path) -> None:
+    """By its frames, whatever its header says of their number."""
+    content = _video(tmp_path / "video.avi", 31)
+    header = content.index(b"avih") + 8
+    lying = bytearray(content)
+    lying[header + 16 : header + 20] = (2).to_bytes(4, "little")  # dwTotalFrames
+    limited = settings.model_copy(update={"max_video_frames_read": 30})
+    for video in (content, bytes(lying)):
+        folder = upload({"walk.avi": video})
+        with refused(LimitExceededError, "walk.avi", "30 frames", "3 s", "MAX_VIDEO_FRAMES_READ"):
+            validate_upload(folder, limited)
+    assert validate_upload(folder, settings.model_copy(update={"max_video_frames_read": 31})).source == "video"
+
+
+def test_a_video_of_one_frame_is_refused(upload, settings, refused, tmp_path) -> None:
+    folder = upload({"walk.avi": _video(tmp_path / "video.avi", 1)})
+    with refused(InvalidInputError, "walk.avi"):
         validate_upload(folder, settings)
 
 
