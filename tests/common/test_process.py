@@ -16,6 +16,7 @@ die_with_parent(int(sys.argv[1]))
 print("alive", flush=True)
 time.sleep(600)
 """
+_SHORT_CHILD = _CHILD.replace("time.sleep(600)", "")
 _PARENT = f"""
 import os, subprocess, sys, time
 child = subprocess.Popen([sys.executable, "-c", {_CHILD!r}, str(os.getpid())], stdout=subprocess.PIPE)
@@ -46,11 +47,11 @@ def test_a_child_dies_with_its_parent() -> None:
 def test_a_child_whose_parent_died_before_it_looked_ends_at_once() -> None:
     over = subprocess.Popen([sys.executable, "-c", ""])
     over.wait()
-    command = [sys.executable, "-c", _CHILD, str(over.pid)]
+    command = [sys.executable, "-c", _SHORT_CHILD, str(over.pid)]
     result = subprocess.run(command, stdout=subprocess.PIPE, check=False)
     assert result.returncode == 1 and result.stdout == b""
 
 
 def test_a_parent_that_lives_changes_nothing() -> None:
-    command = [sys.executable, "-c", _CHILD.replace("time.sleep(600)", ""), str(os.getpid())]
+    command = [sys.executable, "-c", _SHORT_CHILD, str(os.getpid())]
     assert subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout == b"alive\n"
