@@ -1,11 +1,13 @@
 """Structure from motion by COLMAP. Runs in the child process of `service.capture.sandbox` only.
 
-Repeatable: images enter the database in the order of the request, every random choice has a seed, and the mapper, whose
-sums depend on how threads share them, runs on one thread.
+Repeatable to the bit: images enter the database in the order of the request, every random choice has a seed, threads
+that match call no BLAS (see `_matching_threads`), and the mapper, whose sums depend on how threads share them, runs on
+one thread.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections import defaultdict
 from collections.abc import Callable
@@ -26,6 +28,9 @@ _IMAGES_A_STEP = 8
 _PAIRS_A_STEP = 48
 _FEATURES_DONE, _MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
 _MIN_FEATURES = 50
+_FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
+"""faiss::distance_compute_blas_threshold: searches of at least so many descriptors multiply matrices by BLAS."""
+_NEVER = 2**31 - 1
 
 
 def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
@@ -135,7 +140,7 @@ def _extract_and_match(
 ) -> None:
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
-    extraction.num_threads = matching_threads = request["sfm_threads"] or os.cpu_count() or 1
+    extraction.num_threads = request["sfm_threads"] or os.cpu_count() or 1
     extraction.sift.max_num_features = request["sfm_features"]
     for start in range(0, len(files), _IMAGES_A_STEP):
         report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
@@ -146,7 +151,7 @@ def _extract_and_match(
     report(_FEATURES_DONE, "choosing image pairs")
     image_pairs = _choose_pairs(database, files, request)
     matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = matching_threads
+    matching.num_threads = _matching_threads(extraction.num_threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
     pairing = pycolmap.ImportedPairingOptions()
@@ -157,6 +162,21 @@ def _extract_and_match(
         step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
         (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
         pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def _matching_threads(threads: int) -> int:
+    """How many threads may match: all of them once faiss computes distances without BLAS, else one.
+
+    The OpenBLAS in pycolmap's wheels is built for one thread and without locks, USE_THREAD=0 without USE_LOCKING=1 (see
+    https://github.com/OpenMathLib/OpenBLAS/pull/2136): two threads that ask for a buffer at the same instant get the
+    same one, and now and then a pair of images loses its matches. Without BLAS a pair takes 40 % more CPU time.
+    """
+    try:
+        threshold = ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), _FAISS_BLAS_THRESHOLD)
+    except ValueError:  # a build that hides the symbol
+        return 1
+    threshold.value = _NEVER
+    return threads
 
 
 def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> list[tuple[int, int]]:
