@@ -276,7 +276,7 @@ class _Build:
                 written.append(view)
         if not written:
             raise ReconstructionError(
-                "no image has a pixel that its mask leaves to use",
+                "the masks leave no usable pixel in any image",
                 hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
             )
         warning = f"{len(blank)} of {count} images are masked entirely and are not used: {list_names(blank)}."
@@ -323,6 +323,6 @@ def _mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
     if not masked:
         return ()
     return (
-        f"{masked} frames have a mask_path and the document no labels: what is 0 in a mask is ignored. "
+        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
         "For label maps, name their ids under labels.",
     )
