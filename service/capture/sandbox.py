@@ -30,7 +30,7 @@ Listener = Callable[[float, str], None]
 
 _ENVIRONMENT = {
     "OMP_WAIT_POLICY": "passive",
-    "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small here, and threads for them would spin beside the matcher's
+    "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small, and threads for them would spin beside COLMAP's
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
 }
 _HEARTBEAT_S = 2.0
