@@ -30,7 +30,6 @@ _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another mani
 def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
     """Show every model of the manifest and what the model directory holds of it."""
     from fastsplat.service.perception.models.model_manifest import load_manifest
-
     from fastsplat.service.perception.models.pull import model_state
 
     directory = models or load_settings().models

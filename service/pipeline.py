@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
@@ -84,9 +84,9 @@ def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress
         progress: hears of the stage; may raise `CancelledError`.
 
     Raises:
-        FastSplatError: as `admit_upload` and `build_capture`.
+        FastSplatError: as `validate_upload` and `build_capture`.
     """
-    return build_capture(admit_upload(folder, settings).folder, work, settings, progress)
+    return build_capture(validate_upload(folder, settings).folder, work, settings, progress)
 
 
 def label_views(

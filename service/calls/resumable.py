@@ -24,8 +24,9 @@ from pathlib import Path
 from typing import BinaryIO, ClassVar, Literal
 
 from fastsplat.service.calls.quotas import Quotas
-from fastsplat.service.calls.uploads import disk_error, safe_parts
+from fastsplat.service.calls.uploads import disk_error
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
+from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import Blobs, remove, sync_folder
 
 Algorithm = Literal["sha1", "sha256"]

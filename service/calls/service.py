@@ -34,7 +34,7 @@ from fastsplat.service.calls.uploads import UploadSession
 from fastsplat.service.calls.validate import check_page_size, check_request
 from fastsplat.service.calls.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.states import OperationState
 from fastsplat.service.settings import Settings
@@ -42,7 +42,7 @@ from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.records import NewJob
 
-Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
+Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
 
 class SceneService:
@@ -56,7 +56,7 @@ class SceneService:
         self._store = store
         self._settings = settings
         self._check_files = admit or _admit_upload
-        self._admitting = threading.BoundedSemaphore(settings.capture.admit_at_once)
+        self._admitting = threading.BoundedSemaphore(settings.capture.concurrent_validations)
         self._scenes = OpenScenes(store, settings)
         self._answers = Answers(store, settings, self._scenes)
         self._versions = Versions(store, settings, self._scenes)
@@ -369,7 +369,7 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
 
     Args:
         settings: the operator's.
-        admit: what checks an upload before it is acknowledged; by default `service.capture.admission.admit_isolated`.
+        admit: what checks an upload before it is acknowledged; by default `validate_in_sandbox`.
 
     Raises:
         InvalidInputError: the database URL cannot be read.
@@ -378,10 +378,12 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
     return SceneService(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, admit)
 
 
-def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
-    from fastsplat.service.capture.admission import admit_isolated  # loads with the first upload, not with the server
+def _admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+    from fastsplat.service.capture.sandbox import (
+        validate_in_sandbox,  # loads with the first upload, not with the server
+    )
 
-    return admit_isolated(folder, settings)
+    return validate_in_sandbox(folder, settings)
 
 
 def _new_id() -> str:

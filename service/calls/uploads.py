@@ -6,23 +6,20 @@ import errno
 import hashlib
 import json
 import os
-import re
-import unicodedata
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
 from fastsplat.service.calls.types import Operation, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ResourceError
+from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.errors import DatabaseError
 
 _CHUNK = 1 << 20
-_MAX_DEPTH = 16
-_MAX_NAME_BYTES = 255
 
 
 class UploadSession:
@@ -140,7 +137,7 @@ class UploadSession:
 
         Raises:
             ConflictError: the request id was used before for other content.
-            FastSplatError: whatever `service.capture.admit_upload` has against the files, typed; nothing is left.
+            FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
         self._check_open()
         try:
@@ -196,32 +193,6 @@ class UploadSession:
                 f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
             )
         return path
-
-
-def safe_parts(name: str) -> tuple[str, ...]:
-    """The parts of a file name that a client chose, if it is safe to write below a folder.
-
-    Raises:
-        InvalidInputError: absolute, empty, too long or too deep, or with "..", backslashes, drive letters or
-            control characters.
-    """
-    parts = PurePosixPath(name).parts
-    bad = (
-        not parts
-        or len(parts) > _MAX_DEPTH
-        or name.startswith("/")
-        or re.match(r"[A-Za-z]:", name) is not None
-        or any(part in (".", "..") or len(part.encode(errors="replace")) > _MAX_NAME_BYTES for part in parts)
-        or "\\" in name
-        or any(unicodedata.category(letter) in ("Cc", "Cs") for letter in name)
-    )
-    if bad:
-        raise InvalidInputError(
-            f"the file name {name[:80]!r} is not safe",
-            field="files",
-            hint="Use relative names with forward slashes, without '..' and control characters.",
-        )
-    return parts
 
 
 def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:

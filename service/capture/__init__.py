@@ -1,4 +1,4 @@
-"""Uploads to captures: photos, videos, COLMAP models and transforms.json in; undistorted posed views out.
+"""Turns uploads into captures: photos, videos, COLMAP models and transforms.json in; undistorted posed views out.
 
 The names below load what they need (image codecs, COLMAP) only when they are first used.
 """
@@ -10,15 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fastsplat.service.capture.build import build_capture, load_image
-    from fastsplat.service.capture.files import load_capture
-    from fastsplat.service.capture.upload import admit_upload
+    from fastsplat.service.capture.capture_files import load_capture
+    from fastsplat.service.capture.upload_validation import validate_upload
 
-__all__ = ["admit_upload", "build_capture", "load_capture", "load_image"]
+__all__ = ["build_capture", "load_capture", "load_image", "validate_upload"]
 
-_HOMES = {"admit_upload": "upload", "build_capture": "build", "load_capture": "files", "load_image": "build"}
+_MODULES = {
+    "build_capture": "build",
+    "load_capture": "capture_files",
+    "load_image": "build",
+    "validate_upload": "upload_validation",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""Unpacks archives from strangers. Every bound is counted while reading; what a header claims is never believed."""
+"""Unpacks zip and tar archives within bounds that are counted while reading; sizes in headers are never trusted."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from fastsplat.service.capture.names import is_litter, safe_parts
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+from fastsplat.service.common.file_names import is_system_file, safe_parts
 
 _CHUNK = 1 << 20
-_RATIO_FREE_BYTES = 4 << 20  # a small archive may shrink as well as it likes
+_RATIO_FREE_BYTES = 4 << 20  # below this the compression ratio is not limited
 _DIRECTORY_BYTES_PER_ENTRY = 1_024
 _UNSUPPORTED = (".7z", ".rar", ".tar.xz", ".txz", ".tar.bz2", ".tbz2", ".tar.zst", ".gz", ".xz", ".bz2", ".zst")
 
@@ -34,10 +34,10 @@ _DAMAGE = (
 
 
 def is_archive(path: Path) -> bool:
-    """Whether the file is a zip, tar or tar.gz by its first bytes.
+    """Whether a file is a zip, tar or tar.gz archive, by its first bytes.
 
     Raises:
-        InvalidInputError: it is named like an archive but is none of a supported kind.
+        InvalidInputError: it is named like an archive, but is not one of a supported kind.
     """
     with path.open("rb") as file:
         head = file.read(512)
@@ -51,11 +51,11 @@ def is_archive(path: Path) -> bool:
 
 
 def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
-    """Write the archive's files below `into`, an empty folder; leftovers of operating systems are passed over.
+    """Write an archive's files below `into`, an empty folder, without hidden files and those of operating systems.
 
     Raises:
         UnsafeArchiveError: an entry leaves its folder, is a link, device or other special file, shares its name or its
-            bytes with another, or the archive swells beyond `max_compression_ratio`.
+            bytes with another, or the archive unpacks to more than `max_compression_ratio` times its size.
         LimitExceededError: more entries or bytes than the settings allow.
         InvalidInputError: the archive is damaged, encrypted, or of an unsupported kind.
     """
@@ -74,7 +74,7 @@ def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
 
 
 class _Writer:
-    """Writes entries one after the other and keeps the counts."""
+    """Writes entries one after the other and counts entries and bytes."""
 
     def __init__(self, archive: Path, into: Path, settings: CaptureSettings) -> None:
         self._archive, self._into, self._settings = archive.name, into, settings
@@ -100,20 +100,20 @@ class _Writer:
         ratio = self._settings.max_compression_ratio
         if self._bytes > _RATIO_FREE_BYTES and self._bytes > ratio * self._compressed:
             raise UnsafeArchiveError(
-                f"{self._archive} swells to more than {ratio} times its size: a decompression bomb",
+                f"{self._archive} unpacks to more than {ratio} times its size, as decompression bombs do",
                 field=self._archive,
                 limit=f"{ratio} times (FASTSPLAT_CAPTURE__MAX_COMPRESSION_RATIO)",
                 hint="Send the images as they are.",
             )
 
     def write(self, name: str, read: Callable[[int], bytes]) -> None:
-        parts = safe_parts(name, archive=self._archive)
+        parts = _entry_parts(name, self._archive)
         if parts in self._names:
             raise UnsafeArchiveError(
                 f"{self._archive}: two entries are called {name!r}", field=name, hint="Give every file its own name."
             )
         self._names.add(parts)
-        if is_litter(parts):
+        if is_system_file(parts):
             return
         target = self._into.joinpath(*parts)
         try:
@@ -127,28 +127,30 @@ class _Writer:
             ) from error
 
     def counted(self, read: Callable[[int], bytes]) -> Callable[[int], bytes]:
-        def reading(size: int) -> bytes:
+        def counted_read(size: int) -> bytes:
             data = read(size)
             self.count_bytes(len(data))
             return data
 
-        return reading
+        return counted_read
 
 
 def _unpack_zip(archive: Path, writer: _Writer, settings: CaptureSettings) -> None:
     _check_zip_directory(archive, settings)
-    with archive.open("rb") as raw, zipfile.ZipFile(raw) as opened:
-        entries = opened.infolist()
+    with archive.open("rb") as raw, zipfile.ZipFile(raw) as reader:
+        entries = reader.infolist()
         for entry in entries:
             writer.count_entry()
             _check_zip_entry(entry, archive.name)
         _check_zip_overlap(raw, entries, archive.name)
         for entry in entries:
+            # Slashes, says the format (APPNOTE 4.4.17.1); Windows' own Compress-Archive wrote backslashes for years.
+            name = entry.filename.replace("\\", "/")
             if entry.is_dir():
-                safe_parts(entry.filename, archive=archive.name)
+                _entry_parts(name, archive.name)
                 continue
-            with opened.open(entry) as stream:
-                writer.write(entry.filename, writer.counted(stream.read))
+            with reader.open(entry) as stream:
+                writer.write(name, writer.counted(stream.read))
 
 
 def _check_zip_directory(archive: Path, settings: CaptureSettings) -> None:
@@ -204,27 +206,27 @@ def _check_zip_overlap(raw: BinaryIO, entries: list[zipfile.ZipInfo], archive: s
 
 def _unpack_tar(archive: Path, writer: _Writer, settings: CaptureSettings) -> None:
     with archive.open("rb") as raw:
-        zipped = raw.read(2) == b"\x1f\x8b"
+        compressed = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)
-        source: BinaryIO = gzip.GzipFile(fileobj=raw) if zipped else raw  # type: ignore[assignment]
+        source: BinaryIO = gzip.GzipFile(fileobj=raw) if compressed else raw  # type: ignore[assignment]
         forward = _Forward(source, archive.name, writer.count_bytes)
-        with tarfile.TarFile(fileobj=forward, mode="r") as opened:  # type: ignore[arg-type]
-            for member in opened:
+        with tarfile.TarFile(fileobj=forward, mode="r") as reader:  # type: ignore[arg-type]
+            for member in reader:
                 writer.count_entry()
                 if member.isdir():
                     if member.name != ".":
-                        safe_parts(member.name, archive=archive.name)
+                        _entry_parts(member.name, archive.name)
                     continue
-                stream = opened.extractfile(member) if member.isreg() and not member.issparse() else None
+                stream = reader.extractfile(member) if member.isreg() and not member.issparse() else None
                 if stream is None:
                     raise _special(archive.name, member.name)
                 writer.write(member.name, stream.read)
 
 
 class _Forward:
-    """A stream that only moves forward and counts what it gives; `tarfile` needs no more of a file.
+    """A stream that only moves forward and counts the bytes read; `tarfile` needs no more of a file.
 
-    `tarfile` reads an extended header in one go and believes the size it claims, so a large single read is refused.
+    `tarfile` reads an extended header in one go and trusts the size it claims, so a large single read is refused.
     """
 
     def __init__(self, source: BinaryIO, archive: str, count: Callable[[int], None]) -> None:
@@ -255,6 +257,17 @@ class _Forward:
         return self._at
 
 
+def _entry_parts(name: str, archive: str) -> tuple[str, ...]:
+    try:
+        return safe_parts(name)
+    except InvalidInputError as error:
+        raise UnsafeArchiveError(
+            f"{archive}: {error.message}",
+            field=repr(name[:80])[1:-1],
+            hint="Pack the folder again, with relative names below it.",
+        ) from error
+
+
 def _special(archive: str, name: str) -> UnsafeArchiveError:
     return UnsafeArchiveError(
         f"{archive}: {name!r} is a link, a device or another special file",
@@ -265,7 +278,7 @@ def _special(archive: str, name: str) -> UnsafeArchiveError:
 
 def _too_many_entries(archive: str, settings: CaptureSettings) -> LimitExceededError:
     return LimitExceededError(
-        f"{archive} holds more than {settings.max_entries} entries",
+        f"{archive} has more than {settings.max_entries} entries",
         field=archive,
         limit=f"{settings.max_entries} entries (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
         hint="Send fewer images.",

@@ -1,4 +1,4 @@
-"""From an admitted upload to a `Capture`."""
+"""Builds a `Capture` from a validated upload."""
 
 from __future__ import annotations
 
@@ -6,61 +6,63 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.files import holds_capture, load_capture, save_capture
-from fastsplat.service.capture.folders import appearing
-from fastsplat.service.capture.frame import settle
-from fastsplat.service.capture.given import GivenPhoto, GivenPoses
-from fastsplat.service.capture.images import PhotoInfo, load_rgb, load_upright, save_rgb
-from fastsplat.service.capture.isolation import Listener, run_isolated
-from fastsplat.service.capture.labels import LabelTable
-from fastsplat.service.capture.lens import Lens, check_lens, undistortion
-from fastsplat.service.capture.manifest import Manifest, read_manifest
+from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, compute_undistortion
+from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
+from fastsplat.service.capture.geometry import normalize_world
+from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, load_upright, save_rgb
+from fastsplat.service.capture.label_maps import LabelTable, read_label_table
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
+from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat.service.capture.upload import read_labels, read_poses
-from fastsplat.service.capture.views import (
+from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
+from fastsplat.service.capture.upload_validation import read_posed_dataset
+from fastsplat.service.capture.view_writer import (
     IMAGES,
     LABELS,
     MASKS,
-    Shot,
+    SourceImage,
     load_upright_map,
-    placement,
     reduce,
     reduced_size,
+    view_geometry,
     write_view,
 )
+from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.errors import InvalidInputError, ReconstructionError
+from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent
 
 _STAGE = "capture"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 
 
-def build_capture(admitted_dir: Path, out_dir: Path, settings: CaptureSettings, progress: Progress) -> Capture:
-    """Images with cameras and points, written to `out_dir`, which appears only when complete.
+def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings, progress: Progress) -> Capture:
+    """The capture of a validated upload, written to `out_dir`, which appears only when complete.
 
-    Images alone get their poses by structure from motion, and a world frame of the order of one, +z up (see
-    `frame.settle`); poses that were given stay as they are, and get points by triangulation if none were given.
+    Images alone get their poses by structure from motion, and a normalized world with +z up (see `normalize_world`).
+    Poses of the upload stay as they are, and get points by triangulation if the upload has none.
 
     Args:
-        admitted_dir: `AdmittedUpload.folder`, or the upload's folder that holds it.
+        validated_dir: `ValidatedUpload.folder`, or the upload's folder that holds it.
         out_dir: new, empty, or an earlier capture, which is replaced.
+        settings: sizes of images, limits and options of structure from motion.
         progress: receives events of the stage "capture".
 
     Raises:
-        ReconstructionError: no usable geometry.
-        ResourceError: structure from motion hit its memory or time limit.
-        InvalidInputError: nothing was admitted in `admitted_dir`.
+        ReconstructionError: no usable geometry, or no view with a valid pixel.
+        ResourceError: structure from motion exceeded its memory or time limit.
+        InvalidInputError: `validated_dir` has no validated upload, or `out_dir` is in use.
     """
-    manifest, files = read_manifest(admitted_dir)
+    manifest, files = read_manifest(validated_dir)
     if out_dir.exists() and any(out_dir.iterdir()) and not holds_capture(out_dir):
         raise InvalidInputError(f"{out_dir} is in use", field="out_dir", hint="Name an empty or a new folder.")
-    with appearing(out_dir) as partial:
+    with atomic_directory(out_dir) as partial:
         for name in (IMAGES, MASKS, LABELS):
             (partial / name).mkdir()
         work = partial / "work"
@@ -79,21 +81,49 @@ def load_image(view: View) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True)
-class _Work:
-    """An upright, reduced image that structure from motion looks at."""
+class _SfmImage:
+    """An upright, reduced image as structure from motion reads it.
+
+    Attributes:
+        name: of the view.
+        file: below the work folder's images.
+        width, height: of the reduced pixels.
+        camera_group: images of one group share a camera.
+        focal_px: by EXIF; 0 if unknown.
+        photo: what it was made from; None for a video's frame.
+    """
 
     name: str
     file: str
     width: int
     height: int
-    lens: str
+    camera_group: str
     focal_px: float
     photo: PhotoInfo | None
+
+    def to_request(self) -> dict[str, Any]:
+        """As `sfm.reconstruct` takes it."""
+        return {
+            "file": self.file,
+            "width": self.width,
+            "height": self.height,
+            "group": self.camera_group,
+            "focal": self.focal_px,
+        }
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Views as written, their label maps, and a warning about those without a valid pixel."""
+
+    views: tuple[View, ...]
+    label_maps: tuple[Path | None, ...]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _Build:
-    manifest: Manifest
+    manifest: UploadManifest
     files: Path
     out: Path
     work: Path
@@ -101,70 +131,78 @@ class _Build:
     progress: Progress
 
     def reconstructed(self) -> Capture:
-        """Images or a video, without poses."""
-        images = self._frames() if self.manifest.source == "video" else self._upright_photos()
+        """The capture of images or a video without poses."""
+        images = self._video_frames() if self.manifest.source == "video" else self._upright_photos()
         request = {
             "image_folder": str(self.work / IMAGES),
-            "images": [_as_request(image) for image in images],
+            "images": [image.to_request() for image in images],
             "ordered": self.manifest.source == "video",
             **self.settings.model_dump(),
         }
-        found, points, colors = self._isolated("reconstruct", request, self._listener(0.15, 0.9))
-        placed = [image for image in images if image.file in found["poses"]]
-        poses, points = settle(np.array([found["poses"][image.file] for image in placed]), points)
-        table = self._table()
-        shots = (
-            self._reconstructed_shot(image, pose, found["lenses"][image.file], table)
-            for image, pose in zip(placed, poses, strict=True)
+        result, points, colors = self._run_sfm("reconstruct", request, self._listener(0.15, 0.9))
+        registered = [image for image in images if image.file in result["poses"]]
+        poses, points = normalize_world(np.array([result["poses"][image.file] for image in registered]), points)
+        table = self._label_table()
+        sources = (
+            self._reconstructed_source(image, pose, result["cameras"][image.file], table)
+            for image, pose in zip(registered, poses, strict=True)
         )
-        views, maps = self._write(shots, len(placed), 0.9, 1.0)
-        missing = tuple(image.name for image in images if image.file not in found["poses"])
+        written = self._write(sources, len(registered), 0.9, 1.0)
         report = CaptureReport(
             source=self.manifest.source,
             images=len(images),
-            unregistered=missing,
-            models=tuple(found["models"]),
-            mean_reprojection_error_px=found["error_px"],
-            warnings=(*self.manifest.warnings, *found["warnings"]),
+            unregistered=tuple(image.name for image in images if image.file not in result["poses"]),
+            models=tuple(result["models"]),
+            mean_reprojection_error_px=result["error_px"],
+            warnings=(*self.manifest.warnings, *result["warnings"], *written.warnings),
         )
-        given = None if table is None else GivenLabels(table.dictionary(), maps)
-        return Capture(views, points.astype(np.float32), colors, "ARBITRARY", report, given)
+        labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
+        return Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
 
     def posed(self) -> Capture:
-        """A COLMAP model or a transforms.json."""
+        """The capture of a COLMAP model or a transforms.json."""
         sizes = {photo.path: (photo.width, photo.height) for photo in self.manifest.photos}
-        poses = read_poses(self.files, self.manifest, sizes, self.settings)
-        table = self._table() or poses.labels
-        by_path = {photo.path: photo for photo in self.manifest.photos}
-        shots = (self._posed_shot(given, by_path[given.path], table) for given in poses.photos)
-        views, maps = self._write(shots, len(poses.photos), 0.0, 1.0 if len(poses.points) else 0.3)
-        points, colors, error_px = poses.points, poses.point_colors, poses.mean_reprojection_error_px
+        dataset = read_posed_dataset(self.files, self.manifest, sizes, self.settings)
+        table = self._label_table() or dataset.labels
+        photo_by_path = {photo.path: photo for photo in self.manifest.photos}
+        sources = (self._posed_source(image, photo_by_path[image.path], table) for image in dataset.images)
+        written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
+        points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         if len(points) == 0:
-            points, colors, error_px = self._triangulated(views)
-        given_labels = GivenLabels(table.dictionary(), maps) if table is not None and any(maps) else None
+            points, colors, error_px = self._triangulated(written.views)
+        has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
             source=self.manifest.source,
             images=len(self.manifest.photos),
-            models=(len(views),),
+            models=(len(written.views),),
             mean_reprojection_error_px=error_px,
-            warnings=(*self.manifest.warnings, *_mask_warning(poses)),
+            warnings=(*self.manifest.warnings, *_mask_warning(dataset), *written.warnings),
         )
-        return Capture(views, points, colors, poses.scale, report, given_labels, poses.test_names)
+        names = {view.posed.name for view in written.views}
+        return Capture(
+            views=written.views,
+            points=points,
+            point_colors=colors,
+            scale=dataset.scale,
+            report=report,
+            given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
+            test_names=tuple(name for name in dataset.test_names if name in names),
+        )
 
-    def _upright_photos(self) -> list[_Work]:
+    def _upright_photos(self) -> list[_SfmImage]:
         (self.work / IMAGES).mkdir()
-        made = []
+        images = []
         for index, (photo, name) in enumerate(zip(self.manifest.photos, self.manifest.names, strict=True)):
-            self._tell(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
+            self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
             width, height = reduced_size(*photo.upright_size, self.settings.max_side)
             file = f"{index:05d}.png"
             pixels = reduce(load_upright(self.files, photo, self.settings), (width, height))
             save_rgb(pixels, self.work / IMAGES / file)
-            focal = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
-            made.append(_Work(name, file, width, height, f"{photo.lens} {width}×{height}", focal, photo))
-        return made
+            focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
+            images.append(_SfmImage(name, file, width, height, f"{photo.lens} {width}×{height}", focal_px, photo))
+        return images
 
-    def _frames(self) -> list[_Work]:
+    def _video_frames(self) -> list[_SfmImage]:
         (self.work / IMAGES).mkdir()
         request = {
             "video": str(self.files / self.manifest.video),
@@ -172,86 +210,101 @@ class _Build:
             "folder": str(self.work / IMAGES),
             **self.settings.model_dump(),
         }
-        found = run_isolated("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
-        height, width = load_rgb(self.work / IMAGES / found["files"][0]).shape[:2]
-        return [_Work(file, file, width, height, "video", 0.0, None) for file in found["files"]]
+        result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
+        height, width = load_rgb(self.work / IMAGES / result["files"][0]).shape[:2]
+        return [_SfmImage(file, file, width, height, "video", 0.0, None) for file in result["files"]]
 
-    def _reconstructed_shot(
-        self, image: _Work, pose: NDArray[np.float64], lens: list[Any], table: LabelTable | None
-    ) -> Shot:
-        model, width, height, params = lens
-        found = Lens(model, width, height, tuple(params))
+    def _reconstructed_source(
+        self, image: _SfmImage, pose: NDArray[np.float64], camera: list[Any], table: LabelTable | None
+    ) -> SourceImage:
+        model, width, height, params = camera
+        camera_model = CameraModel(model, width, height, tuple(params))
         try:
-            check_lens(found, field=image.name)
-            way = undistortion(found, self.settings.max_side, field=image.name)
+            check_camera_model(camera_model, field=image.name)
+            undistortion = compute_undistortion(camera_model, self.settings.max_side, field=image.name)
         except InvalidInputError as error:
             raise ReconstructionError(
-                f"the lens found for {image.name} is none: {error.message}",
+                f"structure from motion gave {image.name} a camera that cannot exist: {error.message}",
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
-        return Shot(
+        return SourceImage(
             name=image.name,
             pixels=load_rgb(self.work / IMAGES / image.file),
-            way=way,
+            undistortion=undistortion,
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None,
-            ids=None if image.photo is None else self._ids(image.photo, table, (width, height)),
+            label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
         )
 
-    def _posed_shot(self, given: GivenPhoto, photo: PhotoInfo, table: LabelTable | None) -> Shot:
-        placed = placement(given, photo, self.settings)
+    def _posed_source(self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None) -> SourceImage:
+        geometry = view_geometry(image, photo, self.settings)
         mask = None
-        if given.mask is not None:
-            mask = load_upright_map(self.files, given.mask, photo, placed.size, self.settings) > 0
-        plain = placed.way.map_xy is None and placed.size == photo.upright_size
-        return Shot(
-            name=given.name,
-            pixels=reduce(load_upright(self.files, photo, self.settings), placed.size),
-            way=placed.way,
-            world_from_camera=placed.world_from_camera,
-            lossless=photo.path.lower().endswith(".png") or plain,
-            ids=self._ids(photo, table, placed.size),
+        if image.mask is not None:
+            mask = load_upright_map(self.files, image.mask, photo, geometry.size, self.settings) > 0
+        unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
+        return SourceImage(
+            name=image.name,
+            pixels=reduce(load_upright(self.files, photo, self.settings), geometry.size),
+            undistortion=geometry.undistortion,
+            world_from_camera=geometry.world_from_camera,
+            lossless=photo.path.lower().endswith(".png") or unchanged,
+            label_ids=self._label_ids(photo, table, geometry.size),
             mask=mask,
         )
 
-    def _ids(self, photo: PhotoInfo, table: LabelTable | None, size: tuple[int, int]) -> NDArray[np.uint16] | None:
+    def _label_ids(
+        self, photo: PhotoInfo, table: LabelTable | None, size: tuple[int, int]
+    ) -> NDArray[np.uint16] | None:
         stored = self.manifest.label_maps.get(photo.path)
         if stored is None or table is None:
             return None
         return table.translate(load_upright_map(self.files, stored, photo, size, self.settings))
 
-    def _table(self) -> LabelTable | None:
-        return read_labels(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None
+    def _label_table(self) -> LabelTable | None:
+        return read_label_table(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None
 
-    def _write(
-        self, shots: Iterator[Shot], count: int, begin: float, end: float
-    ) -> tuple[tuple[View, ...], tuple[Path | None, ...]]:
-        written = []
-        for index, shot in enumerate(shots):
-            self._tell(begin + (end - begin) * index / count, f"undistorting images {index}/{count}")
-            written.append(write_view(shot, index, self.out))
-        return tuple(view for view, _ in written), tuple(label_map for _, label_map in written)
+    def _write(self, sources: Iterator[SourceImage], count: int, begin: float, end: float) -> _Views:
+        """Views without a valid pixel are left out: nothing could be learnt from them, nor measured on them."""
+        written, blank = [], []
+        for index, source in enumerate(sources):
+            self._report(begin + (end - begin) * index / count, f"undistorting images {index}/{count}")
+            view = write_view(source, index, self.out)
+            if view is None:
+                blank.append(source.name)
+            else:
+                written.append(view)
+        if not written:
+            raise ReconstructionError(
+                "the masks leave no usable pixel in any image",
+                hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
+            )
+        warning = f"{len(blank)} of {count} images are masked entirely and are not used: {list_names(blank)}."
+        return _Views(
+            views=tuple(view for view, _ in written),
+            label_maps=tuple(label_map for _, label_map in written),
+            warnings=(warning,) if blank else (),
+        )
 
     def _triangulated(self, views: tuple[View, ...]) -> tuple[NDArray[np.float32], NDArray[np.uint8], float]:
-        listed = []
+        images = []
         for view in views:
             camera = view.posed.camera
             numbers = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
             pose = view.posed.camera_from_world().tolist()
-            listed.append({"file": view.image_path.name, "camera": numbers, "camera_from_world": pose})
+            images.append({"file": view.image_path.name, "camera": numbers, "camera_from_world": pose})
         folder = str(self.out / IMAGES)
-        request = {"image_folder": folder, "images": listed, "ordered": False, **self.settings.model_dump()}
-        found, points, colors = self._isolated("triangulate", request, self._listener(0.3, 1.0))
-        return points.astype(np.float32), colors, float(found["error_px"])
+        request = {"image_folder": folder, "images": images, "ordered": False, **self.settings.model_dump()}
+        result, points, colors = self._run_sfm("triangulate", request, self._listener(0.3, 1.0))
+        return points.astype(np.float32), colors, float(result["error_px"])
 
-    def _isolated(
-        self, task: Any, request: dict[str, Any], listen: Listener
+    def _run_sfm(
+        self, task: Literal["reconstruct", "triangulate"], request: dict[str, Any], listen: Listener
     ) -> tuple[dict[str, Any], NDArray[np.float64], NDArray[np.uint8]]:
         folder = self._task_folder(task)
-        found = run_isolated(task, request, folder, self.settings, listen)
+        result = run_sandboxed(task, request, folder, self.settings, listen)
         with np.load(folder / "points.npz") as arrays:
-            return found, arrays["points"], arrays["colors"]
+            return result, arrays["points"], arrays["colors"]
 
     def _task_folder(self, task: str) -> Path:
         folder = self.work / task
@@ -259,27 +312,17 @@ class _Build:
         return folder
 
     def _listener(self, begin: float, end: float) -> Listener:
-        return lambda fraction, message: self._tell(begin + (end - begin) * fraction, message)
+        return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
 
-    def _tell(self, fraction: float, message: str) -> None:
+    def _report(self, fraction: float, message: str) -> None:
         self.progress(ProgressEvent(_STAGE, min(1.0, fraction), message))
 
 
-def _as_request(image: _Work) -> dict[str, Any]:
-    return {
-        "file": image.file,
-        "width": image.width,
-        "height": image.height,
-        "group": image.lens,
-        "focal": image.focal_px,
-    }
-
-
-def _mask_warning(poses: GivenPoses) -> tuple[str, ...]:
-    masked = sum(photo.mask is not None for photo in poses.photos)
+def _mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
+    masked = sum(image.mask is not None for image in dataset.images)
     if not masked:
         return ()
     return (
-        f"{masked} frames have a mask_path and the document no labels: what is 0 in a mask is ignored. "
+        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
         "For label maps, name their ids under labels.",
     )

@@ -1,4 +1,4 @@
-"""Reads a COLMAP model, binary or text (https://colmap.github.io/format.html), believing no count in it.
+"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them.
 
 A model of 158 bytes can make a trusting reader allocate gigabytes, and a cut-off one can pass with zero intrinsics; so
 every read here is bounded by what the file really holds, and every number is checked.
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import BinaryIO, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+import pycolmap
 
-from fastsplat.service.capture.given import GivenPhoto, GivenPoses
-from fastsplat.service.capture.lens import Lens, check_lens, model_names, parameter_count
+from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, model_names, parameter_count
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.camera import check_rigid
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
@@ -25,7 +25,7 @@ _HINT = "Export the model again."
 _POINT_HEAD = struct.Struct("<Q3d3BdQ")
 
 _Pose = tuple[str, int, tuple[float, ...]]  # image name, camera id, qw qx qy qz tx ty tz
-_Point = tuple[tuple[float, ...], tuple[int, ...], float]  # position, colour, error in pixels
+_Point = tuple[tuple[float, ...], tuple[int, ...], float]  # position, color, error in pixels
 
 
 def model_suffix(folder: Path) -> str | None:
@@ -36,8 +36,8 @@ def model_suffix(folder: Path) -> str | None:
     return None
 
 
-def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) -> GivenPoses:
-    """Cameras, poses and points of a model; points3D may be missing.
+def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) -> PosedDataset:
+    """Cameras, poses and points of a COLMAP model; points3D may be missing.
 
     Args:
         root: the upload's folder.
@@ -45,8 +45,8 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
         images: the images' folder, relative to `root`; the model's image names are relative to it.
 
     Raises:
-        InvalidInputError: cut short, a camera, pose or point that is none, an image that is missing or leaves the
-            upload. The message names the file.
+        InvalidInputError: cut short, an invalid camera, pose or point, an image that is missing or outside the upload.
+            The message names the file.
         LimitExceededError: more images or points than the settings allow.
     """
     folder = root / model
@@ -55,16 +55,16 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
     name = {part: f"{model}/{part}{suffix}".removeprefix("./") for part in ("cameras", "images", "points3D")}
     binary = suffix == ".bin"
     cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
-    lenses = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
-    for camera_id, lens in lenses.items():
-        check_lens(lens, field=f"{name['cameras']}: camera {camera_id}")
-    photos = [
-        _photo(root, images, pose, lenses, name["images"])
+    camera_models = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
+    for camera_id, camera_model in camera_models.items():
+        check_camera_model(camera_model, field=f"{name['cameras']}: camera {camera_id}")
+    posed_images = [
+        _posed_image(root, images, pose, camera_models, name["images"])
         for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings)
     ]
-    names = {photo.name for photo in photos}
-    if not photos or len(names) != len(photos):
-        problem = "two images share a name" if photos else "no image has a pose"
+    names = {image.name for image in posed_images}
+    if not posed_images or len(names) != len(posed_images):
+        problem = "two images share a name" if posed_images else "no image has a pose"
         raise InvalidInputError(f"{name['images']}: {problem}", field=name["images"], hint=_HINT)
     positions: list[tuple[float, ...]] = []
     colors: list[tuple[int, ...]] = []
@@ -79,61 +79,32 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
     points = np.array(positions, dtype=np.float32).reshape(-1, 3)
     if not np.isfinite(points).all():
         raise InvalidInputError(f"{name['points3D']} has NaN or infinite positions", field=name["points3D"], hint=_HINT)
-    known = [error for error in errors if np.isfinite(error) and error >= 0]
-    return GivenPoses(
-        photos=tuple(sorted(photos, key=lambda photo: photo.name)),
+    known_errors = [error for error in errors if np.isfinite(error) and error >= 0]
+    return PosedDataset(
+        images=tuple(sorted(posed_images, key=lambda image: image.name)),
         points=points,
         point_colors=np.array(colors, dtype=np.uint8).reshape(-1, 3),
-        mean_reprojection_error_px=float(np.mean(known)) if known else 0.0,
+        mean_reprojection_error_px=float(np.mean(known_errors)) if known_errors else 0.0,
     )
 
 
-def _photo(root: Path, images: str, pose: _Pose, lenses: dict[int, Lens], field: str) -> GivenPhoto:
+def _posed_image(root: Path, images: str, pose: _Pose, camera_models: dict[int, CameraModel], field: str) -> PosedImage:
     image_name, camera_id, numbers = pose
     where = f"{field}: {image_name}"
-    if camera_id not in lenses:
+    if camera_id not in camera_models:
         raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field, hint=_HINT)
     if not np.isfinite(numbers).all():
         raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field, hint=_HINT)
-    quaternion = np.array(numbers[:4])
-    length = float(np.linalg.norm(quaternion))
+    length = float(np.linalg.norm(numbers[:4]))
     if abs(length - 1.0) > 1e-2:
         raise InvalidInputError(f"{where} has a quaternion of length {length:.4g}, expected 1", field=field, hint=_HINT)
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = _rotation(quaternion / length)
-    camera_from_world[:3, 3] = numbers[4:]
     world_from_camera = np.eye(4)
-    world_from_camera[:3, :3] = camera_from_world[:3, :3].T
-    world_from_camera[:3, 3] = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+    w, x, y, z = np.array(numbers[:4]) / length
+    world_from_camera[:3, :3] = pycolmap.Rotation3d(np.array([x, y, z, w])).inverse().matrix()
+    world_from_camera[:3, 3] = -world_from_camera[:3, :3] @ numbers[4:]
     check_rigid(world_from_camera, field=where)
-    return GivenPhoto(image_name, inside(root, images, image_name, field), lenses[camera_id], world_from_camera)
-
-
-def inside(root: Path, folder: str, name: str, field: str) -> str:
-    """The path, relative to `root`, of a file that a document names relative to `folder`.
-
-    Raises:
-        InvalidInputError: it is not there, or not below `root`.
-    """
-    resolved = (root / folder / name).resolve() if "\0" not in name else root
-    if not resolved.is_relative_to(root.resolve()) or not resolved.is_file():
-        raise InvalidInputError(
-            f"{field} names the file {name[:200]!r}, which the upload does not hold",
-            field=field,
-            hint="Send every image that has a pose, under the name the poses use.",
-        )
-    return resolved.relative_to(root.resolve()).as_posix()
-
-
-def _rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    path = resolve_file(root, images, image_name, field)
+    return PosedImage(image_name, path, camera_models[camera_id], world_from_camera)
 
 
 def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pose]:
@@ -158,7 +129,7 @@ def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededErro
 
 
 class _Binary:
-    """Reads that never ask for more than the file has left."""
+    """Reads a binary file, never more than it has left."""
 
     def __init__(self, file: BinaryIO, size: int, field: str) -> None:
         self._file, self._left, self._field = file, size, field
@@ -167,7 +138,7 @@ class _Binary:
         return form.unpack(self._read(form.size))
 
     def count(self, least_bytes: int) -> int:
-        """A count of things of at least so many bytes each."""
+        """The count of entries of at least so many bytes each."""
         (number,) = _U64.unpack(self._read(8))
         if number * least_bytes > self._left:
             self.fail(f"claims {number} entries, but is too short for them")
@@ -206,7 +177,7 @@ _CAMERA_HEAD = struct.Struct("<IiQQ")
 _IMAGE_HEAD = struct.Struct("<I7dI")
 
 
-def _binary_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
+def _binary_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
     with path.open("rb") as file:
         reader = _Binary(file, path.stat().st_size, field)
         for _ in range(reader.count(_CAMERA_HEAD.size)):
@@ -215,7 +186,7 @@ def _binary_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
             if model is None:
                 reader.fail(f"has a camera of the model {model_id}, which is unknown or spherical")
             params = reader.take(struct.Struct(f"<{parameter_count(model)}d"))
-            yield camera_id, Lens(model, width, height, params)
+            yield camera_id, CameraModel(model, width, height, params)
 
 
 def _binary_images(path: Path, field: str) -> Iterator[_Pose]:
@@ -239,7 +210,7 @@ def _binary_points(path: Path, field: str) -> Iterator[_Point]:
 
 
 def _lines(path: Path, field: str) -> Iterator[list[str]]:
-    """Words of each line; a comment or an empty line has none."""
+    """The words of each line; a comment or an empty line has none."""
     try:
         with path.open(encoding="utf-8") as file:
             for line in file:
@@ -248,11 +219,11 @@ def _lines(path: Path, field: str) -> Iterator[list[str]]:
         raise InvalidInputError(f"{field} is not text", field=field, hint=_HINT) from error
 
 
-def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, Lens]]:
+def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
     for words in _lines(path, field):
         if words:
             try:
-                yield int(words[0]), Lens(words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:])))
+                yield int(words[0]), CameraModel(words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:])))
             except (ValueError, IndexError) as error:
                 raise _bad_line(field, words) from error
 

@@ -1,10 +1,11 @@
-"""Is a reconstruction to be trusted? Its own residual does not tell, so these are asked as well."""
+"""Validates reconstructions, whose own residual does not tell whether they are right, and normalizes their world."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.common.errors import ReconstructionError
@@ -18,19 +19,21 @@ _CONTRADICTION_PX = 8.0
 _REPEATING_SHARE = 0.15
 _WRONG_POSES_SHARE = 0.5
 _FEW_REGISTERED = 0.8
+_MIN_UP_AGREEMENT = 0.5
+_MEDIAN_DISTANCE = 3.0
 _PHOTO_HINT = (
-    "Walk around the scene while photographing: neighbouring photos should overlap by two thirds and be taken from "
+    "Walk around the scene while photographing: neighboring photos should overlap by two thirds and be taken from "
     "different places, in focus, of things with texture."
 )
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What structure from motion found, as arrays.
+    """A reconstruction by structure from motion, as arrays.
 
     Attributes:
         world_from_camera: float64 [N, 4, 4] of the registered images.
-        focal_shares: float64 [N], focal length over the longer side.
+        relative_focals: float64 [N], focal length over the longer side.
         points: float64 [P, 3].
         angles_deg: float64 [P], widest angle between the rays that see a point.
         images: how many images there were.
@@ -38,66 +41,70 @@ class Reconstruction:
     """
 
     world_from_camera: NDArray[np.float64]
-    focal_shares: NDArray[np.float64]
+    relative_focals: NDArray[np.float64]
     points: NDArray[np.float64]
     angles_deg: NDArray[np.float64]
     images: int
     models: tuple[int, ...]
 
 
-def judge(found: Reconstruction, *, min_points: int, min_registered_share: float) -> list[str]:
+def validate_reconstruction(
+    reconstruction: Reconstruction, *, min_points: int, min_registered_share: float
+) -> list[str]:
     """Warnings, as sentences for people, about a reconstruction that can be used.
 
     Raises:
         ReconstructionError: it cannot: too few images or points, cameras that hardly moved, an absurd focal length,
             points that collapsed into a plane or into the cameras.
     """
-    registered, points = len(found.world_from_camera), len(found.points)
-    if registered < max(2, min_registered_share * found.images):
+    registered, points = len(reconstruction.world_from_camera), len(reconstruction.points)
+    if registered < max(2, min_registered_share * reconstruction.images):
         raise ReconstructionError(
-            f"only {registered} of {found.images} images could be placed",
+            f"only {registered} of {reconstruction.images} images could be registered",
             limit=f"a share of {min_registered_share:g} (FASTSPLAT_CAPTURE__MIN_REGISTERED_SHARE)",
             hint=_PHOTO_HINT,
         )
     if points < min_points:
         raise ReconstructionError(
-            f"only {points} points are seen alike by several images",
+            f"only {points} points are seen by several images",
             limit=f"{min_points} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
             hint=_PHOTO_HINT,
         )
-    _refuse_degenerate(found)
+    _refuse_degenerate(reconstruction)
     warnings = []
-    if len(found.models) > 1:
-        sizes = ", ".join(str(size) for size in found.models)
+    if len(reconstruction.models) > 1:
+        sizes = ", ".join(str(size) for size in reconstruction.models)
         warnings.append(
-            f"The photos fall into {len(found.models)} groups that share no view ({sizes} images); "
-            "the largest was kept. Photos that bridge them would join them."
+            f"The photos form {len(reconstruction.models)} groups without common views ({sizes} images); only the "
+            "largest is used. Photos that overlap with two groups would join them."
         )
-    if registered < _FEW_REGISTERED * found.images:
-        warnings.append(f"Only {registered} of {found.images} images could be placed; the others are not used.")
+    if registered < _FEW_REGISTERED * reconstruction.images:
+        warnings.append(
+            f"Only {registered} of {reconstruction.images} images could be registered; the others are not used."
+        )
     return warnings
 
 
-def _refuse_degenerate(found: Reconstruction) -> None:
+def _refuse_degenerate(reconstruction: Reconstruction) -> None:
     low, high = _FOCAL_RANGE
-    if ((found.focal_shares < low) | (found.focal_shares > high)).any():
-        worst = found.focal_shares[np.argmax(np.abs(np.log(found.focal_shares)))]
+    if ((reconstruction.relative_focals < low) | (reconstruction.relative_focals > high)).any():
+        worst = reconstruction.relative_focals[np.argmax(np.abs(np.log(reconstruction.relative_focals)))]
         raise ReconstructionError(
-            f"the focal length came out as {worst:.3g} times the image's longer side, which no lens has",
+            f"the focal length came out as {worst:.3g} times the image's longer side, which no camera has",
             limit=f"{low} to {high} times",
             hint=_PHOTO_HINT,
         )
-    centres = found.world_from_camera[:, :3, 3]
-    travel = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
-    depth = float(np.median(depths(found.world_from_camera, found.points)))
-    if np.median(found.angles_deg) < _MIN_ANGLE_DEG or not 0 < depth < _MAX_DEPTH_TO_BASELINE * travel:
+    centers = reconstruction.world_from_camera[:, :3, 3]
+    travel = float(np.linalg.norm(centers.max(axis=0) - centers.min(axis=0)))
+    depth = float(np.median(depths(reconstruction.world_from_camera, reconstruction.points)))
+    if np.median(reconstruction.angles_deg) < _MIN_ANGLE_DEG or not 0 < depth < _MAX_DEPTH_TO_BASELINE * travel:
         raise ReconstructionError(
             "the camera hardly moved: depth cannot be told from photos that only turn in place",
             limit=f"a median angle of {_MIN_ANGLE_DEG}° between rays",
             hint=_PHOTO_HINT,
         )
-    low_end, high_end = np.percentile(found.points, [1, 99], axis=0)
-    core = found.points[((found.points >= low_end) & (found.points <= high_end)).all(axis=1)]
+    low_end, high_end = np.percentile(reconstruction.points, [1, 99], axis=0)
+    core = reconstruction.points[((reconstruction.points >= low_end) & (reconstruction.points <= high_end)).all(axis=1)]
     spread = np.linalg.svd(core - core.mean(axis=0), compute_uv=False) if len(core) > 3 else np.ones(3)
     if spread[2] < _MIN_FLATNESS * spread[0]:
         raise ReconstructionError(
@@ -107,15 +114,46 @@ def _refuse_degenerate(found: Reconstruction) -> None:
         )
 
 
+def normalize_world(
+    world_from_camera: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cameras [N, 4, 4] and points [P, 3] in a centered, upright world of the order of one; float64 of the same shapes.
+
+    One similarity moves all of them: the points' median becomes the origin, and the median distance from a camera to it
+    becomes 3. +z becomes the mean of the photos' upward directions, if they agree: people hold cameras upright.
+    """
+    rotation = _upright(-world_from_camera[:, :3, 1])
+    center = np.median(points, axis=0)
+    distance = float(np.median(np.linalg.norm(world_from_camera[:, :3, 3] - center, axis=1)))
+    scale = _MEDIAN_DISTANCE / distance
+    normalized = world_from_camera.copy()
+    normalized[:, :3, :3] = rotation @ world_from_camera[:, :3, :3]
+    normalized[:, :3, 3] = scale * (world_from_camera[:, :3, 3] - center) @ rotation.T
+    return normalized, scale * (points - center) @ rotation.T
+
+
+def _upright(ups: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The smallest rotation that takes the mean of unit vectors [N, 3] to +z; identity if they disagree."""
+    mean = ups.mean(axis=0)
+    if np.linalg.norm(mean) < _MIN_UP_AGREEMENT:
+        return np.eye(3)
+    up = mean / np.linalg.norm(mean)
+    if up[2] < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    quaternion = np.array([*np.cross(up, [0.0, 0.0, 1.0]), 1.0 + up[2]])  # x y z w, up to scale
+    # pycolmap is loaded anyway; scipy would add 40 MB to every process that builds a capture.
+    return np.asarray(pycolmap.Rotation3d(quaternion / np.linalg.norm(quaternion)).matrix())
+
+
 def depths(world_from_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """float64 [N, P]: z of every point in every camera's frame."""
     forward = world_from_camera[:, :3, 2]
     return np.asarray(forward @ points.T - (forward * world_from_camera[:, :3, 3]).sum(axis=1, keepdims=True))
 
 
-def widest_angle_deg(centres: NDArray[np.float64], point: NDArray[np.float64]) -> float:
-    """Widest angle at `point` [3] between the rays to the cameras at `centres` [K, 3]."""
-    rays = centres - point
+def widest_angle_deg(centers: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+    """Widest angle at `point` [3] between the rays to the cameras at `centers` [K, 3]."""
+    rays = centers - point
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     return float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1.0, 1.0))))
 
@@ -123,7 +161,7 @@ def widest_angle_deg(centres: NDArray[np.float64], point: NDArray[np.float64]) -
 def epipolar_error_px(
     rays1: NDArray[np.float64], rays2: NDArray[np.float64], camera2_from_camera1: NDArray[np.float64], focal: float
 ) -> NDArray[np.float64]:
-    """float64 [M]: Sampson distances in pixels of matched normalised image points under a relative pose.
+    """float64 [M]: Sampson distances in pixels of matched normalized image points under a relative pose.
 
     Hartley & Zisserman, Multiple View Geometry, eq. 11.9 (its square root).
 
@@ -153,23 +191,23 @@ def contradictions(matches: list[int], errors_px: list[float]) -> tuple[int, int
 
 
 def repetition_warning(wrong: int, strong: int) -> list[str]:
-    """A warning when too many pairs contradict the poses that structure from motion found: things that repeat.
+    """A warning when too many pairs contradict the poses of structure from motion, as repeating things make them.
 
     A texture or an object that repeats lets a pair agree on a geometry of its own that is off by a whole tile.
     """
     if wrong <= _REPEATING_SHARE * strong:
         return []
     return [
-        f"{wrong} of {strong} image pairs that match well contradict the camera poses found: if something in the "
+        f"{wrong} of {strong} image pairs that match well contradict the camera poses: if something in the "
         "scene repeats (tiles, wallpaper, twin objects), the geometry may be off by a whole repeat."
     ]
 
 
 def refuse_wrong_poses(wrong: int, strong: int) -> None:
-    """Raise `ReconstructionError` when most pairs contradict the poses that a user gave."""
+    """Raise `ReconstructionError` when most pairs contradict the poses of the upload."""
     if wrong > _WRONG_POSES_SHARE * strong:
         raise ReconstructionError(
-            f"{wrong} of {strong} image pairs that match well contradict the poses given",
+            f"{wrong} of {strong} image pairs that match well contradict the camera poses",
             limit=f"a share of {_WRONG_POSES_SHARE:g}",
             hint="Check the poses' convention (axes, world-from-camera), intrinsics, and which image has which.",
         )

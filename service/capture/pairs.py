@@ -1,4 +1,4 @@
-"""Which image pairs are worth matching."""
+"""Chooses the image pairs to match."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _PROBES = 512
 _PROBES_OF_MANY = 256
 _MANY_IMAGES = 300
 _MAX_RATIO = 0.8
-_NEIGHBOURS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
+_NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
 
 
 def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32], images: int) -> NDArray[np.float32]:
-    """float32 [K, 128] unit descriptors of an image's largest features, the ones most likely to be seen elsewhere.
+    """float32 [K, 128] unit descriptors of an image's largest features, which are the most likely to match elsewhere.
 
     Args:
         descriptors: uint8 [F, 128] SIFT.
@@ -24,19 +24,19 @@ def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32], images: 
     """
     count = _PROBES if images <= _MANY_IMAGES else _PROBES_OF_MANY
     largest = np.argsort(-scales, kind="stable")[:count]
-    chosen = descriptors[largest].astype(np.float32)
-    return np.asarray(chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1e-9))
+    vectors = descriptors[largest].astype(np.float32)
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
-def probe_scores(probed: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
-    """int32 [N, N]: mutual nearest neighbours among the probes of two images that pass the ratio test.
+def probe_scores(images: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
+    """int32 [N, N]: how many mutual nearest neighbors among the probes of two images pass the ratio test.
 
     Preemptive matching (Wu, "Towards linear-time incremental structure from motion", 3DV 2013, section 3).
     """
-    scores = np.zeros((len(probed), len(probed)), np.int32)
-    for i, first in enumerate(probed):
-        for j in range(i + 1, len(probed)):
-            scores[i, j] = scores[j, i] = _mutual_matches(first, probed[j])
+    scores = np.zeros((len(images), len(images)), np.int32)
+    for i, first in enumerate(images):
+        for j in range(i + 1, len(images)):
+            scores[i, j] = scores[j, i] = _mutual_matches(first, images[j])
     return scores
 
 
@@ -44,16 +44,16 @@ def choose_pairs(
     scores: NDArray[np.int32], *, exhaustive_images: int, pairs_per_image: int, ordered: bool
 ) -> list[tuple[int, int]]:
     """Pairs (i, j), i < j, sorted. All of them up to `exhaustive_images` images; beyond, each image's best by score,
-    and its neighbours in the order of names: the nearest two, or of a video also some further ones.
+    and its neighbors in the order of names: the nearest two, or of a video also some further ones.
     """
     count = len(scores)
     if count <= exhaustive_images:
         return [(i, j) for i in range(count) for j in range(i + 1, count)]
-    chosen = {(i, i + step) for step in _NEIGHBOURS[ordered] for i in range(count - step)}
+    pairs = {(i, i + step) for step in _NEIGHBORS[ordered] for i in range(count - step)}
     for i in range(count):
         best = np.argsort(-scores[i], kind="stable")[:pairs_per_image]
-        chosen |= {(min(i, int(j)), max(i, int(j))) for j in best if scores[i, j] > 0}
-    return sorted(chosen)
+        pairs |= {(min(i, int(j)), max(i, int(j))) for j in best if scores[i, j] > 0}
+    return sorted(pairs)
 
 
 def _mutual_matches(first: NDArray[np.float32], second: NDArray[np.float32]) -> int:

@@ -1,4 +1,4 @@
-"""Coloured points of a PLY file, as nerfstudio keeps them beside its poses."""
+"""Reads colored points from a PLY file, as nerfstudio keeps them beside its poses."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _MAX_HEADER_BYTES = 1 << 16
 
 
 def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """float32 [P, 3] positions and uint8 [P, 3] colours (mid grey where the file has none) of its first element.
+    """float32 [P, 3] positions and uint8 [P, 3] colors (mid gray where the file has none) of its first element.
 
     Raises:
-        InvalidInputError: no PLY, no `vertex` element with x, y, z in front, fewer rows than it claims, NaN.
-        LimitExceededError: more than `max_model_points` rows; found from the header.
+        InvalidInputError: not a PLY file, no `vertex` element with x, y, z in front, fewer rows than it claims, NaN.
+        LimitExceededError: more than `max_model_points` rows; read from the header.
     """
     with path.open("rb") as file:
         form, rows, fields = _header(file, name)
@@ -47,7 +47,7 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
         return points, np.full((rows, 3), 128, np.uint8)
     colors = np.stack([columns[channel] for channel in ("red", "green", "blue")], axis=1)
     if dict(fields)["red"].startswith("f"):
-        colors = colors * 255  # floats are shares, by custom
+        colors = colors * 255  # floats are 0..1, by custom
     return points, np.clip(np.nan_to_num(colors), 0, 255).astype(np.uint8)
 
 
@@ -103,11 +103,9 @@ def _ascii(file: BinaryIO, rows: int, fields: list[tuple[str, str]], name: str) 
     try:
         table = np.array(words, dtype=np.float64).reshape(rows, len(fields))
     except ValueError as error:
-        raise _bad(name, f"has a row that is no numbers: {error}") from error
+        raise _bad(name, f"has a row that is not numbers: {error}") from error
     return {field: table[:, index] for index, (field, _) in enumerate(fields)}
 
 
 def _bad(name: str, problem: str) -> InvalidInputError:
-    return InvalidInputError(
-        f"{name} {problem}", field=name, hint="Send points as a PLY file with x, y, z and colours."
-    )
+    return InvalidInputError(f"{name} {problem}", field=name, hint="Send points as a PLY file with x, y, z and colors.")

@@ -1,4 +1,4 @@
-"""Limits and choices of the capture room."""
+"""Limits on uploads, and how camera poses are computed."""
 
 from __future__ import annotations
 
@@ -6,40 +6,52 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class CaptureSettings(BaseModel):
-    """Every limit on an upload, and how poses are found."""
+    """Every limit on an upload, and how camera poses are computed."""
 
     model_config = ConfigDict(frozen=True)
 
     max_upload_bytes: int = 2 * 2**30
+    """Bytes of one upload as sent."""
     max_unpacked_bytes: int = 8 * 2**30
+    """Bytes of an archive's content."""
     max_entries: int = 20_000
+    """Files of one upload, and entries of an archive."""
     max_compression_ratio: int = 200
+    """An archive that unpacks to more than so many times its size is refused as a decompression bomb."""
     max_image_pixels: int = 64_000_000
+    """Width times height of an image or a video frame."""
     max_images: int = 2_000
+    """Images of one scene."""
     max_side: int = 1_600
-    """Images are reduced to this many pixels on the longer side before anything else looks at them."""
+    """Images are reduced to this many pixels on the longer side before anything else is done with them."""
+    min_frames_present: float = Field(0.5, ge=0, le=1)
+    """Frames of a transforms.json whose image is missing from the upload are skipped and named in the warnings; the
+    upload is refused when fewer than this share of its frames have their image."""
 
     max_json_bytes: int = 16 * 2**20
+    """Bytes of a transforms.json or labels.json."""
     max_model_points: int = 5_000_000
     """Sparse points read from a COLMAP model or a PLY file."""
     max_video_frames_read: int = 36_000
+    """Frames of a video, 20 minutes at 30 a second; a longer one is refused."""
     video_frames: int = 80
-    """Frames kept of a video: the sharpest of so many equal intervals."""
+    """Frames used of a video: the sharpest of so many equal intervals."""
 
-    admit_memory_bytes: int = 6 * 2**30
-    """Address space of the child process that looks into an upload before it is acknowledged."""
-    admit_seconds: int = 900
-    """How long it may look."""
-    admit_at_once: int = Field(2, ge=1)
-    """So many of them look at a time; more uploads wait for their turn."""
+    validation_memory_bytes: int = 6 * 2**30
+    """Address space of the child process that checks an upload before it is acknowledged."""
+    validation_seconds: int = 900
+    """How long that check may take."""
+    concurrent_validations: int = Field(2, ge=1)
+    """So many uploads are checked at the same time; more of them wait."""
 
     sfm_memory_bytes: int = 8 * 2**30
     """Address space of the child process that runs structure from motion."""
     sfm_seconds: int = 4 * 3600
+    """How long structure from motion may take."""
     sfm_threads: int = 0
     """Threads for features and matching; 0: one a core. The mapper runs on one, which makes its result repeatable."""
     sfm_max_side: int = 1_200
-    """Features are looked for at no more than this many pixels on the longer side."""
+    """Features are detected at no more than this many pixels on the longer side."""
     sfm_features: int = 4_096
     """Features an image."""
     exhaustive_images: int = 30
@@ -48,4 +60,4 @@ class CaptureSettings(BaseModel):
     min_points: int = 50
     """A reconstruction with fewer points is refused."""
     min_registered_share: float = 0.2
-    """A reconstruction that places a smaller share of the images is refused."""
+    """A reconstruction that registers a smaller share of the images is refused."""

@@ -1,11 +1,13 @@
-"""Structure from motion by COLMAP. Runs in the child process of `service.capture.isolation` only.
+"""Structure from motion by COLMAP. Runs in the child process of `service.capture.sandbox` only.
 
-Repeatable: images enter the database in the order given, every random choice has a seed, and the mapper, whose sums
-depend on how threads share them, runs on one thread.
+Repeatable to the bit: images enter the database in the order of the request, every random choice has a seed, threads
+that match call no BLAS (see `_matching_threads`), and the mapper, whose sums depend on how threads share them, runs on
+one thread.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections import defaultdict
 from collections.abc import Callable
@@ -19,70 +21,73 @@ from numpy.typing import NDArray
 from fastsplat.service.capture import geometry, pairs
 from fastsplat.service.common.errors import ReconstructionError
 
-Tell = Callable[[float, str], None]
+Report = Callable[[float, str], None]
 
 _SEED = 0
 _IMAGES_A_STEP = 8
 _PAIRS_A_STEP = 48
-_FEATURES_UNTIL, _MATCHED_AT, _MAPPED_AT = 0.45, 0.8, 0.98
+_FEATURES_DONE, _MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
 _MIN_FEATURES = 50
+_FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
+"""faiss::distance_compute_blas_threshold: searches of at least so many descriptors multiply matrices by BLAS."""
+_NEVER = 2**31 - 1
 
 
-def reconstruct(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
-    """Poses, lenses and points of images alone.
+def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
+    """Poses, cameras and points of images alone.
 
     Args:
-        request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one lens a group, focal
-            length in pixels or 0 if unknown; "ordered" whether neighbours in the list are neighbours in time; and all
+        request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one camera a group, focal
+            length in pixels or 0 if unknown; "ordered" whether neighbors in the list are neighbors in time; and all
             settings.
         folder: where the database and "points.npz" (points, colors) go.
-        tell: receives progress.
+        report: receives progress.
 
     Returns:
-        "poses": {file: world_from_camera rows}, "lenses": {file: [model, width, height, params]}, "models", "error_px"
+        "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "models", "error_px"
         and "warnings".
 
     Raises:
-        ReconstructionError: no usable geometry; see `geometry.judge`.
+        ReconstructionError: no usable geometry; see `validate_reconstruction`.
     """
     pycolmap.set_random_seed(_SEED)
     database = folder / "features.db"
     images = Path(request["image_folder"])
     files = [image["file"] for image in request["images"]]
-    _register(database, images, request["images"])
-    _extract_and_match(database, images, files, request, folder, tell)
-    tell(_MATCHED_AT, "placing cameras")
-    models = _map(database, images, folder, len(files), tell)
+    _import_images(database, images, request["images"])
+    _extract_and_match(database, images, files, request, folder, report)
+    report(_MATCHING_DONE, "registering images")
+    models = _map(database, images, folder, len(files), report)
     if not models:
         raise ReconstructionError(
             "no two images see the same thing from different places",
             hint="Send photos of one scene that overlap by two thirds, taken from different places.",
         )
     best = models[0]
-    found = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
-    warnings = geometry.judge(
-        found, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
+    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
+    warnings = geometry.validate_reconstruction(
+        reconstruction, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
     warnings += geometry.repetition_warning(*_contradictions(best, database))
-    tell(1.0, f"{best.num_reg_images()} of {len(files)} images placed")
+    report(1.0, f"{best.num_reg_images()} of {len(files)} images registered")
     _save_points(best, folder)
-    by_id = {image.name: image for image in best.images.values() if image.has_pose}
+    image_by_name = {image.name: image for image in best.images.values() if image.has_pose}
     return {
-        "poses": {name: _world_from_camera(image).tolist() for name, image in by_id.items()},
-        "lenses": {name: _lens(image.camera) for name, image in by_id.items()},
-        "models": list(found.models),
+        "poses": {name: _world_from_camera(image).tolist() for name, image in image_by_name.items()},
+        "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
+        "models": list(reconstruction.models),
         "error_px": best.compute_mean_reprojection_error(),
         "warnings": warnings,
     }
 
 
-def triangulate(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
+def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
     """Points of undistorted images with known poses.
 
     Args:
         request: as in `reconstruct`, each image with "camera": [width, height, fx, fy, cx, cy] and "camera_from_world":
             [4, 4] rows.
-        folder, tell: as in `reconstruct`.
+        folder, report: as in `reconstruct`.
 
     Returns:
         "points": how many, "error_px".
@@ -93,32 +98,33 @@ def triangulate(request: dict[str, Any], folder: Path, tell: Tell) -> dict[str, 
     pycolmap.set_random_seed(_SEED)
     database = folder / "features.db"
     images = Path(request["image_folder"])
-    listed = request["images"]
-    files = [image["file"] for image in listed]
-    _register(database, images, [{**image, "group": index, "focal": 0} for index, image in enumerate(listed)])
-    posed = _known_poses(database, listed)
-    _extract_and_match(database, images, files, request, folder, tell)
+    posed_images = request["images"]
+    files = [image["file"] for image in posed_images]
+    ungrouped = [{**image, "group": index, "focal": 0} for index, image in enumerate(posed_images)]
+    _import_images(database, images, ungrouped)
+    posed = _known_poses(database, posed_images)
+    _extract_and_match(database, images, files, request, folder, report)
     geometry.refuse_wrong_poses(*_contradictions(posed, database))
-    tell(_MATCHED_AT, "triangulating points")
+    report(_MATCHING_DONE, "triangulating points")
     output = folder / "model"
     output.mkdir()
     result = pycolmap.triangulate_points(posed, database, images, output, options=_mapper_options())
     if result.num_points3D() < request["min_points"]:
         raise ReconstructionError(
-            f"only {result.num_points3D()} points agree with the poses given",
+            f"only {result.num_points3D()} points agree with the camera poses",
             limit=f"{request['min_points']} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
             hint="Check the convention of the poses (axes, world-from-camera) and the intrinsics, or send points.",
         )
     _save_points(result, folder)
-    tell(1.0, f"{result.num_points3D()} points triangulated")
+    report(1.0, f"{result.num_points3D()} points triangulated")
     return {"points": result.num_points3D(), "error_px": result.compute_mean_reprojection_error()}
 
 
-def _register(database: Path, images: Path, listed: list[dict[str, Any]]) -> None:
-    """Write images and lenses to the database, a lens a group, ids in the order of the list."""
+def _import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -> None:
+    """Write images and cameras to the database, a camera a group, ids in the order of the entries."""
     pycolmap.Database.open(database).close()
     groups = defaultdict(list)
-    for image in listed:
+    for image in entries:
         groups[image["group"]].append(image)
     for group in groups.values():
         options = pycolmap.ImageReaderOptions()
@@ -130,38 +136,53 @@ def _register(database: Path, images: Path, listed: list[dict[str, Any]]) -> Non
 
 
 def _extract_and_match(
-    database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, tell: Tell
+    database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, report: Report
 ) -> None:
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
-    extraction.num_threads = matching_threads = request["sfm_threads"] or os.cpu_count() or 1
+    extraction.num_threads = request["sfm_threads"] or os.cpu_count() or 1
     extraction.sift.max_num_features = request["sfm_features"]
     for start in range(0, len(files), _IMAGES_A_STEP):
-        tell(_FEATURES_UNTIL * start / len(files), f"finding features {start}/{len(files)}")
+        report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
         step = files[start : start + _IMAGES_A_STEP]
         pycolmap.extract_features(
             database, images, image_names=step, extraction_options=extraction, device=pycolmap.Device.cpu
         )
-    tell(_FEATURES_UNTIL, "choosing image pairs")
-    chosen = _choose(database, files, request)
+    report(_FEATURES_DONE, "choosing image pairs")
+    image_pairs = _choose_pairs(database, files, request)
     matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = matching_threads
+    matching.num_threads = _matching_threads(extraction.num_threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = folder / "pairs.txt"
-    for start in range(0, len(chosen), _PAIRS_A_STEP):
-        share = start / len(chosen)
-        tell(_FEATURES_UNTIL + (_MATCHED_AT - _FEATURES_UNTIL) * share, f"matching image pairs {start}/{len(chosen)}")
-        step_pairs = chosen[start : start + _PAIRS_A_STEP]
+    for start in range(0, len(image_pairs), _PAIRS_A_STEP):
+        fraction = _FEATURES_DONE + (_MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
+        report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
+        step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
         (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
         pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
 
 
-def _choose(database: Path, files: list[str], request: dict[str, Any]) -> list[tuple[int, int]]:
-    with pycolmap.Database.open(database) as opened:
-        ids = {image.name: image.image_id for image in opened.read_all_images()}
-        counts = [opened.num_keypoints_for_image(ids[file]) for file in files]
+def _matching_threads(threads: int) -> int:
+    """How many threads may match: all of them once faiss computes distances without BLAS, else one.
+
+    The OpenBLAS in pycolmap's wheels is built for one thread and without locks, USE_THREAD=0 without USE_LOCKING=1 (see
+    https://github.com/OpenMathLib/OpenBLAS/pull/2136): two threads that ask for a buffer at the same instant get the
+    same one, and now and then a pair of images loses its matches. Without BLAS a pair takes 40 % more CPU time.
+    """
+    try:
+        threshold = ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), _FAISS_BLAS_THRESHOLD)
+    except ValueError:  # a build that hides the symbol
+        return 1
+    threshold.value = _NEVER
+    return threads
+
+
+def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> list[tuple[int, int]]:
+    with pycolmap.Database.open(database) as reader:
+        ids = {image.name: image.image_id for image in reader.read_all_images()}
+        counts = [reader.num_keypoints_for_image(ids[file]) for file in files]
         if max(counts) < _MIN_FEATURES:
             raise ReconstructionError(
                 f"the images have hardly any texture: at most {max(counts)} features in one",
@@ -171,8 +192,7 @@ def _choose(database: Path, files: list[str], request: dict[str, Any]) -> list[t
         if len(files) <= request["exhaustive_images"]:
             scores = np.zeros((len(files), len(files)), np.int32)
         else:
-            probed = [_probes(opened, ids[file], len(files)) for file in files]
-            scores = pairs.probe_scores(probed)
+            scores = pairs.probe_scores([_probes(reader, ids[file], len(files)) for file in files])
     return pairs.choose_pairs(
         scores,
         exhaustive_images=request["exhaustive_images"],
@@ -181,12 +201,12 @@ def _choose(database: Path, files: list[str], request: dict[str, Any]) -> list[t
     )
 
 
-def _probes(opened: pycolmap.Database, image_id: int, images: int) -> NDArray[np.float32]:
-    if opened.num_keypoints_for_image(image_id) == 0:
+def _probes(reader: pycolmap.Database, image_id: int, images: int) -> NDArray[np.float32]:
+    if reader.num_keypoints_for_image(image_id) == 0:
         return np.zeros((0, 128), np.float32)
-    keypoints = np.asarray(opened.read_keypoints(image_id))  # x, y and an affine shape whose columns have the scale
+    keypoints = np.asarray(reader.read_keypoints(image_id))  # x, y and an affine shape whose columns have the scale
     scales = np.hypot(keypoints[:, 2], keypoints[:, 4])
-    return pairs.probes(np.asarray(opened.read_descriptors(image_id).data), scales, images)
+    return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales, images)
 
 
 def _mapper_options() -> pycolmap.IncrementalPipelineOptions:
@@ -198,34 +218,35 @@ def _mapper_options() -> pycolmap.IncrementalPipelineOptions:
     return options
 
 
-def _map(database: Path, images: Path, folder: Path, count: int, tell: Tell) -> list[pycolmap.Reconstruction]:
+def _map(database: Path, images: Path, folder: Path, count: int, report: Report) -> list[pycolmap.Reconstruction]:
     """All disconnected models, largest first."""
-    placed = 2
+    registered = 2
 
-    def one_more() -> None:
-        nonlocal placed
-        placed += 1
-        share = min(1.0, placed / count)
-        tell(_MATCHED_AT + (_MAPPED_AT - _MATCHED_AT) * share, f"placing cameras {min(placed, count)}/{count}")
+    def report_next_image() -> None:
+        nonlocal registered
+        registered += 1
+        share = min(1.0, registered / count)
+        fraction = _MATCHING_DONE + (_MAPPING_DONE - _MATCHING_DONE) * share
+        report(fraction, f"registering images {min(registered, count)}/{count}")
 
     output = folder / "models"
     output.mkdir()
     models = pycolmap.incremental_mapping(
-        database, images, output, options=_mapper_options(), next_image_callback=one_more
+        database, images, output, options=_mapper_options(), next_image_callback=report_next_image
     )
     return sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
 def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...]) -> geometry.Reconstruction:
     posed = [image for image in model.images.values() if image.has_pose]
-    centres = {image.image_id: np.asarray(image.projection_center()) for image in posed}
+    centers = {image.image_id: np.asarray(image.projection_center()) for image in posed}
     angles = [
-        geometry.widest_angle_deg(np.stack([centres[element.image_id] for element in point.track.elements]), point.xyz)
+        geometry.widest_angle_deg(np.stack([centers[element.image_id] for element in point.track.elements]), point.xyz)
         for point in model.points3D.values()
     ]
     return geometry.Reconstruction(
         world_from_camera=np.stack([_world_from_camera(image) for image in posed]),
-        focal_shares=np.array(
+        relative_focals=np.array(
             [image.camera.mean_focal_length() / max(image.camera.width, image.camera.height) for image in posed]
         ),
         points=np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3),
@@ -238,49 +259,49 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
 def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
     """Compare every verified pair of images with the poses: see `geometry.contradictions`.
 
-    A pair of which only one image was placed contradicts too: matching well should have placed the other.
+    A pair of which only one image was registered contradicts too: matching well should have registered the other.
     """
-    placed = {image.image_id: image for image in model.images.values() if image.has_pose}
+    registered = {image.image_id: image for image in model.images.values() if image.has_pose}
     counts, errors = [], []
-    with pycolmap.Database.open(database) as opened:
+    with pycolmap.Database.open(database) as reader:
         rays = {}
-        for image_id, image in placed.items():
-            pixels = np.asarray(opened.read_keypoints(image_id))[:, :2].astype(np.float64)
+        for image_id, image in registered.items():
+            pixels = np.asarray(reader.read_keypoints(image_id))[:, :2].astype(np.float64)
             rays[image_id] = np.asarray(image.camera.cam_from_img(pixels))
-        pair_ids, verified = opened.read_two_view_geometries()
+        pair_ids, verified = reader.read_two_view_geometries()
         for pair_id, pair in zip(pair_ids, verified, strict=True):
             first, second = pycolmap.pair_id_to_image_pair(pair_id)
             matches = np.asarray(pair.inlier_matches)
-            if len(matches) == 0 or (first not in placed and second not in placed):
+            if len(matches) == 0 or (first not in registered and second not in registered):
                 continue
             counts.append(len(matches))
-            if first not in placed or second not in placed:
+            if first not in registered or second not in registered:
                 errors.append(float("inf"))
                 continue
-            relative = np.linalg.inv(_world_from_camera(placed[second])) @ _world_from_camera(placed[first])
+            relative = np.linalg.inv(_world_from_camera(registered[second])) @ _world_from_camera(registered[first])
             errors_px = geometry.epipolar_error_px(
                 rays[first][matches[:, 0]],
                 rays[second][matches[:, 1]],
                 relative,
-                placed[first].camera.mean_focal_length(),
+                registered[first].camera.mean_focal_length(),
             )
             errors.append(float(np.nanmedian(errors_px)))
     return geometry.contradictions(counts, errors)
 
 
-def _known_poses(database: Path, listed: list[dict[str, Any]]) -> pycolmap.Reconstruction:
-    """A model of the given poses, under the database's ids; the database's lenses become the given ones."""
+def _known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap.Reconstruction:
+    """A model of known poses, under the database's ids; their cameras replace the database's."""
     posed = pycolmap.Reconstruction()
-    with pycolmap.Database.open(database) as opened:
-        stored = {image.name: image for image in opened.read_all_images()}
-        for image in listed:
+    with pycolmap.Database.open(database) as editor:
+        stored = {image.name: image for image in editor.read_all_images()}
+        for image in posed_images:
             row = stored[image["file"]]
             width, height, *params = image["camera"]
             camera = pycolmap.Camera(
                 camera_id=row.camera_id, model="PINHOLE", width=width, height=height, params=np.array(params)
             )
             camera.has_prior_focal_length = True
-            opened.update_camera(camera)
+            editor.update_camera(camera)
             posed.add_camera_with_trivial_rig(camera)
             pose = pycolmap.Rigid3d(np.array(image["camera_from_world"])[:3])
             posed.add_image_with_trivial_frame(
@@ -295,7 +316,7 @@ def _world_from_camera(image: pycolmap.Image) -> NDArray[np.float64]:
     return pose
 
 
-def _lens(camera: pycolmap.Camera) -> list[Any]:
+def _camera(camera: pycolmap.Camera) -> list[Any]:
     return [camera.model.name, camera.width, camera.height, [float(value) for value in camera.params]]
 
 
@@ -304,5 +325,5 @@ def _save_points(model: pycolmap.Reconstruction, folder: Path) -> None:
     colors = np.array([point.color for point in model.points3D.values()], dtype=np.uint8).reshape(-1, 3)
     # A feature with two orientations gives the same point twice.
     _, first = np.unique(points.astype(np.float32), axis=0, return_index=True)
-    kept = np.sort(first)
-    np.savez(folder / "points.npz", points=points[kept], colors=colors[kept])
+    rows = np.sort(first)
+    np.savez(folder / "points.npz", points=points[rows], colors=colors[rows])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import posixpath
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,24 +14,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.colmap_model import inside
-from fastsplat.service.capture.documents import read_json
-from fastsplat.service.capture.given import GivenPhoto, GivenPoses, no_points
-from fastsplat.service.capture.images import IMAGE_SUFFIXES
-from fastsplat.service.capture.labels import LabelTable, label_table
-from fastsplat.service.capture.lens import Lens, check_lens
+from fastsplat.service.capture.bounded_json import read_json
+from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.image_io import IMAGE_SUFFIXES
+from fastsplat.service.capture.label_maps import LabelTable, parse_label_table
 from fastsplat.service.capture.ply_points import read_points
+from fastsplat.service.capture.posed_input import (
+    MissingImage,
+    PosedDataset,
+    PosedImage,
+    no_points,
+    resolve_file,
+    resolve_path,
+)
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Scale
 from fastsplat.service.common.camera import check_rigid
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.common.file_names import list_names
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."
+_SIZE_KEYS = ("w", "h")
+_FOCAL_KEYS = ("fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2")
 _FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
+_DISTORTION_KEYS = (*_FISHEYE_KEYS, "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
+_IMPLIED_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
 
 @dataclass(frozen=True)
@@ -43,26 +56,28 @@ class _Document:
 
 def read_transforms(
     root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
-) -> GivenPoses:
+) -> PosedDataset:
     """Cameras, poses, points and label maps of a transforms.json.
 
     Poses are world-from-camera, in OpenGL axes (x right, y up, z backward) unless "convention" says "opencv". With
     "labels" in the document, a frame's "mask_path" is its label map; without, it is nerfstudio's mask, whose zeros are
-    pixels to ignore.
+    pixels to ignore. Frames whose image is not in the upload are skipped with a warning, as nerfstudio does.
 
     Args:
         root: the upload's folder; `name` is the document in it.
+        name: path of the document relative to `root`.
         sizes: (width, height) of the images as stored, by path, for documents that do not say "w" and "h".
+        settings: limits of the document, its points and the share of frames without an image.
 
     Raises:
         InvalidInputError: a pose that is missing, singular, scaled or not finite, a missing file or focal length, an
-            unknown camera model or convention. The message names the frame.
+            unknown camera model or convention, fewer images than `min_frames_present`. The message names the frame.
         LimitExceededError: the document or its points are larger than the settings allow.
     """
     top = read_json(root / name, name, settings)
     frames = top.get("frames") if isinstance(top, dict) else None
     if not isinstance(frames, list) or not frames:
-        raise InvalidInputError(f"{name} has no list of frames", field=name, hint="Give one frame an image.")
+        raise InvalidInputError(f"{name} has no list of frames", field=name, hint="Give each image one frame.")
     if len(frames) > settings.max_images:
         raise LimitExceededError(
             f"{name} has {len(frames)} frames",
@@ -70,58 +85,89 @@ def read_transforms(
             limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
             hint="Send fewer images.",
         )
-    labels = label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
+    labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
     opengl = _is_opengl(top.get("convention", "opengl"), name)
     document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels)
-    photos = sorted(
-        (_photo(root, document, index, frame, sizes) for index, frame in enumerate(frames)),
-        key=lambda photo: photo.name,
-    )
-    if len({photo.path for photo in photos}) < len(photos):
+    results = [_posed_image(root, document, index, frame, sizes) for index, frame in enumerate(frames)]
+    images = sorted((result for result in results if isinstance(result, PosedImage)), key=lambda image: image.name)
+    missing = tuple(result for result in results if isinstance(result, MissingImage))
+    if len({image.path for image in images}) < len(images):
         raise InvalidInputError(f"{name}: two frames show the same file", field=name, hint="Give each image one frame.")
     points, colors = _points(root, document, settings)
-    return GivenPoses(
-        photos=tuple(photos),
+    return PosedDataset(
+        images=tuple(images),
         points=points,
         point_colors=colors,
         scale=_scale(top),
         labels=labels,
-        test_names=_test_names(document, [photo.name for photo in photos]),
+        test_names=_test_names(document, [image.name for image in images], missing),
+        missing=missing,
+        warnings=_check_missing(name, missing, len(frames), settings),
     )
 
 
-def _photo(root: Path, document: _Document, index: int, frame: Any, sizes: Mapping[str, tuple[int, int]]) -> GivenPhoto:
+def name_keys(name: str) -> tuple[str, str, str]:
+    """How a split may name an image: with its folder, without, and without its extension too."""
+    return name, PurePosixPath(name).name, PurePosixPath(name).stem
+
+
+def _check_missing(
+    name: str, missing: tuple[MissingImage, ...], frames: int, settings: CaptureSettings
+) -> tuple[str, ...]:
+    if not missing:
+        return ()
+    listed = list_names([image.name for image in missing])
+    present = frames - len(missing)
+    if present == 0 or present < settings.min_frames_present * frames:
+        raise InvalidInputError(
+            f"{len(missing)} of {frames} frames of {name} name images that are not in the upload: {listed}",
+            field=name,
+            limit=f"a share of {settings.min_frames_present:g} of the images (FASTSPLAT_CAPTURE__MIN_FRAMES_PRESENT)",
+            hint="Send the images under the names that file_path gives them.",
+        )
+    return (f"{len(missing)} of {frames} frames of {name} are skipped, as their images are missing: {listed}.",)
+
+
+def _posed_image(
+    root: Path, document: _Document, index: int, frame: Any, sizes: Mapping[str, tuple[int, int]]
+) -> PosedImage | MissingImage:
     where = f"{document.name}: frame {index}"
     if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
         raise InvalidInputError(f"{where} has no file_path", field=where, hint="Name the frame's image.")
     file_path = frame["file_path"]
     where = f"{where} ({file_path[:120]})"
-    path = _image(root, document.folder, file_path, where)
+    path = _image_path(root, document.folder, file_path, where)
+    name = posixpath.relpath(path, document.folder)
+    if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
+        return MissingImage(name, path)
     if path not in sizes:
-        raise InvalidInputError(f"{where} is no image", field=where, hint="Send JPEG, PNG, WebP, TIFF or BMP images.")
-    extra = {}
+        raise InvalidInputError(
+            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF or BMP images."
+        )
+    maps = {}
     mask = frame.get("mask_path")
     if mask is not None:
         if not isinstance(mask, str):
-            raise InvalidInputError(f"{where} has a mask_path that is no text", field=where, hint="Name a file.")
+            raise InvalidInputError(f"{where} has a mask_path that is not text", field=where, hint="Name a file.")
         key = "mask" if document.labels is None else "label_map"
-        extra[key] = inside(root, document.folder, mask, where)
-    return GivenPhoto(
-        name=PurePosixPath(path).relative_to(document.folder).as_posix() if document.folder != "." else path,
+        maps[key] = resolve_file(root, document.folder, mask, where)
+    return PosedImage(
+        name=name,
         path=path,
-        lens=_lens({**document.top, **frame}, sizes[path], where),
+        camera_model=_camera_model({**document.top, **frame}, sizes[path], where),
         world_from_camera=_pose(frame.get("transform_matrix"), document.opengl, where),
-        **extra,
+        **maps,
     )
 
 
-def _image(root: Path, folder: str, file_path: str, where: str) -> str:
-    """Blender's documents leave the extension away."""
+def _image_path(root: Path, folder: str, file_path: str, where: str) -> str:
+    """Relative to `root`; nothing need be there. Blender's documents leave the extension away."""
     if PurePosixPath(file_path).suffix.lower() not in IMAGE_SUFFIXES:
-        for suffix in (".png", ".jpg", ".jpeg", ".webp"):
-            if "\0" not in file_path and (root / folder / f"{file_path}{suffix}").is_file():
-                return inside(root, folder, f"{file_path}{suffix}", where)
-    return inside(root, folder, file_path, where)
+        for suffix in _IMPLIED_SUFFIXES:
+            path = resolve_path(root, folder, f"{file_path}{suffix}", where)
+            if os.path.isfile(root / path):
+                return path
+    return resolve_path(root, folder, file_path, where)
 
 
 def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
@@ -132,7 +178,7 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     rows_are_lists = isinstance(matrix, list) and all(isinstance(row, list) for row in matrix)
     if not rows_are_lists or not all(_is_number(value) for row in matrix for value in row):
         raise InvalidInputError(
-            f"{where}: the transform_matrix is no 4×4 list of numbers", field=where, hint=_POSE_HINT
+            f"{where}: the transform_matrix is not a 4×4 list of numbers", field=where, hint=_POSE_HINT
         )
     if len(matrix) not in (3, 4) or any(len(row) != 4 for row in matrix):
         raise InvalidInputError(f"{where}: the transform_matrix is not 4×4", field=where, hint=_POSE_HINT)
@@ -150,67 +196,56 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     return pose
 
 
-def _lens(values: Mapping[str, Any], size: tuple[int, int], where: str) -> Lens:
-    """Per-frame keys win over the document's; see `GivenPhoto.lens` for the resolution."""
-    given = {
+def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) -> CameraModel:
+    """Per-frame keys win over the document's; see `PosedImage.camera_model` for the resolution."""
+    numbers = {
         key: _number(values, key, where)
-        for key in (
-            "w",
-            "h",
-            "fl_x",
-            "fl_y",
-            "cx",
-            "cy",
-            "camera_angle_x",
-            "camera_angle_y",
-            *_FISHEYE_KEYS,
-            "p1",
-            "p2",
-        )
+        for key in (*_SIZE_KEYS, *_FOCAL_KEYS, *_DISTORTION_KEYS)
         if values.get(key) is not None
     }
-    width, height = (int(given["w"]), int(given["h"])) if "w" in given and "h" in given else size
+    width, height = (int(numbers["w"]), int(numbers["h"])) if "w" in numbers and "h" in numbers else size
     if width < 1 or height < 1:
         raise InvalidInputError(
             f"{where}: an image of {width}×{height} pixels", field=where, hint="Give w and h in pixels."
         )
-    fx = given.get("fl_x") or _focal(given.get("camera_angle_x"), width)
-    fy = given.get("fl_y") or _focal(given.get("camera_angle_y"), height) or fx
+    fx = numbers.get("fl_x") or _focal(numbers.get("camera_angle_x"), width)
+    fy = numbers.get("fl_y") or _focal(numbers.get("camera_angle_y"), height) or fx
     if not fx or not fy:
         raise InvalidInputError(
             f"{where} has no focal length",
             field=where,
             hint="Give fl_x and fl_y in pixels, or camera_angle_x in radians.",
         )
-    centre = (given.get("cx", width / 2), given.get("cy", height / 2))
-    model = str(values.get("camera_model") or "").upper()
-    if model == "OPENCV_FISHEYE":
-        params = (fx, fy, *centre, *(given.get(key, 0.0) for key in _FISHEYE_KEYS))
-    elif model in ("", *_PERSPECTIVES):
-        bent = any(given.get(key) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
-        if bent and model in _PINHOLES:
-            raise InvalidInputError(
-                f"{where}: a {model} camera with distortion", field=where, hint='Say "camera_model": "OPENCV".'
-            )
-        radial = [given.get(key, 0.0) for key in _OPENCV_KEYS]
-        model = "PINHOLE"
-        params = (fx, fy, *centre)
-        if given.get("k3") or given.get("k4"):
-            model, params = (
-                "FULL_OPENCV",
-                (fx, fy, *centre, *radial, given.get("k3", 0.0), given.get("k4", 0.0), 0.0, 0.0),
-            )
-        elif bent:
-            model, params = "OPENCV", (fx, fy, *centre, *radial)
-    else:
+    pinhole = (fx, fy, numbers.get("cx", width / 2), numbers.get("cy", height / 2))
+    model, distortion = _distortion(str(values.get("camera_model") or "").upper(), numbers, where)
+    camera_model = CameraModel(model, width, height, (*pinhole, *distortion))
+    check_camera_model(camera_model, field=where)
+    return camera_model
+
+
+def _distortion(stated: str, numbers: Mapping[str, float], where: str) -> tuple[str, tuple[float, ...]]:
+    """COLMAP's name of the simplest model that has the distortion, and its distortion parameters."""
+
+    def parameters(keys: Iterable[str]) -> tuple[float, ...]:
+        return tuple(numbers.get(key, 0.0) for key in keys)
+
+    if stated == "OPENCV_FISHEYE":
+        return stated, parameters(_FISHEYE_KEYS)
+    if stated not in ("", *_PERSPECTIVES):
         raise InvalidInputError(
-            f"{where}: the camera model {model[:40]!r} is unknown",
+            f"{where}: the camera model {stated[:40]!r} is unknown",
             field=where,
             hint=f"Use one of {', '.join((*_PERSPECTIVES, 'OPENCV_FISHEYE'))}.",
         )
-    lens = Lens(model, width, height, params)
-    check_lens(lens, field=where)
-    return lens
+    if not any(parameters(_DISTORTION_KEYS)):
+        return "PINHOLE", ()
+    if stated in _PINHOLES:
+        raise InvalidInputError(
+            f"{where}: a {stated} camera with distortion", field=where, hint='Say "camera_model": "OPENCV".'
+        )
+    if any(parameters(("k3", "k4"))):
+        return "FULL_OPENCV", (*parameters((*_OPENCV_KEYS, "k3", "k4")), 0.0, 0.0)
+    return "OPENCV", parameters(_OPENCV_KEYS)
 
 
 def _focal(angle: float | None, pixels: int) -> float | None:
@@ -243,47 +278,47 @@ def _is_opengl(convention: Any, name: str) -> bool:
 
 
 def _scale(top: Mapping[str, Any]) -> Scale:
-    said = f"{top.get('scale', '')} {top.get('unit', '')} {top.get('units', '')} {top.get('convention', '')}"
-    return "METRIC" if re.search(r"\b(metric|m|met(re|er)s?)\b", said, re.IGNORECASE) else "ARBITRARY"
+    text = f"{top.get('scale', '')} {top.get('unit', '')} {top.get('units', '')} {top.get('convention', '')}"
+    return "METRIC" if re.search(r"\b(metric|m|met(re|er)s?)\b", text, re.IGNORECASE) else "ARBITRARY"
 
 
 def _points(
     root: Path, document: _Document, settings: CaptureSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    named = document.top.get("ply_file_path")
-    if named is None:
-        beside = (root / document.folder / "points3d.ply").is_file()
-        return _read(root, document, "points3d.ply", settings) if beside else no_points()
-    if not isinstance(named, str):
-        raise InvalidInputError(f"{document.name}: ply_file_path is no text", field=document.name, hint="Name a file.")
-    return _read(root, document, named, settings)
-
-
-def _read(
-    root: Path, document: _Document, named: str, settings: CaptureSettings
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    path = inside(root, document.folder, named, f"{document.name}: ply_file_path")
+    name = document.top.get("ply_file_path")
+    if name is None:
+        if not (root / document.folder / "points3d.ply").is_file():
+            return no_points()
+        name = "points3d.ply"
+    if not isinstance(name, str):
+        raise InvalidInputError(f"{document.name}: ply_file_path is not text", field=document.name, hint="Name a file.")
+    path = resolve_file(root, document.folder, name, f"{document.name}: ply_file_path")
     return read_points(root / path, path, settings)
 
 
-def _test_names(document: _Document, names: list[str]) -> tuple[str, ...]:
-    """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; with or without folder and extension."""
+def _test_names(document: _Document, names: list[str], missing: tuple[MissingImage, ...]) -> tuple[str, ...]:
+    """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; images that are missing are left out."""
     split = document.top.get("split")
-    listed = split.get("test") if isinstance(split, dict) else document.top.get("test_filenames")
-    if listed is None:
+    entries = split.get("test") if isinstance(split, dict) else document.top.get("test_filenames")
+    if entries is None:
         return ()
-    if not isinstance(listed, list) or not all(isinstance(item, str) for item in listed):
+    if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
         raise InvalidInputError(
-            f"{document.name}: the test split is no list of names",
+            f"{document.name}: the test split is not a list of names",
             field=document.name,
             hint="Give a list of file names.",
         )
-    by_key = {key: name for name in names for key in (name, PurePosixPath(name).name, PurePosixPath(name).stem)}
-    unknown = [item for item in listed if item.removeprefix("./") not in by_key]
-    if unknown:
-        raise InvalidInputError(
-            f"{document.name}: the test split names {unknown[0][:80]!r}, which no frame shows",
-            field=document.name,
-            hint="Name frames by their file_path.",
-        )
-    return tuple(sorted({by_key[item.removeprefix("./")] for item in listed}))
+    name_by_key = {key: name for name in names for key in name_keys(name)}
+    missing_keys = {key for image in missing for key in name_keys(image.name)}
+    test_names = set()
+    for entry in entries:
+        key = entry.removeprefix("./")
+        if key in name_by_key:
+            test_names.add(name_by_key[key])
+        elif key not in missing_keys:
+            raise InvalidInputError(
+                f"{document.name}: the test split names {entry[:80]!r}, which no frame shows",
+                field=document.name,
+                hint="Name frames by their file_path.",
+            )
+    return tuple(sorted(test_names))

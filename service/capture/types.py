@@ -1,4 +1,4 @@
-"""What the capture room hands on."""
+"""The data types of a capture: views, points, labels and the report."""
 
 from __future__ import annotations
 
@@ -13,21 +13,19 @@ from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
 
 Scale = Literal["METRIC", "ARBITRARY"]
-
-
 Source = Literal["images", "video", "colmap", "nerfstudio"]
 
 
 @dataclass(frozen=True)
-class AdmittedUpload:
+class ValidatedUpload:
     """An upload that was checked and unpacked; its folder is all that `build_capture` needs.
 
     Attributes:
-        folder: where it lies, beside the raw upload.
+        folder: where it lies, inside the raw upload's folder.
         source: how it will be read.
         images: images in it; 0 for a video, whose frames are chosen later.
         has_labels: whether label maps came with it, so that no detector will run.
-        warnings: what was left aside, as sentences for people.
+        warnings: what will not be used, as sentences for people.
     """
 
     folder: Path
@@ -54,12 +52,12 @@ class View:
 
 @dataclass(frozen=True)
 class GivenLabels:
-    """Label maps that came with the capture; then no detector runs.
+    """Label maps of the upload; with them, no detector runs.
 
     Attributes:
         dictionary: the names of `labels.json`, in id order.
-        map_paths: one 8- or 16-bit grey PNG per view, in the order of `Capture.views`, or None for a view without;
-            same size and undistortion as the view's image, nearest-neighbour resampled.
+        map_paths: one 8- or 16-bit gray PNG per view, in the order of `Capture.views`, or None for a view without;
+            same size and undistortion as the view's image, nearest-neighbor resampled.
     """
 
     dictionary: Dictionary
@@ -68,14 +66,14 @@ class GivenLabels:
 
 @dataclass(frozen=True)
 class CaptureReport:
-    """What a user should know about how the capture went.
+    """What a user should know about a capture: images without a pose, accuracy, warnings.
 
     Attributes:
         source: how the upload was read.
         images: usable images in the upload.
-        unregistered: names of images for which no pose was found.
+        unregistered: names of images without a pose.
         models: sizes (registered images) of all disconnected reconstructions, largest first; more than one is a split.
-        mean_reprojection_error_px: over the points of the kept reconstruction; 0 where poses were given without points.
+        mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
         warnings: sentences for people.
     """
 
@@ -89,7 +87,7 @@ class CaptureReport:
 
 @dataclass(frozen=True)
 class Capture:
-    """Images with cameras, and the sparse points they agree on.
+    """Images with cameras and sparse points.
 
     Attributes:
         views: registered images, sorted by name.
@@ -97,7 +95,7 @@ class Capture:
         point_colors: uint8 [P, 3] RGB.
         scale: whether scene units are metres.
         report: see `CaptureReport`.
-        given_labels: label maps from the user, if any.
+        given_labels: label maps of the upload, if any.
         test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.
     """
 

@@ -1,4 +1,4 @@
-"""Frames of a video. Runs in the child process of `service.capture.isolation` only."""
+"""Checks videos and extracts their sharp frames. Runs in the child process of `service.capture.sandbox` only."""
 
 from __future__ import annotations
 
@@ -14,26 +14,38 @@ from fastsplat.service.common.errors import InvalidInputError, LimitExceededErro
 
 _SHARPNESS_SIDE = 480
 _MIN_FRAMES = 2
+_MAX_PLAUSIBLE_FPS = 1_000
 
 
 def probe(request: dict[str, Any]) -> dict[str, Any]:
-    """Whether the file "video", called "name", is a video: {"width", "height"} of its first frame.
+    """The size of a video's first frame, after its length was checked without decoding the other frames.
+
+    Args:
+        request: the path "video", its "name" in errors, and all settings.
+
+    Returns:
+        {"width", "height"} in pixels.
 
     Raises:
-        InvalidInputError: its first frame cannot be decoded.
-        LimitExceededError: its frames have more than "max_image_pixels" pixels.
+        InvalidInputError: its first frame cannot be decoded, or it has fewer than two.
+        LimitExceededError: more than "max_video_frames_read" frames, or frames larger than "max_image_pixels".
     """
     first = next(_frames(request), None)
     if first is None:
         raise _unreadable(request)
+    _check_frame_count(request)
     return {"width": first.shape[1], "height": first.shape[0]}
 
 
-def extract(request: dict[str, Any], tell: Callable[[float, str], None]) -> dict[str, Any]:
+def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> dict[str, Any]:
     """Write the sharpest frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png.
 
     Sharpness is the variance of the Laplacian at a fixed size. Frames are upright and at most "max_side" pixels on the
     longer side; the file name is the frame's number in the video.
+
+    Args:
+        request: as in `probe`, with "folder".
+        report: receives progress.
 
     Returns:
         {"files": names in time order, "read": frames in the video}.
@@ -46,16 +58,16 @@ def extract(request: dict[str, Any], tell: Callable[[float, str], None]) -> dict
     for number, frame in enumerate(_frames(request)):
         sharpness.append(_sharpness(frame))
         if number % 50 == 0:
-            tell(0.5, f"looking for sharp frames {number}")
+            report(0.5, f"looking for sharp frames {number}")
     if len(sharpness) < _MIN_FRAMES:
         raise _unreadable(request)
-    chosen = sharpest_per_interval(np.array(sharpness), request["video_frames"])
+    numbers = sharpest_per_interval(np.array(sharpness), request["video_frames"])
     files = []
     for number, frame in enumerate(_frames(request)):
-        if number in chosen:
+        if number in numbers:
             files.append(f"frame_{number:06d}.png")
             cv2.imwrite(str(Path(request["folder"]) / files[-1]), _reduced(frame, request["max_side"]))
-            tell(0.5 + 0.5 * len(files) / len(chosen), f"writing frames {len(files)}/{len(chosen)}")
+            report(0.5 + 0.5 * len(files) / len(numbers), f"writing frames {len(files)}/{len(numbers)}")
     return {"files": files, "read": len(sharpness)}
 
 
@@ -65,14 +77,31 @@ def sharpest_per_interval(sharpness: NDArray[np.float64], intervals: int) -> set
     return {int(part[np.argmax(sharpness[part])]) for part in parts}
 
 
+def _check_frame_count(request: dict[str, Any]) -> None:
+    """Count the packets, one a frame, as headers may be wrong or say nothing."""
+    capture = cv2.VideoCapture(request["video"], cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])  # -1: do not decode
+    if not capture.isOpened():
+        capture = cv2.VideoCapture(request["video"])
+    try:
+        fps, count = capture.get(cv2.CAP_PROP_FPS), 0
+        while capture.grab():
+            count += 1
+            if count > request["max_video_frames_read"]:
+                raise _too_long(request, fps)
+    finally:
+        capture.release()
+    if count < _MIN_FRAMES:
+        raise _unreadable(request)
+
+
 def _frames(request: dict[str, Any]) -> Iterator[NDArray[np.uint8]]:
-    """uint8 [H, W, 3] BGR, turned as the file's metadata say."""
+    """uint8 [H, W, 3] BGR, rotated as the file's metadata say."""
     capture = cv2.VideoCapture(request["video"])
     try:
         count = 0
         while True:
-            read, frame = capture.read()
-            if not read:
+            decoded, frame = capture.read()
+            if not decoded:
                 return
             if frame.shape[0] * frame.shape[1] > request["max_image_pixels"]:
                 raise LimitExceededError(
@@ -83,20 +112,15 @@ def _frames(request: dict[str, Any]) -> Iterator[NDArray[np.uint8]]:
                 )
             count += 1
             if count > request["max_video_frames_read"]:
-                raise LimitExceededError(
-                    f"{request['name']} is too long",
-                    field=request["name"],
-                    limit=f"{request['max_video_frames_read']} frames (FASTSPLAT_CAPTURE__MAX_VIDEO_FRAMES_READ)",
-                    hint="Cut it to the walk around the scene.",
-                )
+                raise _too_long(request, capture.get(cv2.CAP_PROP_FPS))
             yield np.asarray(frame, dtype=np.uint8)
     finally:
         capture.release()
 
 
 def _sharpness(frame: NDArray[np.uint8]) -> float:
-    grey = cv2.cvtColor(_reduced(frame, _SHARPNESS_SIDE), cv2.COLOR_BGR2GRAY)
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+    gray = cv2.cvtColor(_reduced(frame, _SHARPNESS_SIDE), cv2.COLOR_BGR2GRAY)
+    return float(cv2.Laplacian(gray, cv2.CV_64F).var())
 
 
 def _reduced(frame: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
@@ -105,6 +129,17 @@ def _reduced(frame: NDArray[np.uint8], max_side: int) -> NDArray[np.uint8]:
         return frame
     size = (max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale)))
     return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _too_long(request: dict[str, Any], fps: float) -> LimitExceededError:
+    limit = request["max_video_frames_read"]
+    duration = f", which is {limit / fps:.0f} s at its frame rate" if 0 < fps < _MAX_PLAUSIBLE_FPS else ""
+    return LimitExceededError(
+        f"{request['name']} is too long: it has more than {limit} frames{duration}",
+        field=request["name"],
+        limit=f"{limit} frames (FASTSPLAT_CAPTURE__MAX_VIDEO_FRAMES_READ)",
+        hint="Cut it to the walk around the scene, or export it at a lower frame rate.",
+    )
 
 
 def _unreadable(request: dict[str, Any]) -> InvalidInputError:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from fastsplat.service.capture.images import load_rgb  # not `service.capture.load_image`, whose module loads COLMAP too
+from fastsplat.service.capture.image_io import (
+    load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
+)
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.dictionary import UNDETECTED

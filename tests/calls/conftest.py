@@ -11,7 +11,7 @@ import pytest
 from fastsplat.service.calls.service import SceneService, open_service
 from fastsplat.service.calls.types import SceneInfo, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.errors import CorruptImageError
@@ -27,7 +27,7 @@ LABELS = ("mug", "banana")
 ENCODER = "minilm_l6_int8"
 
 
-def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
+def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
     """Stands for the capture room: refuses what is called bad, unpacks what is called zip."""
     names = [path.name for path in folder.rglob("*") if path.is_file()]
     if "bad.jpg" in names:
@@ -36,8 +36,8 @@ def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
     if "all.zip" in names:
         (folder.parent / "unpacked").mkdir()
         (folder.parent / "unpacked" / "a.jpg").write_bytes(b"picture")
-        return AdmittedUpload(folder.parent / "unpacked", "images", 1)
-    return AdmittedUpload(folder, "images", len(names))
+        return ValidatedUpload(folder.parent / "unpacked", "images", 1)
+    return ValidatedUpload(folder, "images", len(names))
 
 
 @pytest.fixture

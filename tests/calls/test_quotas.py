@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.calls.service import SceneService, open_service
 from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.errors import QuotaError
 from fastsplat.service.limits import QuotaSettings
 from fastsplat.service.settings import Settings
@@ -22,8 +22,8 @@ from fastsplat.service.settings import Settings
 def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneService]]:
     services: list[SceneService] = []
 
-    def admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
-        return AdmittedUpload(folder, "images", 2)
+    def admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+        return ValidatedUpload(folder, "images", 2)
 
     def open_with(**quotas: Any) -> SceneService:
         services.append(open_service(settings(quotas), admit))

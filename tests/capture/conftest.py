@@ -41,17 +41,17 @@ def upload(tmp_path: Path) -> Upload:
 
 @pytest.fixture
 def refused(tmp_path: Path) -> Refused:
-    """A block that must raise `kind`, mention every one of `said`, offer help, and leave the disk as it was."""
+    """A block that must raise `kind`, mention all of `texts`, give a hint, and leave the disk as it was."""
 
     @contextmanager
-    def check(kind: type[FastSplatError], *said: str) -> Iterator[None]:
+    def check(kind: type[FastSplatError], *texts: str) -> Iterator[None]:
         before = sorted(tmp_path.rglob("*"))
         with pytest.raises(kind) as caught:
             yield
         error = caught.value
         text = " ".join([error.message, error.field, error.limit])
         assert type(error) is kind
-        for part in said:
+        for part in texts:
             assert part in text
         assert error.hint
         assert sorted(tmp_path.rglob("*")) == before

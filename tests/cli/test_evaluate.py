@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.calls.service import open_service
 from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.scene import write_scene
 from fastsplat.service.settings import Settings, load_settings
@@ -87,7 +87,7 @@ def test_a_scene_of_the_data_folder_is_found_by_its_id_once_it_is_ready(run, tmp
 def _posted(data_dir: Path) -> tuple[str, str]:
     """Scene and operation id of an upload that nobody has looked at."""
     settings = Settings(data_dir=data_dir)
-    with open_service(settings, lambda folder, limits: AdmittedUpload(folder, "images", 1)) as service:
+    with open_service(settings, lambda folder, limits: ValidatedUpload(folder, "images", 1)) as service:
         with service.new_upload() as upload:
             upload.write("a.jpg", [b"picture"])
             operation = upload.commit("a place", "", SceneOptions())

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 
 SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
@@ -131,7 +131,7 @@ def test_neighbours_overlap(poses: NDArray[np.float64]) -> None:
 def test_the_whole_folder_is_a_capture_with_poses_and_labels(tmp_path: Path) -> None:
     """Uploaded as it is, it needs neither structure from motion nor a detector."""
     shutil.copytree(SAMPLE, tmp_path / "upload")
-    admitted = admit_upload(tmp_path / "upload", CaptureSettings())
+    admitted = validate_upload(tmp_path / "upload", CaptureSettings())
     assert admitted.source == "nerfstudio"
     assert admitted.has_labels
     assert not admitted.warnings

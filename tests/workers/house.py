@@ -25,7 +25,7 @@ from sqlalchemy import create_engine
 from fastsplat.service.calls.service import SceneService, open_service
 from fastsplat.service.calls.types import Operation, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import AdmittedUpload
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.engine import resolve_url
@@ -260,8 +260,8 @@ def kill(*processes: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _admit(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
-    return AdmittedUpload(folder, "images", sum(1 for path in folder.rglob("*") if path.is_file()))
+def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+    return ValidatedUpload(folder, "images", sum(1 for path in folder.rglob("*") if path.is_file()))
 
 
 def _answers(url: str) -> bool:

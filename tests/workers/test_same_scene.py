@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.camera import PosedCamera
@@ -60,7 +60,7 @@ def _training_views(folder: Path, target: Path) -> Path:
 
 
 def _by_worker(upload: Path, work: Path, settings: Settings) -> Path:
-    admitted = admit_upload(upload, CaptureSettings())
+    admitted = validate_upload(upload, CaptureSettings())
     job = Job("operation", 1, admitted.folder, work, SceneOptions(), settings)
     for stage in STAGES:
         result = start_stage(job, stage)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.documents import read_json
-from fastsplat.service.capture.images import load_stored
+from fastsplat.service.capture.bounded_json import read_json
+from fastsplat.service.capture.image_io import load_stored
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.evaluation.datasets.types import Kind

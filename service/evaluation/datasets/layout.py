@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fastsplat.service.capture.colmap_model import inside
-from fastsplat.service.capture.contents import Contents, classify
-from fastsplat.service.capture.documents import read_json
-from fastsplat.service.capture.given import GivenPhoto, GivenPoses
-from fastsplat.service.capture.labels import LabelTable
+from fastsplat.service.capture.bounded_json import read_json
+from fastsplat.service.capture.label_maps import LabelTable, match_label_maps, read_label_table
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.upload import ImageSizes, match_labels, read_labels, read_poses
+from fastsplat.service.capture.transforms import name_keys
+from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
+from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
@@ -40,8 +40,8 @@ class Layout:
     """
 
     root: Path
-    contents: Contents
-    poses: GivenPoses
+    contents: UploadContents
+    poses: PosedDataset
     labels: LabelTable | None = None
     label_maps: Mapping[str, str] = field(default_factory=dict)
     binary: bool = False
@@ -55,27 +55,28 @@ def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layou
     """Raises as `read_dataset`."""
     if not root.is_dir():
         raise NotFoundError(f"there is no folder {root}", field="data set", hint="Name a data set's folder.")
-    contents = classify(root)
+    contents = detect_kind(root)
     if not contents.poses:
         raise InvalidInputError(
             f"{root.name} has no poses",
             field="data set",
             hint="A data set needs a transforms.json or a COLMAP model beside its images.",
         )
-    poses = read_poses(root, contents, ImageSizes(root, contents.images, settings), settings)
+    poses = read_posed_dataset(root, contents, ImageSizes(root, contents.images, settings), settings)
     document = read_json(root / contents.poses, contents.poses, settings) if contents.source == "nerfstudio" else {}
-    table, maps = poses.labels, {p.path: p.label_map for p in poses.photos if p.label_map is not None}
-    masks = {photo.path: photo.mask for photo in poses.photos if photo.mask is not None}
+    table, maps = poses.labels, {p.path: p.label_map for p in poses.images if p.label_map is not None}
+    masks = {photo.path: photo.mask for photo in poses.images if photo.mask is not None}
     if table is None and contents.labels and not mask_label:
-        maps = match_labels(contents, [photo.path for photo in poses.photos])
-        table = read_labels(root, contents.labels, settings) if maps else None
+        missing = [image.path for image in poses.missing]
+        maps = match_label_maps(contents.label_maps, [photo.path for photo in poses.images], missing)
+        table = read_label_table(root, contents.labels, settings) if maps else None
     if mask_label:
         if table is not None:
             raise InvalidInputError(
                 f"{root.name} names its labels itself", field="mask_label", hint="Leave the mask label out."
             )
         table = LabelTable((mask_label,), (1,))
-        maps, masks = masks or _masks_beside(root, poses.photos), {}
+        maps, masks = masks or _masks_beside(root, poses.images), {}
         if not maps:
             raise InvalidInputError(
                 f"{root.name} has no masks to call {mask_label!r}",
@@ -90,38 +91,38 @@ def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layou
         label_maps=maps if table is not None else {},
         binary=bool(mask_label),
         masks=masks,
-        depths=_depths(root, contents.poses, document, poses.photos),
+        depths=_depths(root, contents.poses, document, poses.images),
         depth_unit=_depth_unit(document, contents.poses),
-        listed_train=_listed_train(document, contents.poses, poses.photos),
+        listed_train=_listed_train(document, contents.poses, poses),
     )
 
 
-def frames_by_path(document: Any, name: str, photos: tuple[GivenPhoto, ...]) -> dict[str, Mapping[str, Any]]:
+def frames_by_path(document: Any, name: str, photos: tuple[PosedImage, ...]) -> dict[str, Mapping[str, Any]]:
     """A transforms.json's frames by their image's path relative to the folder."""
     stems = {PurePosixPath(photo.path).with_suffix("").as_posix(): photo.path for photo in photos}
     paths = {photo.path for photo in photos}
-    found = {}
+    by_path = {}
     for frame in document.get("frames", []):
         key = _normal(PurePosixPath(name).parent / frame["file_path"])
         path = key if key in paths else stems.get(key)
         if path is not None:
-            found[path] = frame
-    return found
+            by_path[path] = frame
+    return by_path
 
 
-def _masks_beside(root: Path, photos: tuple[GivenPhoto, ...]) -> dict[str, str]:
+def _masks_beside(root: Path, photos: tuple[PosedImage, ...]) -> dict[str, str]:
     """`masks/<name>.png` or COLMAP's own `masks/<name>.jpg.png`."""
-    found = {}
+    by_path = {}
     for photo in photos:
         named = PurePosixPath("masks") / photo.name
         for candidate in (named.with_suffix(".png"), PurePosixPath(f"{named}.png")):
             if (root / candidate).is_file():
-                found[photo.path] = inside(root, ".", candidate.as_posix(), photo.name)
-    return found
+                by_path[photo.path] = resolve_file(root, ".", candidate.as_posix(), photo.name)
+    return by_path
 
 
-def _depths(root: Path, name: str, document: Any, photos: tuple[GivenPhoto, ...]) -> dict[str, str]:
-    found = {}
+def _depths(root: Path, name: str, document: Any, photos: tuple[PosedImage, ...]) -> dict[str, str]:
+    by_path = {}
     for path, frame in frames_by_path(document, name, photos).items():
         stated = frame.get("depth_path", frame.get("depth_file_path"))
         if stated is None:
@@ -129,8 +130,8 @@ def _depths(root: Path, name: str, document: Any, photos: tuple[GivenPhoto, ...]
         where = f"{name}: {path}"
         if not isinstance(stated, str):
             raise InvalidInputError(f"{where}: the depth path is no text", field=where, hint="Name a file.")
-        found[path] = inside(root, PurePosixPath(name).parent.as_posix(), stated, where)
-    return found
+        by_path[path] = resolve_file(root, PurePosixPath(name).parent.as_posix(), stated, where)
+    return by_path
 
 
 def _depth_unit(document: Any, name: str) -> float:
@@ -150,24 +151,26 @@ def _depth_unit(document: Any, name: str) -> float:
     return unit
 
 
-def _listed_train(document: Any, name: str, photos: tuple[GivenPhoto, ...]) -> frozenset[str] | None:
+def _listed_train(document: Any, name: str, poses: PosedDataset) -> frozenset[str] | None:
     split = document.get("split")
     listed = split.get("train") if isinstance(split, dict) else document.get("train_filenames")
     if listed is None:
         return None
-    by_key = {k: p.name for p in photos for k in (p.name, PurePosixPath(p.name).name, PurePosixPath(p.name).stem)}
+    by_key = {key: image.name for image in poses.images for key in name_keys(image.name)}
+    missing = {key for image in poses.missing for key in name_keys(image.name)}
     if not isinstance(listed, list) or not all(isinstance(item, str) for item in listed):
         raise InvalidInputError(
             f"{name}: the training split is no list of names", field=name, hint="Give a list of file names."
         )
-    unknown = [item for item in listed if item.removeprefix("./") not in by_key]
+    keys = [item.removeprefix("./") for item in listed]
+    unknown = [key for key in keys if key not in by_key and key not in missing]
     if unknown:
         raise InvalidInputError(
             f"{name}: the training split names {unknown[0][:80]!r}, which no frame shows",
             field=name,
             hint="Name frames by their file_path.",
         )
-    return frozenset(by_key[item.removeprefix("./")] for item in listed)
+    return frozenset(by_key[key] for key in keys if key in by_key)
 
 
 def _normal(path: PurePosixPath) -> str:

@@ -8,11 +8,12 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.given import GivenPhoto, fits, wrong_aspect
-from fastsplat.service.capture.images import check_image, load_upright
-from fastsplat.service.capture.labels import check_label_map
+from fastsplat.service.capture.camera_model import aspect_error
+from fastsplat.service.capture.image_io import check_image, load_upright
+from fastsplat.service.capture.label_maps import check_label_map
+from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.views import Placement, load_upright_map, placement, reduce, reduce_ids
+from fastsplat.service.capture.view_writer import ViewGeometry, load_upright_map, reduce, reduce_ids, view_geometry
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.common.errors import InvalidInputError
@@ -52,14 +53,14 @@ def read_dataset(
         )
     layout = read_layout(folder, mask_label, settings)
     annotations = None if mask_label else find_annotations(folder, settings)
-    names = [photo.name for photo in layout.poses.photos]
+    names = [photo.name for photo in layout.poses.images]
     if annotations is not None:
         return _annotated(layout, annotations, names, settings)
-    chosen = set(layout.poses.test_names or names[::test_every])
-    photos = {photo.name: photo for photo in layout.poses.photos}
+    test_names = set(layout.poses.test_names or names[::test_every])
+    photos = {photo.name: photo for photo in layout.poses.images}
     dictionary = layout.labels.dictionary() if layout.labels is not None else Dictionary(())
-    test = tuple(_true_view(layout, photos[name], settings) for name in names if name in chosen)
-    train = _train_names(layout, names, chosen)
+    test = tuple(_true_view(layout, photos[name], settings) for name in names if name in test_names)
+    train = _train_names(layout, names, test_names)
     return Dataset(
         folder=folder,
         kind="nerfstudio" if layout.contents.source == "nerfstudio" else "colmap",
@@ -73,8 +74,8 @@ def read_dataset(
 
 
 def _annotated(layout: Layout, annotations: Annotations, names: list[str], settings: CaptureSettings) -> Dataset:
-    by_stem: dict[str, GivenPhoto] = {}
-    for photo in layout.poses.photos:
+    by_stem: dict[str, PosedImage] = {}
+    for photo in layout.poses.images:
         stem = PurePosixPath(photo.name).stem
         if stem in by_stem and stem in annotations.frames:
             raise InvalidInputError(
@@ -89,7 +90,7 @@ def _annotated(layout: Layout, annotations: Annotations, names: list[str], setti
         else:
             unposed.append(stem)
             test.append(TrueView(stem, None, queries=tuple(_unplaced(annotation) for annotation in frame)))
-    chosen = {view.name for view in test} | set(layout.poses.test_names)
+    test_names = {view.name for view in test} | set(layout.poses.test_names)
     notes = tuple(
         f"{stem} is annotated, but has no pose: its answers are missing and count as zero." for stem in unposed
     )
@@ -97,7 +98,7 @@ def _annotated(layout: Layout, annotations: Annotations, names: list[str], setti
         folder=layout.root,
         kind=annotations.kind,
         dictionary=dictionary_of(annotations.texts),
-        train=_train_names(layout, names, chosen),
+        train=_train_names(layout, names, test_names),
         test=tuple(sorted(test, key=lambda view: view.name)),
         notes=notes,
     )
@@ -109,35 +110,36 @@ def _train_names(layout: Layout, names: list[str], test: set[str]) -> tuple[str,
     return tuple(name for name in names if name in layout.listed_train)
 
 
-def _true_view(layout: Layout, given: GivenPhoto, settings: CaptureSettings) -> TrueView:
+def _true_view(layout: Layout, posed_image: PosedImage, settings: CaptureSettings) -> TrueView:
     root = layout.root
-    photo = check_image(root, given.path, settings)
-    if not fits(given.lens, *photo.upright_size) and not fits(given.lens, photo.width, photo.height):
-        raise wrong_aspect(given.path, given.lens, photo.width, photo.height)
-    placed = placement(given, photo, settings)
-    way, (width, height) = placed.way, placed.size
+    photo = check_image(root, posed_image.path, settings)
+    camera_model = posed_image.camera_model
+    if not camera_model.fits(*photo.upright_size) and not camera_model.fits(photo.width, photo.height):
+        raise aspect_error(posed_image.path, camera_model, photo.width, photo.height)
+    placed = view_geometry(posed_image, photo, settings)
+    way, (width, height) = placed.undistortion, placed.size
 
     def upright(name: str) -> NDArray[np.uint16]:
         return way.apply_to_ids(load_upright_map(root, name, photo, placed.size, settings))
 
     valid = way.valid(width, height)
-    if given.path in layout.masks:
-        counted = upright(layout.masks[given.path]) > 0
+    if posed_image.path in layout.masks:
+        counted = upright(layout.masks[posed_image.path]) > 0
         valid = counted if valid is None else valid & counted
     labels = depth = None
-    if given.path in layout.label_maps and layout.labels is not None:
-        name = layout.label_maps[given.path]
+    if posed_image.path in layout.label_maps and layout.labels is not None:
+        name = layout.label_maps[posed_image.path]
         if layout.binary:
             labels = (upright(name) > 0).astype(np.int32)
         else:
             sizes = {photo.upright_size, (photo.width, photo.height)}
             check_label_map(root, name, layout.labels, sizes, settings)
             labels = layout.labels.translate(upright(name)).astype(np.int32)
-    if given.path in layout.depths:
-        depth = (upright(layout.depths[given.path]) * layout.depth_unit).astype(np.float32)
+    if posed_image.path in layout.depths:
+        depth = (upright(layout.depths[posed_image.path]) * layout.depth_unit).astype(np.float32)
     return TrueView(
-        name=given.name,
-        posed=PosedCamera(way.camera, placed.world_from_camera, given.name),
+        name=posed_image.name,
+        posed=PosedCamera(way.camera, placed.world_from_camera, posed_image.name),
         rgb=way.apply(reduce(load_upright(root, photo, settings), placed.size)),
         valid=valid,
         labels=labels,
@@ -146,21 +148,22 @@ def _true_view(layout: Layout, given: GivenPhoto, settings: CaptureSettings) -> 
 
 
 def _with_queries(
-    layout: Layout, given: GivenPhoto, frame: tuple[Annotation, ...], settings: CaptureSettings
+    layout: Layout, posed_image: PosedImage, frame: tuple[Annotation, ...], settings: CaptureSettings
 ) -> TrueView:
-    view = _true_view(layout, given, settings)
-    photo = check_image(layout.root, given.path, settings)
-    placed = placement(given, photo, settings)
+    view = _true_view(layout, posed_image, settings)
+    photo = check_image(layout.root, posed_image.path, settings)
+    placed = view_geometry(posed_image, photo, settings)
     for annotation in frame:
         for mask in annotation.instances:
-            _check_aspect(mask, photo.upright_size, f"{given.name}: {annotation.text}")
+            _check_aspect(mask, photo.upright_size, f"{posed_image.name}: {annotation.text}")
     return replace(view, queries=tuple(filter(None, (_placed(annotation, placed) for annotation in frame))))
 
 
-def _placed(annotation: Annotation, placed: Placement) -> QueryTruth | None:
+def _placed(annotation: Annotation, placed: ViewGeometry) -> QueryTruth | None:
     """The text's truth in the view's pixels, or None where it is not seen."""
     masks = [
-        placed.way.apply_to_ids(reduce_ids(mask.astype(np.uint16), placed.size)) > 0 for mask in annotation.instances
+        placed.undistortion.apply_to_ids(reduce_ids(mask.astype(np.uint16), placed.size)) > 0
+        for mask in annotation.instances
     ]
     boxes = tuple(box for box in map(box_of, masks) if box is not None)
     return QueryTruth(annotation.text, np.logical_or.reduce(masks), boxes) if boxes else None

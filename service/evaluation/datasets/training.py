@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fastsplat.service.capture.contents import common_folder
-from fastsplat.service.capture.documents import read_json
-from fastsplat.service.capture.images import open_map
+from fastsplat.service.capture.bounded_json import read_json
+from fastsplat.service.capture.image_io import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset
@@ -43,7 +43,9 @@ def training_capture(dataset: Dataset, work: Path, settings: CaptureSettings, pr
     staged = work / "upload"
     staged.mkdir(parents=True)
     _stage(layout, dataset, staged, settings)
-    return subset(capture_folder(staged, work / "capture", settings, progress), dataset.train)
+    capture = capture_folder(staged, work / "capture", settings, progress)
+    names = {view.posed.name for view in capture.views}  # images that are masked entirely are no views
+    return subset(capture, tuple(name for name in dataset.train if name in names))
 
 
 def subset(capture: Capture, names: tuple[str, ...]) -> Capture:
@@ -56,15 +58,15 @@ def subset(capture: Capture, names: tuple[str, ...]) -> Capture:
     if missing:
         raise InvalidInputError(f"the capture has no view {missing[0]}", field="names")
     rows = [index for index, view in enumerate(capture.views) if view.posed.name in set(names)]
-    given = capture.given_labels
-    if given is not None:
-        given = replace(given, map_paths=tuple(given.map_paths[row] for row in rows))
-        given = given if any(given.map_paths) else None
-    return replace(capture, views=tuple(capture.views[row] for row in rows), given_labels=given, test_names=())
+    labels = capture.given_labels
+    if labels is not None:
+        labels = replace(labels, map_paths=tuple(labels.map_paths[row] for row in rows))
+        labels = labels if any(labels.map_paths) else None
+    return replace(capture, views=tuple(capture.views[row] for row in rows), given_labels=labels, test_names=())
 
 
 def _stage(layout: Layout, dataset: Dataset, target: Path, settings: CaptureSettings) -> None:
-    photos = layout.poses.photos
+    photos = layout.poses.images
     if layout.contents.source == "nerfstudio":
         photos = tuple(photo for photo in photos if photo.name in set(dataset.train))
     for photo in photos:
@@ -74,8 +76,8 @@ def _stage(layout: Layout, dataset: Dataset, target: Path, settings: CaptureSett
                 _place(layout.root, extra, target)
     binary = {}
     if dataset.mask_label:
-        kept = [photo for photo in photos if photo.name in set(dataset.train) and photo.path in layout.label_maps]
-        binary = {photo.path: _binary(layout, photo.path, target, settings) for photo in kept}
+        selected = [photo for photo in photos if photo.name in set(dataset.train) and photo.path in layout.label_maps]
+        binary = {photo.path: _binary(layout, photo.path, target, settings) for photo in selected}
     if layout.contents.source == "colmap":
         _stage_colmap(layout, dataset, target, binary)
     else:
@@ -91,7 +93,7 @@ def _stage_colmap(layout: Layout, dataset: Dataset, target: Path, binary: dict[s
     if dataset.mask_label:
         (target / "labels").mkdir()
         (target / "labels" / "labels.json").write_text(json.dumps({dataset.mask_label: 1}))
-        common = common_folder(photo.path for photo in layout.poses.photos)
+        common = common_folder(photo.path for photo in layout.poses.images)
         for path, mask in binary.items():
             home = target / "labels" / Path(path).relative_to(common).with_suffix(".png")
             home.parent.mkdir(parents=True, exist_ok=True)
@@ -106,11 +108,11 @@ def _stage_transforms(
     name = layout.contents.poses
     document = read_json(layout.root / name, name, settings)
     home = Path(name).parent
-    kept = set(dataset.train)
-    by_path = frames_by_path(document, name, layout.poses.photos)
+    selected = set(dataset.train)
+    by_path = frames_by_path(document, name, layout.poses.images)
     frames = []
-    for photo in layout.poses.photos:
-        if photo.name not in kept:
+    for photo in layout.poses.images:
+        if photo.name not in selected:
             continue
         frame = dict(by_path[photo.path])
         if dataset.mask_label:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import admit_upload, build_capture, load_capture, load_image
+from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.capture.ply_points import read_points
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 from fastsplat.service.common.progress import silent
 
 _SIZE = (64, 48)
@@ -47,7 +47,7 @@ def send(upload, photo) -> Callable[..., Path]:
 
 
 def _build(folder: Path, settings) -> Any:
-    admit_upload(folder, settings)
+    validate_upload(folder, settings)
     return build_capture(folder, folder.parent / "out", settings, silent)
 
 
@@ -75,11 +75,11 @@ def test_axes(send, settings) -> None:
 def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_path: Path) -> None:
     """Its points were triangulated, its depth maps rendered: both agree only if every convention does."""
     document = json.loads((test_data / "tabletop" / "transforms.json").read_text())
-    chosen = document["frames"][::8]
+    frames = document["frames"][::8]
     document["split"] = {"test": ["016"]}
-    document["frames"] = chosen
+    document["frames"] = frames
     folder = tmp_path / "place" / "upload"
-    for file in ["points3d.ply", *(frame[key] for frame in chosen for key in ("file_path", "mask_path"))]:
+    for file in ["points3d.ply", *(frame[key] for frame in frames for key in ("file_path", "mask_path"))]:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes((test_data / "tabletop" / file).read_bytes())
     (folder / "transforms.json").write_text(json.dumps(document))
@@ -87,8 +87,8 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
     assert capture.scale == "METRIC"
     assert capture.test_names == ("images/016.jpg",)
     assert len(capture.points) == 4955
-    agreeing = seen = 0
-    for view, frame in zip(capture.views, chosen, strict=True):
+    agreeing = visible = 0
+    for view, frame in zip(capture.views, frames, strict=True):
         camera = view.posed.camera
         with Image.open(test_data / "tabletop" / frame["depth_path"]) as image:
             depth = np.asarray(image).astype(float) * 1e-4
@@ -98,12 +98,12 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
         v = np.floor(camera.fy * front[:, 1] / front[:, 2] + camera.cy).astype(int)
         inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
         near = np.abs(depth[v[inside], u[inside]] - front[inside, 2]) < 0.02 * front[inside, 2]
-        agreeing, seen = agreeing + near.sum(), seen + len(near)
-    assert agreeing > 0.7 * seen > 5_000
-    given = capture.given_labels
-    assert given is not None and given.dictionary.label_of(13) == "mug"
-    with Image.open(test_data / "tabletop" / chosen[2]["mask_path"]) as image:
-        np.testing.assert_array_equal(np.asarray(Image.open(given.map_paths[2])), np.asarray(image))
+        agreeing, visible = agreeing + near.sum(), visible + len(near)
+    assert agreeing > 0.7 * visible > 5_000
+    labels = capture.given_labels
+    assert labels is not None and labels.dictionary.label_of(13) == "mug"
+    with Image.open(test_data / "tabletop" / frames[2]["mask_path"]) as image:
+        np.testing.assert_array_equal(np.asarray(Image.open(labels.map_paths[2])), np.asarray(image))
 
 
 def test_intrinsics_forms(send, settings) -> None:
@@ -141,7 +141,7 @@ def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
             np.testing.assert_array_equal(load_image(view), np.asarray(image.convert("RGB")))
 
 
-def test_turned_phone_photo_with_given_poses(upload, photo, settings) -> None:
+def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
     """Poses are for stored pixels: the view is upright, and a ray still ends on the same colour."""
     exif = Image.Exif()
     exif[0x0112] = 6
@@ -191,6 +191,97 @@ def test_masks_without_labels_are_ignored_pixels(send, settings) -> None:
     assert "mask" in capture.report.warnings[0]
 
 
+def test_frames_without_their_image_are_skipped(send, settings) -> None:
+    """As public data sets have them; a split and label maps may speak of them too."""
+    document = _document(split={"test": ["1", "lost/8.jpg"]})
+    document["frames"] += [{"file_path": f"lost/{name}", "transform_matrix": "none"} for name in ("8.jpg", "9")]
+    ids = _png(np.ones((48, 64), np.uint8))
+    labels = {"labels.json": b'["mug"]', "labels/images/0.png": ids, "labels/lost/8.png": ids}
+    folder = send(document, **labels)
+    warning = "2 of 5 frames of transforms.json are skipped, as their images are missing: lost/8.jpg, lost/9."
+    assert validate_upload(folder, settings).warnings == (warning,)
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    assert [view.posed.name for view in capture.views] == [f"images/{i}.jpg" for i in range(3)]
+    assert capture.report.warnings == (warning,) and capture.test_names == ("images/1.jpg",)
+    assert capture.given_labels is not None and [path is not None for path in capture.given_labels.map_paths] == [
+        1,
+        0,
+        0,
+    ]
+
+
+def test_a_long_list_of_missing_images_is_cut(send, settings) -> None:
+    document = _document()
+    document["frames"] += [{"file_path": f"{i:03d}{'x' * 300}.jpg", "transform_matrix": _pose()} for i in range(100)]
+    folder = send(document)
+    (warning,) = validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.02})).warnings
+    assert "100 of 103" in warning and "004" in warning and "005" not in warning and "and 95 more" in warning
+    assert len(warning) < 600
+
+
+@pytest.mark.parametrize(
+    ("missing", "share", "usable"), [(3, 0.5, True), (4, 0.5, False), (4, 0.4, True), (1, 1, False)]
+)
+def test_too_few_images_present(missing: int, share: float, usable: bool, send, settings, refused) -> None:
+    document = _document()
+    document["frames"] += [{"file_path": f"{i}.jpg", "transform_matrix": _pose()} for i in range(missing)]
+    folder, limited = send(document), settings.model_copy(update={"min_frames_present": share})
+    if usable:
+        assert validate_upload(folder, limited).images == 3
+    else:
+        with refused(InvalidInputError, f"{missing} of {3 + missing} frames", "0.jpg", "MIN_FRAMES_PRESENT"):
+            validate_upload(folder, limited)
+
+
+def test_no_image_present(send, settings, refused) -> None:
+    folder = send(_document(frames=[{"file_path": "lost.jpg", "transform_matrix": _pose()}]))
+    with refused(InvalidInputError, "1 of 1", "lost.jpg"):
+        validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.0}))
+
+
+def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
+    document = _document()
+    for frame in document["frames"]:
+        frame["file_path"] = f"../{frame['file_path']}"
+    files = {f"images/{i}.jpg": photo(i, _SIZE) for i in range(3)}
+    folder = upload({**files, "poses/transforms.json": json.dumps(document).encode(), "poses/points3d.ply": _POINTS})
+    assert [view.posed.name for view in _build(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
+
+
+def test_images_that_are_masked_entirely_are_left_out(send, settings) -> None:
+    """They teach nothing, and nothing can be measured on them."""
+    masks = {f"m{i}.png": _png(np.full((48, 64), 255 * (i != 1), np.uint8)) for i in range(3)}
+    document = _document(split={"test": ["1", "2"]})
+    for i, frame in enumerate(document["frames"]):
+        frame["mask_path"] = f"m{i}.png"
+    capture = _build(send(document, **masks), settings)
+    assert [view.posed.name for view in capture.views] == ["images/0.jpg", "images/2.jpg"]
+    assert capture.test_names == ("images/2.jpg",)
+    assert any("1 of 3 images" in warning and "images/1.jpg" in warning for warning in capture.report.warnings)
+    assert all(path.stem != "00001" for path in capture.views[0].image_path.parent.parent.rglob("*"))
+
+
+def test_masks_that_leave_nothing_are_refused(send, settings, refused) -> None:
+    document = _document()
+    for frame in document["frames"]:
+        frame["mask_path"] = "m.png"
+    folder = send(document, **{"m.png": _png(np.zeros((48, 64), np.uint8))})
+    with refused(InvalidInputError, "masks", "0 everywhere"):
+        validate_upload(folder, settings)
+
+
+def test_masks_of_which_nothing_is_left_in_smaller_images(send, settings, refused) -> None:
+    mask = np.zeros((48, 64), np.uint8)
+    mask[0, 0] = 255
+    document = _document()
+    for frame in document["frames"]:
+        frame["mask_path"] = "m.png"
+    folder, small = send(document, **{"m.png": _png(mask)}), settings.model_copy(update={"max_side": 16})
+    validate_upload(folder, small)
+    with refused(ReconstructionError, "mask"):
+        build_capture(folder, folder.parent / "out", small, silent)
+
+
 def _pose(**cells: float) -> list[list[float]]:
     pose = np.eye(4)
     for cell, value in cells.items():
@@ -204,12 +295,12 @@ def _pose(**cells: float) -> list[list[float]]:
      _pose(m00=-1.0), _pose(m30=1.0), [[1, 0, 0, "0"]] * 4, [[True, 0, 0, 0]] * 4, np.zeros((4, 4)).tolist()],
     ids=str,
 )  # fmt: skip
-def test_no_pose(pose: Any, send, settings, refused) -> None:
+def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
     document = _document()
     document["frames"][1]["transform_matrix"] = pose
     folder = send(document)
     with refused(InvalidInputError, "transforms.json", "images/1.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize(
@@ -236,22 +327,24 @@ def test_no_pose(pose: Any, send, settings, refused) -> None:
         (_document(frames=[{"file_path": "images/9.jpg", "transform_matrix": _pose()}]), "images/9.jpg"),
         (_document(frames=[{"file_path": "../../../../etc/passwd", "transform_matrix": _pose()}]), "passwd"),
         (_document(frames=[{"file_path": "images/0.jpg", "transform_matrix": _pose()}] * 2), "same file"),
+        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "xxx"),
+        (_document(frames=[{"file_path": "transforms.json", "transform_matrix": _pose()}]), "not an image"),
         (_document(split={"test": ["7"]}), "'7'"),
         (_document(ply_file_path="lost.ply"), "lost.ply"),
         (_document(labels={"mug": 0.5}), "mug"),
     ],
     ids=lambda value: str(value)[:50],
 )
-def test_document_that_is_none(document: Any, said: str, send, settings, refused) -> None:
+def test_invalid_documents_are_refused(document: Any, said: str, send, settings, refused) -> None:
     folder = send(document)
     with refused(InvalidInputError, said):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_document_that_is_too_large(send, settings, refused) -> None:
     folder = send(_document())
     with refused(LimitExceededError, "transforms.json", "MAX_JSON_BYTES"):
-        admit_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
+        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
 
 
 def _ply(
@@ -295,7 +388,7 @@ def test_ply_forms_say_the_same(tmp_path: Path, settings) -> None:
         (b"", InvalidInputError),
     ],
 )
-def test_ply_that_is_none(content: bytes, kind: type[FastSplatError], send, settings, refused) -> None:
+def test_invalid_ply_files_are_refused(content: bytes, kind: type[FastSplatError], send, settings, refused) -> None:
     folder = send(_document(), **{"points3d.ply": content})
     with refused(kind, "points3d.ply"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from fastsplat.service.capture import admit_upload
-from fastsplat.service.capture.images import check_image, load_upright, open_map
+from fastsplat.service.capture import validate_upload
+from fastsplat.service.capture.image_io import check_image, load_upright, open_map
 from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_orientation_is_obeyed(orientation: int, tmp_path: Path, settings, photo) -> None:
+def test_orientation_is_applied(orientation: int, tmp_path: Path, settings, photo) -> None:
     exif = Image.Exif()
     exif[0x0112] = orientation
     (tmp_path / "a.png").write_bytes(photo(3, (40, 24), "PNG", exif=exif))
@@ -38,14 +38,14 @@ def _saved(array: np.ndarray, path: Path, mode: str | None = None) -> Path:
 
 
 def test_every_mode_becomes_rgb(tmp_path: Path, settings) -> None:
-    grey = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    color = np.stack([grey, grey[::-1], grey.T], axis=-1)
+    gray = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    color = np.stack([gray, gray[::-1], gray.T], axis=-1)
     expected = {
-        "grey.png": (_saved(grey, tmp_path / "grey.png"), np.repeat(grey[..., None], 3, 2)),
-        "deep.png": (_saved(grey.astype(np.uint16) << 8 | 77, tmp_path / "deep.png"), np.repeat(grey[..., None], 3, 2)),
+        "gray.png": (_saved(gray, tmp_path / "gray.png"), np.repeat(gray[..., None], 3, 2)),
+        "deep.png": (_saved(gray.astype(np.uint16) << 8 | 77, tmp_path / "deep.png"), np.repeat(gray[..., None], 3, 2)),
         "rgb.bmp": (_saved(color, tmp_path / "rgb.bmp"), color),
         "rgb.tif": (_saved(color, tmp_path / "rgb.tif"), color),
-        "one.png": (_saved(grey, tmp_path / "one.png", "1"), None),
+        "one.png": (_saved(gray, tmp_path / "one.png", "1"), None),
         "palette.png": (_saved(color, tmp_path / "palette.png", "P"), None),
         "cmyk.jpg": (_saved(color, tmp_path / "cmyk.jpg", "CMYK"), None),
         "rgb.webp": (_saved(color, tmp_path / "rgb.webp"), None),
@@ -68,18 +68,18 @@ def test_transparent_is_black(tmp_path: Path, settings) -> None:
 
 
 @pytest.mark.parametrize("form", ["JPEG", "PNG", "WEBP", "TIFF"])
-def test_cut_short_is_found_wherever_the_cut_is(form: str, upload, settings, refused, photo) -> None:
+def test_a_cut_is_detected_wherever_it_is(form: str, upload, settings, refused, photo) -> None:
     whole = photo(1, (256, 192), form)
     for share in (0.3, 0.6, 0.9):
         folder = upload({"good.jpg": photo(2), "cut.jpg": whole[: int(len(whole) * share)]})
         with refused(CorruptImageError, "cut.jpg"):
-            admit_upload(folder, settings)
+            validate_upload(folder, settings)
 
 
 def test_text_called_jpg(upload, settings, refused, photo) -> None:
     folder = upload({"good.jpg": photo(2), "notes.jpg": b"these are my holiday notes"})
     with refused(CorruptImageError, "notes.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_huge_image_is_refused_by_its_header(upload, settings, refused, photo) -> None:
@@ -87,17 +87,17 @@ def test_huge_image_is_refused_by_its_header(upload, settings, refused, photo) -
     Image.new("1", (30_000, 30_000)).save(stream, "PNG")
     folder = upload({"good.jpg": photo(2), "huge.png": stream.getvalue()})
     with refused(LimitExceededError, "huge.png", "MAX_IMAGE_PIXELS"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_pixel_limit_is_the_setting(upload, settings, refused, photo) -> None:
     folder = upload({"a.jpg": photo(1, (64, 48)), "b.jpg": photo(2, (80, 48))})
-    assert admit_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48})).images == 2
+    assert validate_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48})).images == 2
     with refused(LimitExceededError, "b.jpg", "80×48"):
-        admit_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48 - 1}))
+        validate_upload(folder, settings.model_copy(update={"max_image_pixels": 80 * 48 - 1}))
 
 
-def test_map_with_colours(tmp_path: Path, settings, photo) -> None:
+def test_map_with_colors(tmp_path: Path, settings, photo) -> None:
     (tmp_path / "m.png").write_bytes(photo(1, form="PNG"))
     with pytest.raises(InvalidInputError, match=r"m\.png"):
         open_map(tmp_path, "m.png", settings)

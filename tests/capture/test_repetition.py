@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.common.errors import ReconstructionError
 from fastsplat.service.common.progress import silent
 
@@ -22,7 +22,7 @@ def _texture(rng: np.random.Generator) -> np.ndarray:
 
 
 def _walk(folder: Path, *, repeat: bool) -> np.ndarray:
-    """Twelve views along a wall of 12×4 tiles with a ledge before it; returns the true centres [12, 3]."""
+    """Twelve views along a wall of 12×4 tiles with a ledge before it; returns the true centers [12, 3]."""
     rng = np.random.default_rng(0)
     first = _texture(rng)
     wall = np.vstack([np.hstack([first if repeat else _texture(rng) for _ in range(12)]) for _ in range(4)])
@@ -30,25 +30,25 @@ def _walk(folder: Path, *, repeat: bool) -> np.ndarray:
     ledge = np.zeros(wall.shape[:2], np.uint8)
     ledge[int(2.3 * _TILE) :] = 255
     folder.mkdir()
-    centres = []
+    centers = []
     for index in range(12):
         angle = 0.1 * np.sin(1.3 * index)
         turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
-        centre = np.array([2.5 + 0.2 * index, 2 + 0.15 * np.sin(2.1 * index), -2.2 - 0.3 * np.cos(index)])
+        center = np.array([2.5 + 0.2 * index, 2 + 0.15 * np.sin(2.1 * index), -2.2 - 0.3 * np.cos(index)])
         canvas = np.zeros((480, 640, 3), np.uint8)
         for z, texture, extent in ((0.0, wall, np.full_like(ledge, 255)), (-0.6, wall[::-1].copy(), ledge)):
-            columns = [turn[:, 0] / _TILE, turn[:, 1] / _TILE, turn @ (np.array([0, 0, z]) - centre)]
+            columns = [turn[:, 0] / _TILE, turn[:, 1] / _TILE, turn @ (np.array([0, 0, z]) - center)]
             plane = _K @ np.column_stack(columns)
             shown = cv2.warpPerspective(extent, plane, (640, 480)) > 128
             canvas[shown] = cv2.warpPerspective(texture, plane, (640, 480), flags=cv2.INTER_AREA)[shown]
         cv2.imwrite(str(folder / f"{index:02d}.png"), canvas)
-        centres.append(centre)
-    return np.array(centres)
+        centers.append(center)
+    return np.array(centers)
 
 
-def _largest_slip(found: np.ndarray, truth: np.ndarray) -> float:
-    """World units between centres after the best similarity (Umeyama 1991)."""
-    a, b = found - found.mean(0), truth - truth.mean(0)
+def _largest_slip(estimated: np.ndarray, truth: np.ndarray) -> float:
+    """World units between centers after the best similarity (Umeyama 1991)."""
+    a, b = estimated - estimated.mean(0), truth - truth.mean(0)
     u, d, vt = np.linalg.svd(b.T @ a)
     sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
     return float(np.linalg.norm((d * np.diag(sign)).sum() / (a**2).sum() * a @ (u @ sign @ vt).T - b, axis=1).max())
@@ -58,15 +58,15 @@ def _largest_slip(found: np.ndarray, truth: np.ndarray) -> float:
 def test_a_repeating_wall_is_never_wrong_in_silence(repeat: bool, tmp_path: Path, settings) -> None:
     some = settings.model_copy(update={"sfm_features": 4096 if repeat else 1800})
     truth = _walk(tmp_path / "upload", repeat=repeat)
-    admit_upload(tmp_path / "upload", some)
+    validate_upload(tmp_path / "upload", some)
     try:
         capture = build_capture(tmp_path / "upload", tmp_path / "out", some, silent)
     except ReconstructionError:
         assert repeat
         return
-    placed = [int(view.posed.name[:2]) for view in capture.views]
-    found = np.array([view.posed.world_from_camera[:3, 3] for view in capture.views])
-    slip = _largest_slip(found, truth[placed])
+    registered = [int(view.posed.name[:2]) for view in capture.views]
+    centers = np.array([view.posed.world_from_camera[:3, 3] for view in capture.views])
+    slip = _largest_slip(centers, truth[registered])
     assert capture.report.mean_reprojection_error_px < 1  # which says nothing, hence all this
     warned = any("repeat" in warning for warning in capture.report.warnings)
-    assert (slip > 0.5 and warned) if repeat else (slip < 0.02 and not warned and len(placed) == 12)
+    assert (slip > 0.5 and warned) if repeat else (slip < 0.02 and not warned and len(registered) == 12)

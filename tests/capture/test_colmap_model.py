@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from fastsplat.service.capture import admit_upload, build_capture
+from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.colmap_model import read_colmap
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.common.progress import silent
@@ -18,7 +18,7 @@ _SIZE = (64, 48)
 
 
 def _model(folder: Path, names: list[str], *, text: bool, size: tuple[int, int] = _SIZE) -> pycolmap.Reconstruction:
-    """Two lenses, poses around the origin, sixty points with tracks."""
+    """Two cameras, poses around the origin, sixty points with tracks."""
     rng = np.random.default_rng(5)
     model = pycolmap.Reconstruction()
     params = {
@@ -57,16 +57,19 @@ def _upload(upload, photo, *, text: bool, sparse: str = "sparse/0") -> Path:
 @pytest.mark.parametrize("text", [False, True])
 def test_round_trip(text: bool, sparse: str, upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=text, sparse=sparse)
-    assert admit_upload(folder, settings).source == "colmap"
+    assert validate_upload(folder, settings).source == "colmap"
     read = read_colmap(folder, sparse, "images", settings)
     written = _model(folder.parent / "again", _NAMES, text=text)
-    assert [given.name for given in read.photos] == ["a.jpg", "b.jpg", "sub dir/c.jpg"]
-    for given in read.photos:
-        image = written.find_image_with_name(given.name)
+    assert [image.name for image in read.images] == ["a.jpg", "b.jpg", "sub dir/c.jpg"]
+    for posed_image in read.images:
+        image = written.find_image_with_name(posed_image.name)
         expected = image.cam_from_world().inverse().matrix()
-        np.testing.assert_allclose(given.world_from_camera[:3], expected, atol=1e-9)
-        assert (given.lens.model, given.lens.width) == (image.camera.model.name, image.camera.width)
-        np.testing.assert_allclose(given.lens.params, image.camera.params)
+        np.testing.assert_allclose(posed_image.world_from_camera[:3], expected, atol=1e-9)
+        assert (posed_image.camera_model.model, posed_image.camera_model.width) == (
+            image.camera.model.name,
+            image.camera.width,
+        )
+        np.testing.assert_allclose(posed_image.camera_model.params, image.camera.params)
     order = sorted(written.points3D)
     by_position = {tuple(np.float32(p)): tuple(c) for p, c in zip(read.points, read.point_colors, strict=True)}
     assert by_position == {tuple(np.float32(written.points3D[i].xyz)): tuple(written.points3D[i].color) for i in order}
@@ -76,15 +79,15 @@ def test_text_is_binary(tmp_path: Path, upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=False)
     _model(folder / "text", _NAMES, text=True)
     binary, text = (read_colmap(folder, model, "images", settings) for model in ("sparse/0", "text"))
-    for one, other in zip(binary.photos, text.photos, strict=True):
-        assert one.lens == other.lens
+    for one, other in zip(binary.images, text.images, strict=True):
+        assert one.camera_model == other.camera_model
         np.testing.assert_allclose(one.world_from_camera, other.world_from_camera, atol=1e-12)
     np.testing.assert_allclose(np.sort(binary.points, axis=0), np.sort(text.points, axis=0))
 
 
 def test_built_views_are_undistorted_and_keep_the_world(upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=False)
-    admit_upload(folder, settings)
+    validate_upload(folder, settings)
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     assert capture.report.source == "colmap"
     assert capture.scale == "ARBITRARY"
@@ -105,7 +108,7 @@ def test_cut_short(file: str, share: float, upload, photo, settings, refused) ->
     path = folder / "sparse/0" / file
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with refused(InvalidInputError, file):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
@@ -114,7 +117,7 @@ def test_counts_are_claims(file: str, upload, photo, settings, refused) -> None:
     path = folder / "sparse/0" / file
     path.write_bytes(struct.pack("<Q", 10**12) + path.read_bytes()[8:])
     with refused(InvalidInputError, file):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def _edit(path: Path, old: str, new: str) -> None:
@@ -141,22 +144,22 @@ def test_nonsense_is_named(file: str, old: str, new: str, said: str, upload, pho
     folder = _upload(upload, photo, text=True)
     _edit(folder / "sparse/0" / file, old, new)
     with refused(InvalidInputError, file, said):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_too_many_points(upload, photo, settings, refused) -> None:
     folder = _upload(upload, photo, text=False)
     with refused(LimitExceededError, "points3D.bin", "MAX_MODEL_POINTS"):
-        admit_upload(folder, settings.model_copy(update={"max_model_points": 59}))
+        validate_upload(folder, settings.model_copy(update={"max_model_points": 59}))
 
 
 def test_intrinsics_for_another_resolution(upload, photo, settings, refused) -> None:
     folder = _upload(upload, photo, text=False)
     (folder / "images/a.jpg").write_bytes(photo(1, (128, 96)))
-    admit_upload(folder, settings)
+    validate_upload(folder, settings)
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     camera = next(view.posed.camera for view in capture.views if view.posed.name == "a.jpg")
     assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx) == (128, 96, 110.0, 112.0, 64.0)
     (folder / "images/a.jpg").write_bytes(photo(1, (96, 96)))
     with refused(InvalidInputError, "a.jpg", "96×96", "64×48"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)

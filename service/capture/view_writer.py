@@ -1,4 +1,4 @@
-"""Writes a capture's views: undistorted, upright, reduced, with whatever masks and label maps belong to them."""
+"""Writes a capture's views: undistorted, upright, reduced, with the masks and label maps that belong to them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.given import GivenPhoto, fits
-from fastsplat.service.capture.images import PhotoInfo, open_map, save_rgb, turn
-from fastsplat.service.capture.lens import Undistortion, turned, turned_pose, undistortion
+from fastsplat.service.capture.camera_model import Undistortion, compute_undistortion, rotate90, rotate90_pose
+from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, open_map, save_rgb
+from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import View
 from fastsplat.service.common.camera import PosedCamera
@@ -21,54 +21,61 @@ IMAGES, MASKS, LABELS = "images", "masks", "labels"
 
 
 @dataclass(frozen=True)
-class Shot:
+class SourceImage:
     """One image about to become a view; all arrays upright, of one size, still distorted.
 
     Attributes:
         name: of the view.
         pixels: uint8 [H, W, 3].
-        way: how to undistort them.
+        undistortion: how to undistort them.
         world_from_camera: float64 [4, 4].
         lossless: whether the view is stored without loss.
-        ids: uint16 [H, W] of the dictionary, or None.
+        label_ids: uint16 [H, W] of the dictionary, or None.
         mask: bool [H, W], false where pixels are to be ignored, or None.
     """
 
     name: str
     pixels: NDArray[np.uint8]
-    way: Undistortion
+    undistortion: Undistortion
     world_from_camera: NDArray[np.float64]
     lossless: bool = False
-    ids: NDArray[np.uint16] | None = None
+    label_ids: NDArray[np.uint16] | None = None
     mask: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
-class Placement:
-    """How a posed photo becomes a view.
+class ViewGeometry:
+    """How a posed image becomes a view.
 
     Attributes:
         size: (width, height) that its upright pixels are reduced to.
-        way: how to undistort them then.
+        undistortion: how to undistort them then.
         world_from_camera: float64 [4, 4] of the upright view.
     """
 
     size: tuple[int, int]
-    way: Undistortion
+    undistortion: Undistortion
     world_from_camera: NDArray[np.float64]
 
 
-def placement(given: GivenPhoto, photo: PhotoInfo, settings: CaptureSettings) -> Placement:
-    """Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> ViewGeometry:
+    """Size, undistortion and pose of a posed image's view.
+
+    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
 
     Raises:
-        InvalidInputError: the lens's distortion cannot be undone.
+        InvalidInputError: the distortion cannot be undone.
     """
-    turns = photo.quarter_turns if fits(given.lens, photo.width, photo.height) else 0
+    stored = posed_image.camera_model
+    quarter_turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
     size = reduced_size(*photo.upright_size, settings.max_side)
-    width, height = size if turns % 2 == 0 else size[::-1]
-    way = undistortion(given.lens.scaled_to(width, height), settings.max_side, field=given.name)
-    return Placement(size, turned(way, turns, width, height), turned_pose(given.world_from_camera, turns))
+    width, height = size if quarter_turns % 2 == 0 else size[::-1]
+    undistortion = compute_undistortion(stored.scaled_to(width, height), settings.max_side, field=posed_image.name)
+    return ViewGeometry(
+        size=size,
+        undistortion=rotate90(undistortion, quarter_turns, width, height),
+        world_from_camera=rotate90_pose(posed_image.world_from_camera, quarter_turns),
+    )
 
 
 def load_upright_map(
@@ -80,28 +87,35 @@ def load_upright_map(
     """
     stored = open_map(root, name, settings)
     if stored.shape[1::-1] != photo.upright_size:
-        stored = turn(stored, photo.orientation)
+        stored = apply_orientation(stored, photo.orientation)
     return reduce_ids(stored, size)
 
 
-def write_view(shot: Shot, index: int, folder: Path) -> tuple[View, Path | None]:
-    """Write the view's files below `folder`; returns the view and its label map's path."""
-    height, width = shot.pixels.shape[:2]
-    valid = shot.way.valid(width, height)
-    if shot.mask is not None:
-        kept = shot.way.apply_to_ids(shot.mask.astype(np.uint16)) > 0
-        valid = kept if valid is None else valid & kept
-    image_path = folder / IMAGES / f"{index:05d}{'.png' if shot.lossless else '.jpg'}"
-    save_rgb(shot.way.apply(shot.pixels), image_path)
+def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Path | None] | None:
+    """Write the view's files below `folder`.
+
+    Returns:
+        The view and its label map's path; None, and nothing written, if no pixel of the view is valid.
+    """
+    height, width = source.pixels.shape[:2]
+    undistortion = source.undistortion
+    valid = undistortion.valid(width, height)
+    if source.mask is not None:
+        unmasked = undistortion.apply_to_ids(source.mask.astype(np.uint16)) > 0
+        valid = unmasked if valid is None else valid & unmasked
+    if valid is not None and not valid.any():
+        return None
+    image_path = folder / IMAGES / f"{index:05d}{'.png' if source.lossless else '.jpg'}"
+    save_rgb(undistortion.apply(source.pixels), image_path)
     valid_path = None
     if valid is not None:
         valid_path = folder / MASKS / f"{index:05d}.png"
         Image.fromarray(valid.astype(np.uint8) * 255).save(valid_path)
     label_path = None
-    if shot.ids is not None:
+    if source.label_ids is not None:
         label_path = folder / LABELS / f"{index:05d}.png"
-        Image.fromarray(shot.way.apply_to_ids(shot.ids)).save(label_path)
-    posed = PosedCamera(shot.way.camera, shot.world_from_camera, shot.name)
+        Image.fromarray(undistortion.apply_to_ids(source.label_ids)).save(label_path)
+    posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
     return View(posed, image_path, valid_path), label_path
 
 
@@ -119,7 +133,7 @@ def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
 
 
 def reduce_ids(ids: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """uint16 [H, W] sampled down to `size` (width, height), nearest neighbour."""
+    """uint16 [H, W] sampled down to `size` (width, height), nearest neighbor."""
     if ids.shape[1::-1] == size:
         return ids
     return np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint16)

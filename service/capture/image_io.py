@@ -1,4 +1,4 @@
-"""Photos as strangers send them: checked from the header on, decoded to the last row, turned upright."""
+"""Reads and checks images of uploads, decodes them upright, and writes the images of a capture."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".n
 Image.init()  # registers all decoders, of which only these are ever tried:
 _FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 _MIRRORED = frozenset({2, 4, 5, 7})
-_SWAPPED = frozenset({5, 6, 7, 8})
-_ROTATIONS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to quarter turns clockwise that make it upright
+_TRANSPOSED = frozenset({5, 6, 7, 8})
+_QUARTER_TURNS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to clockwise rotations by 90° that make it upright
 _Number = TypeVar("_Number", np.uint8, np.uint16)
 
 
 @dataclass(frozen=True)
 class PhotoInfo:
-    """What an image's header says.
+    """The size, orientation and lens in an image's header.
 
     Attributes:
         path: relative to the upload, with forward slashes.
-        width, height: of the pixels as stored, before the orientation is obeyed.
+        width, height: of the pixels as stored, before the orientation is applied.
         orientation: EXIF orientation, 1..8; 1 is upright.
         lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
         focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
@@ -44,26 +44,26 @@ class PhotoInfo:
 
     @property
     def upright_size(self) -> tuple[int, int]:
-        """(width, height) once the orientation is obeyed."""
-        return (self.height, self.width) if self.orientation in _SWAPPED else (self.width, self.height)
+        """(width, height) once the orientation is applied."""
+        return (self.height, self.width) if self.orientation in _TRANSPOSED else (self.width, self.height)
 
     @property
     def mirrored(self) -> bool:
-        """Whether obeying the orientation mirrors the image."""
+        """Whether applying the orientation mirrors the image."""
         return self.orientation in _MIRRORED
 
     @property
     def quarter_turns(self) -> int:
-        """Clockwise quarter turns that make the stored pixels upright, for an image that is not mirrored."""
-        return _ROTATIONS.get(self.orientation, 0)
+        """Clockwise rotations by 90° that make the stored pixels upright, for an image that is not mirrored."""
+        return _QUARTER_TURNS.get(self.orientation, 0)
 
 
 def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
-    """Read the header, then decode every row (coarsely where the format can: it still reads all bytes).
+    """The header of an image, once every row was decoded (coarsely where the format can: it still reads all bytes).
 
     Raises:
-        CorruptImageError: no image of a supported format, or cut short.
-        LimitExceededError: more pixels than `max_image_pixels`; found from the header, before decoding.
+        CorruptImageError: not an image of a supported format, or cut short.
+        LimitExceededError: more pixels than `max_image_pixels`; read from the header, before decoding.
     """
     with _open(root / name, name, settings) as image:
         info = _info(image, name)
@@ -73,7 +73,7 @@ def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
 
 
 def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
-    """The header alone; the pixels may still be damaged. Raises as `check_image`."""
+    """The header of an image whose pixels may still be damaged. Raises as `check_image`."""
     with _open(root / name, name, settings) as image:
         return _info(image, name)
 
@@ -83,19 +83,19 @@ def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDAr
 
     Black, because a scene is trained before black: where the photo shows nothing, the scene learns nothing.
     """
-    return turn(load_stored(root, info.path, settings), info.orientation)
+    return apply_orientation(load_stored(root, info.path, settings), info.orientation)
 
 
 def load_stored(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] as stored, its orientation not yet obeyed; else as `load_upright`."""
+    """uint8 [H, W, 3] as stored, its orientation not yet applied; else as `load_upright`."""
     with _open(root / name, name, settings) as image:
         _decode(image, name)
         return _rgb(image, name)
 
 
-def turn(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
-    """Obey an EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
-    turned = {
+def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
+    """Upright pixels by EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
+    upright = {
         1: lambda p: p,
         2: lambda p: p[:, ::-1],
         3: lambda p: p[::-1, ::-1],
@@ -105,34 +105,34 @@ def turn(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
         7: lambda p: p[::-1, ::-1].swapaxes(0, 1),
         8: lambda p: np.rot90(p, 1),
     }[orientation](pixels)
-    return np.ascontiguousarray(turned)
+    return np.ascontiguousarray(upright)
 
 
 def open_map(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint16]:
     """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, or as palette indices.
 
     Raises:
-        InvalidInputError: it has colours instead of ids.
+        InvalidInputError: it has colors instead of ids.
         CorruptImageError, LimitExceededError: as `check_image`.
     """
     with _open(root / name, name, settings) as image:
         _decode(image, name)
         if image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
             raise InvalidInputError(
-                f"{name} has colours ({image.mode}) where one label id a pixel is expected",
+                f"{name} has colors ({image.mode}) where one label id per pixel is expected",
                 field=name,
-                hint="Save label maps as 8- or 16-bit grey PNG.",
+                hint="Save label maps as 8- or 16-bit gray PNG.",
             )
         values = np.asarray(image)
     if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
         raise InvalidInputError(
-            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit grey PNG."
+            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit gray PNG."
         )
     return values.astype(np.uint16)
 
 
 def save_rgb(pixels: NDArray[np.uint8], path: Path) -> None:
-    """Write uint8 [H, W, 3] in the format of the path's suffix: PNG without loss, JPEG with very little."""
+    """Write uint8 [H, W, 3] in the format of the path's suffix: lossless PNG, or JPEG with very little loss."""
     image = Image.fromarray(pixels)
     if path.suffix == ".png":
         image.save(path, compress_level=1)
@@ -202,9 +202,9 @@ def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
     if image.mode in ("I;16", "I;16B", "I;16L", "I"):
         wide = np.asarray(image).astype(np.int64)
         if wide.min() < 0 or wide.max() > 65535:
-            raise CorruptImageError(f"{name} has grey values outside 0..65535", field=name, hint="Save it as 8 bits.")
-        grey = (wide >> 8).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
+            raise CorruptImageError(f"{name} has gray values outside 0..65535", field=name, hint="Save it as 8 bits.")
+        gray = (wide >> 8).astype(np.uint8)
+        return np.repeat(gray[..., None], 3, axis=2)
     if image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info:
         rgba = image.convert("RGBA")
         black = Image.new("RGBA", rgba.size, (0, 0, 0, 255))
@@ -213,5 +213,5 @@ def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
         return np.asarray(image.convert("RGB"))
     except ValueError as error:
         raise CorruptImageError(
-            f"{name} has a colour mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
+            f"{name} has a color mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
         ) from error

@@ -7,16 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from fastsplat.service.capture.frame import settle
 from fastsplat.service.capture.geometry import (
     Reconstruction,
     contradictions,
     depths,
     epipolar_error_px,
-    judge,
+    normalize_world,
     refuse_wrong_poses,
     repetition_warning,
+    validate_reconstruction,
     widest_angle_deg,
 )
 from fastsplat.service.capture.pairs import choose_pairs, probe_scores, probes
@@ -28,22 +29,22 @@ def _ring(count: int = 8, radius: float = 3.0) -> np.ndarray:
     """Cameras on a circle that look at the origin, y down."""
     poses = []
     for angle in np.linspace(0, 2, count):
-        centre = radius * np.array([np.cos(angle), np.sin(angle), 0.3])
-        forward = -centre / np.linalg.norm(centre)
+        center = radius * np.array([np.cos(angle), np.sin(angle), 0.3])
+        forward = -center / np.linalg.norm(center)
         right = np.cross(forward, [0, 0, 1.0])
         right /= np.linalg.norm(right)
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = centre
+        pose[:3, 3] = center
         poses.append(pose)
     return np.array(poses)
 
 
-def _found(**changes: object) -> Reconstruction:
+def _reconstruction(**changes: object) -> Reconstruction:
     points = np.random.default_rng(0).normal(size=(400, 3)) * 0.5
     values = {
         "world_from_camera": _ring(),
-        "focal_shares": np.full(8, 0.9),
+        "relative_focals": np.full(8, 0.9),
         "points": points,
         "angles_deg": np.full(400, 20.0),
         "images": 8,
@@ -52,16 +53,16 @@ def _found(**changes: object) -> Reconstruction:
     return Reconstruction(**{**values, **changes})
 
 
-def _judge(found: Reconstruction) -> list[str]:
-    return judge(found, min_points=50, min_registered_share=0.2)
+def _validate(reconstruction: Reconstruction) -> list[str]:
+    return validate_reconstruction(reconstruction, min_points=50, min_registered_share=0.2)
 
 
 def test_a_good_reconstruction_passes() -> None:
-    assert _judge(_found()) == []
+    assert _validate(_reconstruction()) == []
 
 
-def test_a_split_and_missing_images_are_said() -> None:
-    warnings = _judge(_found(images=14, models=(8, 4)))
+def test_a_split_and_missing_images_give_warnings() -> None:
+    warnings = _validate(_reconstruction(images=14, models=(8, 4)))
     assert len(warnings) == 2
     assert "8, 4" in warnings[0] and "8 of 14" in warnings[1]
 
@@ -75,18 +76,18 @@ _STILL[:, :3, 3] = _STILL[0, :3, 3] + np.linspace(0, 1e-3, 8)[:, None]
     [
         ({"images": 100}, "8 of 100"),
         ({"points": np.zeros((10, 3)), "angles_deg": np.full(10, 20.0)}, "10 points"),
-        ({"focal_shares": np.full(8, 40.0)}, "focal length"),
-        ({"focal_shares": np.full(8, 0.05)}, "focal length"),
+        ({"relative_focals": np.full(8, 40.0)}, "focal length"),
+        ({"relative_focals": np.full(8, 0.05)}, "focal length"),
         ({"angles_deg": np.full(400, 0.3)}, "hardly moved"),
         ({"world_from_camera": _STILL}, "hardly moved"),
-        ({"points": _found().points * [1, 1, 1e-6]}, "plane"),
-        ({"points": _found().points * [1, 1e-6, 1e-6]}, "plane"),
+        ({"points": _reconstruction().points * [1, 1, 1e-6]}, "plane"),
+        ({"points": _reconstruction().points * [1, 1e-6, 1e-6]}, "plane"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_degenerate_geometry_is_refused(changes: dict[str, object], said: str) -> None:
     with pytest.raises(ReconstructionError, match=said) as caught:
-        _judge(_found(**changes))
+        _validate(_reconstruction(**changes))
     assert caught.value.hint
 
 
@@ -99,15 +100,15 @@ def test_depth_and_angle() -> None:
 def test_epipolar_error_is_a_distance_in_pixels() -> None:
     """Zero for true matches; about d / √2 (Sampson shares it between the images) when one is d pixels off its line."""
     first, second = _ring()[[0, 3]]
-    points = _found().points
-    seen = []
+    points = _reconstruction().points
+    rays = []
     for pose in (first, second):
         there = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(pose).T
-        seen.append(there[:, :2] / there[:, 2:3])
+        rays.append(there[:, :2] / there[:, 2:3])
     relative = np.linalg.inv(second) @ first
-    assert epipolar_error_px(*seen, relative, 800.0).max() < 1e-9
-    shifted = seen[1] + [0, 10 / 800]
-    errors = epipolar_error_px(seen[0], shifted, relative, 800.0)
+    assert epipolar_error_px(*rays, relative, 800.0).max() < 1e-9
+    shifted = rays[1] + [0, 10 / 800]
+    errors = epipolar_error_px(rays[0], shifted, relative, 800.0)
     assert 4 < np.median(errors) < 10
 
 
@@ -130,20 +131,20 @@ def test_pairs_that_contradict() -> None:
     seed=st.integers(0, 99),
 )
 @hypothesis_settings(max_examples=60, deadline=None)
-def test_chosen_pairs(count: int, best: int, exhaustive: int, ordered: bool, seed: int) -> None:
+def test_pairs_to_match(count: int, best: int, exhaustive: int, ordered: bool, seed: int) -> None:
     upper = np.triu(np.random.default_rng(seed).integers(0, 50, (count, count)), 1).astype(np.int32)
     scores = upper + upper.T
-    chosen = choose_pairs(scores, exhaustive_images=exhaustive, pairs_per_image=best, ordered=ordered)
-    assert chosen == sorted(set(chosen))
-    assert all(0 <= i < j < count for i, j in chosen)
-    assert {(i, i + 1) for i in range(count - 1)} <= set(chosen)
+    pairs = choose_pairs(scores, exhaustive_images=exhaustive, pairs_per_image=best, ordered=ordered)
+    assert pairs == sorted(set(pairs))
+    assert all(0 <= i < j < count for i, j in pairs)
+    assert {(i, i + 1) for i in range(count - 1)} <= set(pairs)
     if count <= exhaustive:
-        assert len(chosen) == count * (count - 1) // 2
+        assert len(pairs) == count * (count - 1) // 2
     else:
-        assert len(chosen) <= count * (best + 9)
+        assert len(pairs) <= count * (best + 9)
         for i in range(count):
             j = int(np.argmax(scores[i]))
-            assert scores[i, j] == 0 or (min(i, j), max(i, j)) in chosen
+            assert scores[i, j] == 0 or (min(i, j), max(i, j)) in pairs
 
 
 def test_probes_of_the_same_thing_score_high() -> None:
@@ -157,29 +158,52 @@ def test_probes_of_the_same_thing_score_high() -> None:
     assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8), np.arange(2000.0, dtype=np.float32), 3)) == 512
 
 
-def test_settling_is_one_similarity() -> None:
+def test_normalizing_the_world_is_one_similarity() -> None:
     """Distances keep their ratios, what is projected stays, the scene is centred, sized and upright."""
     rotation, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     rotation *= np.linalg.det(rotation)
-    poses, points = _ring(), _found().points + 0.1
+    poses, points = _ring(), _reconstruction().points + 0.1
     wild = poses.copy()
     wild[:, :3, :3] = rotation @ poses[:, :3, :3]
     wild[:, :3, 3] = 17 * poses[:, :3, 3] @ rotation.T + 5
     wild_points = 17 * points @ rotation.T + 5
-    settled, settled_points = settle(wild, wild_points)
-    before, after = depths(wild, wild_points), depths(settled, settled_points)
+    normalized, normalized_points = normalize_world(wild, wild_points)
+    before, after = depths(wild, wild_points), depths(normalized, normalized_points)
     np.testing.assert_allclose(after / before, (after / before)[0, 0])
     np.testing.assert_allclose(
-        settled[:, :3, :3] @ settled[:, :3, :3].transpose(0, 2, 1), np.eye(3)[None].repeat(8, 0), atol=1e-9
+        normalized[:, :3, :3] @ normalized[:, :3, :3].transpose(0, 2, 1), np.eye(3)[None].repeat(8, 0), atol=1e-9
     )
-    np.testing.assert_allclose(np.median(np.linalg.norm(settled[:, :3, 3], axis=1)), 3.0, rtol=0.1)
-    ups = -settled[:, :3, 1].mean(axis=0)
+    np.testing.assert_allclose(np.median(np.linalg.norm(normalized[:, :3, 3], axis=1)), 3.0, rtol=0.1)
+    ups = -normalized[:, :3, 1].mean(axis=0)
     np.testing.assert_allclose(ups / np.linalg.norm(ups), [0, 0, 1], atol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+def test_the_upright_rotation_is_the_smallest(seed: int) -> None:
+    """As scipy computes it from one pair of vectors."""
+    up = Rotation.random(rng=seed).as_matrix()[:, 1] * [1, 1, seed % 2 or 1e-7]
+    up /= np.linalg.norm(up)
+    poses = np.eye(4)[None].repeat(3, axis=0)
+    poses[:, :3, :3] = Rotation.align_vectors([-up], [[0.0, 1.0, 0.0]])[0].as_matrix()
+    poses[:, :3, 3] = np.eye(3)
+    normalized, _ = normalize_world(poses, np.zeros((1, 3)))
+    applied = normalized[0, :3, :3] @ poses[0, :3, :3].T
+    expected, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
+    np.testing.assert_allclose(applied, expected.as_matrix(), atol=1e-9)
+
+
+def test_cameras_upside_down_are_turned() -> None:
+    poses = np.eye(4)[None].repeat(3, axis=0)
+    poses[:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # image down is world up
+    poses[:, :3, 3] = np.eye(3)
+    normalized, _ = normalize_world(poses, np.zeros((1, 3)))
+    np.testing.assert_allclose(-normalized[:, :3, 1], [[0, 0, 1]] * 3, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(normalized[:, :3, :3]), 1)
 
 
 @given(st.integers(2, 200), st.integers(1, 90))
 def test_sharpest_frames_are_spread(frames: int, intervals: int) -> None:
     sharpness = np.random.default_rng(frames).random(frames)
-    chosen = sharpest_per_interval(sharpness, intervals)
-    assert len(chosen) == min(frames, intervals)
-    assert int(np.argmax(sharpness)) in chosen
+    numbers = sharpest_per_interval(sharpness, intervals)
+    assert len(numbers) == min(frames, intervals)
+    assert int(np.argmax(sharpness)) in numbers

@@ -1,4 +1,4 @@
-"""JSON from strangers, bounded in size and depth."""
+"""Reads JSON files of uploads, bounded in size and depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ _BRACKET = re.compile(r"[\[\]{}]")
 
 
 def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
-    """Raises `InvalidInputError` when it is no JSON or nested too deeply, `LimitExceededError` when it is too large."""
+    """The parsed content of the file `path`, called `name` in errors.
+
+    Raises:
+        InvalidInputError: not JSON, or nested too deeply.
+        LimitExceededError: more than `max_json_bytes`.
+    """
     if path.stat().st_size > settings.max_json_bytes:
         raise LimitExceededError(
             f"{name} has {path.stat().st_size} bytes",

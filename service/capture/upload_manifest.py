@@ -1,4 +1,4 @@
-"""What an admitted upload says about itself, on disk, so that another process can build from it."""
+"""The manifest of a validated upload: on disk, so that another process can build the capture from it."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from fastsplat.service.capture.images import PhotoInfo
+from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.errors import InvalidInputError
 
-ADMITTED = ".admitted"
-"""Name of the admitted folder, inside the raw upload's, so that both are removed together."""
-
+VALIDATED = ".admitted"
+"""Name of the validated folder, inside the raw upload's, so that both are removed together."""
 FILES = "files"
 _MANIFEST = "admitted.json"
+# Both names are of the first release, whose data folders can be opened still.
 
 
 @dataclass(frozen=True)
-class Manifest:
-    """What lies in the `FILES` folder of an admitted upload; all paths are relative to it.
+class UploadManifest:
+    """What lies in the `FILES` folder of a validated upload; all paths are relative to it.
 
     Attributes:
         source: how to read it.
@@ -28,9 +28,9 @@ class Manifest:
         poses: the transforms.json or the COLMAP model's folder; "" for images alone.
         image_folder: what a COLMAP model's image names are relative to.
         video: the video, if it is one.
-        labels: labels.json, if it holds the label table.
+        labels: labels.json, if it has the label table.
         label_maps: photo path to label map path.
-        warnings: what was left aside.
+        warnings: what is not used, as sentences for people.
     """
 
     source: Source
@@ -44,22 +44,22 @@ class Manifest:
     warnings: tuple[str, ...] = ()
 
 
-def write_manifest(manifest: Manifest, folder: Path) -> None:
-    """Write it into an admitted folder."""
+def write_manifest(manifest: UploadManifest, folder: Path) -> None:
+    """Write the manifest into a validated folder."""
     (folder / _MANIFEST).write_text(json.dumps(asdict(manifest)))
 
 
-def read_manifest(folder: Path) -> tuple[Manifest, Path]:
-    """The manifest and the folder of its files; `folder` is an admitted folder or the raw upload's around it.
+def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
+    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it.
 
     Raises:
-        InvalidInputError: nothing was admitted there.
+        InvalidInputError: there is no validated upload.
     """
-    admitted = folder if folder.name == ADMITTED else folder / ADMITTED
-    path = admitted / _MANIFEST
+    validated = folder if folder.name == VALIDATED else folder / VALIDATED
+    path = validated / _MANIFEST
     if not path.is_file():
-        raise InvalidInputError(f"{folder} holds no admitted upload", field="upload", hint="Send the upload again.")
+        raise InvalidInputError(f"{folder} has no validated upload", field="upload", hint="Send the upload again.")
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    return Manifest(**stored), admitted / FILES
+    return UploadManifest(**stored), validated / FILES

@@ -1,4 +1,4 @@
-"""What kind of capture a folder of files is."""
+"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model or a transforms.json."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
-from fastsplat.service.capture.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from fastsplat.service.capture.names import is_litter
+from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.file_names import is_system_file
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
-_NOT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
+_LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
+_FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
 _IMAGES = "images"
 
 
 @dataclass(frozen=True)
-class Contents:
-    """A capture's parts, as paths relative to its folder.
+class UploadContents:
+    """The parts of an upload, as paths relative to its folder.
 
     Attributes:
         source: how to read it.
@@ -28,8 +29,8 @@ class Contents:
         image_folder: what a COLMAP model's image names are relative to.
         video: the video, or "".
         labels: labels.json, or "".
-        label_maps: the files below labels/, by path without extension.
-        warnings: what was left aside.
+        label_maps: the image files below labels/.
+        warnings: what is not used, as sentences for people.
     """
 
     source: Source
@@ -42,8 +43,10 @@ class Contents:
     warnings: tuple[str, ...] = ()
 
 
-def classify(root: Path) -> Contents:
-    """Poses win over images, a transforms.json over a COLMAP model, what lies higher over what lies deeper.
+def detect_kind(root: Path) -> UploadContents:
+    """The kind and the parts of an upload.
+
+    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one.
 
     Raises:
         InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
@@ -51,67 +54,57 @@ def classify(root: Path) -> Contents:
     files = _files(root)
     labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
     maps = tuple(
-        p for p in files if "labels" in PurePosixPath(p).parts[:-1] and p.lower().endswith((".png", ".tif", ".tiff"))
+        path
+        for path in files
+        if "labels" in PurePosixPath(path).parts[:-1] and path.lower().endswith(_LABEL_MAP_SUFFIXES)
     )
     images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
     transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
     if transforms:
-        return Contents("nerfstudio", images, transforms, labels=labels, label_maps=maps)
+        return UploadContents("nerfstudio", images, transforms, labels=labels, label_maps=maps)
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
-        (f for f in folders if model_suffix(root / f)), key=lambda folder: (len(PurePosixPath(folder).parts), folder)
+        (folder for folder in folders if model_suffix(root / folder)),
+        key=lambda folder: (len(PurePosixPath(folder).parts), folder),
     )
     if models:
-        spare = [f"{len(models)} COLMAP models were sent; {models[0]} was used."] if len(models) > 1 else []
-        return Contents(
+        warning = f"The upload has {len(models)} COLMAP models; only {models[0]} is used."
+        return UploadContents(
             "colmap",
             images,
             models[0],
             _image_folder(root, models[0]),
             labels=labels,
             label_maps=maps,
-            warnings=tuple(spare),
+            warnings=(warning,) if len(models) > 1 else (),
         )
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
     _refuse_unsupported(files)
     if not photos and len(videos) == 1:
-        return Contents("video", (), video=videos[0])
+        return UploadContents("video", (), video=videos[0])
     if len(videos) > 1 and not photos:
-        raise InvalidInputError(
-            f"the upload holds {len(videos)} videos", field=videos[1], hint="Send one video a scene."
-        )
+        raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
     if not photos:
         raise InvalidInputError(
-            "the upload holds no images",
+            "the upload has no images",
             field="files",
             hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, or one video.",
         )
     used = {*photos, *maps, labels}
-    left = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
-    warnings = (f"{len(left)} files beside the photos were left aside, e.g. {left[0]}.",) if left else ()
-    return Contents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
-
-
-def common_folder(paths: Iterable[str]) -> str:
-    """The deepest folder that holds all paths; "." if that is the root."""
-    parts = [PurePosixPath(path).parts[:-1] for path in paths]
-    shared = []
-    for column in zip(*parts, strict=False):
-        if len(set(column)) > 1:
-            break
-        shared.append(column[0])
-    return "/".join(shared) or "."
+    unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+    warnings = (f"{len(unused)} files beside the photos are not used, e.g. {unused[0]}.",) if unused else ()
+    return UploadContents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
 
 
 def _files(root: Path) -> list[str]:
-    found = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
-    return [path.as_posix() for path in found if not is_litter(path.parts)]
+    relative = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
+    return [path.as_posix() for path in relative if not is_system_file(path.parts)]
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:
     """Without masks and the like; nerfstudio's reduced copies (images_2, images_4) count only without originals."""
-    photos = [path for path in images if not _NOT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
+    photos = [path for path in images if not _FOLDERS_WITHOUT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
     originals = [path for path in photos if _IMAGES in PurePosixPath(path).parts[:-1]]
     return tuple(originals or photos)
 

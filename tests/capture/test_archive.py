@@ -1,4 +1,4 @@
-"""Archives from strangers: what is unpacked lies below the folder, and nothing else happens."""
+"""Untrusted archives: what is unpacked lies below the folder, and nothing else happens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from fastsplat.service.capture import admit_upload
+from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.archive import unpack
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
@@ -54,10 +54,22 @@ def test_archive_and_loose_files_are_the_same_upload(form, upload, photo, settin
     else:
         members = [(_member(name), content) for name, content in files.items()]
         packed = _tar(members, "w" if form == "tar" else "w:gz")
-    admitted = admit_upload(upload({f"photos.{form}": packed}), settings)
-    assert (admitted.source, admitted.images) == ("images", 2)
-    root = admitted.folder / "files"
+    validated = validate_upload(upload({f"photos.{form}": packed}), settings)
+    assert (validated.source, validated.images) == ("images", 2)
+    root = validated.folder / "files"
     assert {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} == set(files)
+
+
+def test_backslashes_of_a_zip_made_by_windows_are_folders(upload, photo, settings) -> None:
+    folder = upload({"photos.zip": _zip([("set\\a.jpg", photo(1)), ("set\\b.jpg", photo(2))])})
+    root = validate_upload(folder, settings).folder / "files"
+    assert {path.relative_to(root).as_posix() for path in root.rglob("*.jpg")} == {"set/a.jpg", "set/b.jpg"}
+
+
+def test_backslashes_in_a_tar_are_refused(upload, photo, settings, refused) -> None:
+    folder = upload({"photos.tar": _tar([(_member("a.jpg"), photo(1)), (_member("set\\b.jpg"), photo(2))])})
+    with refused(UnsafeArchiveError, "photos.tar", "b.jpg", "backslash"):
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("name", ["../evil.jpg", "a/../../evil.jpg", "/etc/evil.jpg", "C:/evil.jpg", "..\\evil.jpg"])
@@ -67,7 +79,7 @@ def test_paths_that_leave_the_folder(name, form, upload, photo, settings, refuse
     packed = _zip(entries) if form == "zip" else _tar([(_member(n), c) for n, c in entries])
     folder = upload({f"photos.{form}": packed})
     with refused(UnsafeArchiveError, "evil.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.BLKTYPE, tarfile.FIFOTYPE])
@@ -75,26 +87,26 @@ def test_links_and_devices_in_a_tar(kind, upload, photo, settings, refused) -> N
     packed = _tar([(_member("a.jpg"), photo(1)), (_member("trick", kind, "/etc/passwd"), b"")])
     folder = upload({"photos.tar": packed})
     with refused(UnsafeArchiveError, "trick"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_link_in_a_zip(upload, settings, refused) -> None:
     folder = upload({"photos.zip": _zip([("trick.jpg", b"/etc/passwd")], external_attr=0o120777 << 16)})
     with refused(UnsafeArchiveError, "trick.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_two_entries_of_one_name(upload, photo, settings, refused) -> None:
     folder = upload({"photos.zip": _zip([("a.jpg", photo(1)), ("./a.jpg", photo(2))])})
     with refused(UnsafeArchiveError, "a.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_a_file_that_is_a_folder_too(upload, photo, settings, refused) -> None:
     folder = upload({"photos.zip": _zip([("a", b"x"), ("a/b.jpg", photo(2))])})
     with refused(UnsafeArchiveError, "a/b.jpg"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("form", ["zip", "tar.gz"])
@@ -103,7 +115,7 @@ def test_bomb(form, upload, settings, refused) -> None:
     packed = _zip([("zeros.jpg", zeros)]) if form == "zip" else _tar([(_member("zeros.jpg"), zeros)], "w:gz")
     folder = upload({f"photos.{form}": packed})
     with refused(UnsafeArchiveError, "MAX_COMPRESSION_RATIO"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_bomb_behind_a_lying_header(upload, settings, refused) -> None:
@@ -114,7 +126,7 @@ def test_bomb_behind_a_lying_header(upload, settings, refused) -> None:
     struct.pack_into("<I", packed, central + 24, 10)
     folder = upload({"photos.zip": bytes(packed)})
     with refused(InvalidInputError):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_overlapping_entries(upload, photo, settings, refused) -> None:
@@ -124,7 +136,7 @@ def test_overlapping_entries(upload, photo, settings, refused) -> None:
     struct.pack_into("<I", packed, second + 42, 0)
     folder = upload({"photos.zip": bytes(packed)})
     with refused(UnsafeArchiveError, "overlaps"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("form", ["zip", "tar"])
@@ -133,14 +145,14 @@ def test_too_many_entries(form, upload, settings, refused) -> None:
     packed = _zip(entries) if form == "zip" else _tar([(_member(n), c) for n, c in entries])
     folder = upload({f"photos.{form}": packed})
     with refused(LimitExceededError, "MAX_ENTRIES"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_too_many_bytes(upload, settings, refused) -> None:
     small = settings.model_copy(update={"max_unpacked_bytes": 1000, "max_compression_ratio": 10**9})
     folder = upload({"photos.zip": _zip([("a.jpg", bytes(2000))])})
     with refused(LimitExceededError, "MAX_UNPACKED_BYTES"):
-        admit_upload(folder, small)
+        validate_upload(folder, small)
 
 
 def test_an_extended_header_that_claims_gigabytes(upload, settings, refused) -> None:
@@ -148,7 +160,7 @@ def test_an_extended_header_that_claims_gigabytes(upload, settings, refused) -> 
     header.size = 4 << 30
     folder = upload({"photos.tar": header.tobuf(tarfile.USTAR_FORMAT) + bytes(1024)})
     with refused(UnsafeArchiveError, "photos.tar"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 @pytest.mark.parametrize("form", ["zip", "tar.gz"])
@@ -157,13 +169,13 @@ def test_cut_short(form, upload, photo, settings, refused) -> None:
     packed = _zip(members) if form == "zip" else _tar([(_member(n), c) for n, c in members], "w:gz")
     folder = upload({f"photos.{form}": packed[: len(packed) // 2]})
     with refused(InvalidInputError, "photos"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 def test_unsupported_kind(upload, settings, refused) -> None:
     folder = upload({"photos.7z": b"7z\xbc\xaf\x27\x1c" + bytes(600)})
     with refused(InvalidInputError, "photos.7z"):
-        admit_upload(folder, settings)
+        validate_upload(folder, settings)
 
 
 _NAMES = st.lists(

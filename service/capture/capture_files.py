@@ -1,4 +1,4 @@
-"""A capture on disk: `capture.json`, `points.safetensors` and the views' files; paths in it are relative."""
+"""Saves and loads captures: `capture.json`, `points.safetensors` and the views' files, by relative paths."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _POINTS = "points.safetensors"
 
 
 def save_capture(capture: Capture, folder: Path) -> None:
-    """Write everything but the views' own files, which lie below `folder` already."""
+    """Write all of a capture but the views' own files, which lie below `folder` already."""
     save_file({"points": capture.points, "point_colors": capture.point_colors}, folder / _POINTS)
-    given = capture.given_labels
+    labels = capture.given_labels
     document: dict[str, Any] = {
         "version": _VERSION,
         "scale": capture.scale,
@@ -31,22 +31,22 @@ def save_capture(capture: Capture, folder: Path) -> None:
         "test_names": capture.test_names,
         "views": [_view_to_json(view, folder) for view in capture.views],
         "given_labels": None
-        if given is None
+        if labels is None
         else {
-            "entries": [asdict(entry) for entry in given.dictionary.entries],
-            "maps": [_relative(path, folder) for path in given.map_paths],
+            "entries": [asdict(entry) for entry in labels.dictionary.entries],
+            "maps": [_relative(path, folder) for path in labels.map_paths],
         },
     }
     (folder / _CAPTURE).write_text(json.dumps(document))
 
 
 def holds_capture(folder: Path) -> bool:
-    """Whether a capture was written there."""
+    """Whether a folder has a capture."""
     return (folder / _CAPTURE).is_file()
 
 
 def load_capture(out_dir: Path) -> Capture:
-    """Read what `build_capture` wrote to `out_dir`.
+    """The capture that `build_capture` wrote to `out_dir`.
 
     Raises:
         NotFoundError: there is no capture.
@@ -54,7 +54,7 @@ def load_capture(out_dir: Path) -> Capture:
     """
     path = out_dir / _CAPTURE
     if not path.is_file():
-        raise NotFoundError(f"{out_dir} holds no capture", field="capture", hint="Build it from the upload again.")
+        raise NotFoundError(f"{out_dir} has no capture", field="capture", hint="Build it from the upload again.")
     try:
         document = json.loads(path.read_text())
         if document["version"] != _VERSION:

@@ -1,0 +1,271 @@
+"""COLMAP's camera models, and how to undistort their images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.errors import InvalidInputError
+
+_PINHOLES = frozenset({"SIMPLE_PINHOLE", "PINHOLE"})
+_PINHOLES_AT_ZERO = frozenset({"SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "SIMPLE_DIVISION", "DIVISION"})
+_MAX_DISTORTION = 100.0
+_MAX_ROUND_TRIP_PX = 0.5
+_MAX_SIDE = 1_000_000
+_ASPECT_TOLERANCE_PX = 1.0
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Intrinsics with distortion, as COLMAP writes them (https://colmap.github.io/cameras.html); pixel centers at +0.5.
+
+    Attributes:
+        model: COLMAP's name, e.g. "OPENCV".
+        width, height: of the image that the parameters are for.
+        params: in COLMAP's order for the model, focal lengths and principal point in pixels.
+    """
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+    def fits(self, width: int, height: int) -> bool:
+        """Whether the model can be scaled to an image of `width`×`height`: both have the same aspect."""
+        scale = (width / self.width + height / self.height) / 2
+        tolerance = _ASPECT_TOLERANCE_PX * max(1.0, scale)
+        return abs(self.width * scale - width) <= tolerance and abs(self.height * scale - height) <= tolerance
+
+    def scaled_to(self, width: int, height: int) -> CameraModel:
+        """The same camera for an image of another size; the aspect may differ by rounding."""
+        camera = _colmap_camera(self)
+        camera.rescale(width, height)
+        return CameraModel(self.model, width, height, tuple(float(value) for value in camera.params))
+
+    @property
+    def has_distortion(self) -> bool:
+        """Whether there is distortion to undo."""
+        if self.model in _PINHOLES:
+            return False
+        return self.model not in _PINHOLES_AT_ZERO or any(_distortion(self))
+
+
+@dataclass(frozen=True)
+class Undistortion:
+    """How to resample a distorted image into a pinhole camera's.
+
+    Attributes:
+        camera: of the undistorted image.
+        map_xy: float32 [H, W, 2], where each of its pixels lies in the distorted image (OpenCV's convention: pixel
+            centers at integers), or None when the pixels stay as they are.
+    """
+
+    camera: Camera
+    map_xy: NDArray[np.float32] | None
+
+    def apply(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3] resampled; black where the distorted image has no content."""
+        if self.map_xy is None:
+            return pixels
+        return np.asarray(cv2.remap(pixels, *self._maps(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
+
+    def apply_to_ids(self, ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """uint16 [H, W] resampled to the nearest neighbor; 0 where the distorted image has no content."""
+        if self.map_xy is None:
+            return ids
+        return np.asarray(cv2.remap(ids, *self._maps(), cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
+
+    def valid(self, width: int, height: int) -> NDArray[np.bool_] | None:
+        """bool [H, W]: where the distorted image has content, or None when that is everywhere."""
+        if self.map_xy is None:
+            return None
+        x, y = self.map_xy[..., 0], self.map_xy[..., 1]
+        inside = (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+        return None if bool(inside.all()) else inside
+
+    def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        assert self.map_xy is not None
+        return np.ascontiguousarray(self.map_xy[..., 0]), np.ascontiguousarray(self.map_xy[..., 1])
+
+
+def rotate90(undistortion: Undistortion, quarter_turns: int, width: int, height: int) -> Undistortion:
+    """The same undistortion once both images are rotated clockwise by quarter turns.
+
+    Args:
+        undistortion: of the images as they are.
+        quarter_turns: how often to rotate by 90 degrees.
+        width, height: of the distorted image before the rotation.
+    """
+    camera, map_xy = undistortion.camera, undistortion.map_xy
+    for _ in range(quarter_turns % 4):
+        camera = Camera(camera.height, camera.width, camera.fy, camera.fx, camera.height - camera.cy, camera.cx)
+        if map_xy is not None:
+            rotated = np.rot90(map_xy, -1)
+            map_xy = np.ascontiguousarray(np.stack([height - 1 - rotated[..., 1], rotated[..., 0]], axis=-1))
+        width, height = height, width
+    return Undistortion(camera, map_xy)
+
+
+def rotate90_pose(world_from_camera: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
+    """float64 [4, 4]: pose of the camera whose image is rotated clockwise by quarter turns."""
+    old_from_new = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    return np.asarray(world_from_camera @ np.linalg.matrix_power(old_from_new, quarter_turns % 4))
+
+
+def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
+    """Refuse a camera model that no camera has.
+
+    Raises:
+        InvalidInputError: an unknown or spherical model, a wrong number of parameters, NaN, a focal length or principal
+            point far from the image's size, or absurd distortion.
+    """
+    model, width, height = camera_model.model, camera_model.width, camera_model.height
+    if model not in _parameter_counts():
+        known = ", ".join(sorted(_parameter_counts()))
+        raise InvalidInputError(
+            f"{field}: the camera model {model[:40]!r} is unknown", field=field, hint=f"Use one of {known}."
+        )
+    count = _parameter_counts()[model]
+    values = np.array(camera_model.params, dtype=np.float64)
+    if len(values) != count or not np.isfinite(values).all():
+        raise InvalidInputError(
+            f"{field}: a {model} camera with parameters {list(camera_model.params)[:16]}",
+            field=field,
+            hint=f"{model} needs {count} finite numbers.",
+        )
+    if not 1 <= min(width, height) <= max(width, height) <= _MAX_SIDE:
+        raise InvalidInputError(
+            f"{field}: an image of {width}×{height} pixels", field=field, hint="Give its size in pixels."
+        )
+    camera = _colmap_camera(camera_model)
+    focal = np.array([camera.focal_length_x, camera.focal_length_y])
+    size = np.array([width, height])
+    if (focal < 0.02 * size.max()).any() or (focal > 100 * size.max()).any() or focal.max() > 10 * focal.min():
+        raise InvalidInputError(
+            f"{field}: focal lengths {focal.tolist()} for an image of {width}×{height} pixels",
+            field=field,
+            hint="Give focal lengths in pixels of the image.",
+        )
+    center = np.array([camera.principal_point_x, camera.principal_point_y])
+    if (center < -size).any() or (center > 2 * size).any():
+        raise InvalidInputError(
+            f"{field}: the principal point {center.tolist()} lies far outside {width}×{height} pixels",
+            field=field,
+            hint="Give cx and cy in pixels of the image.",
+        )
+    distortion = _distortion(camera_model)
+    if any(abs(value) > _MAX_DISTORTION for value in distortion):
+        raise InvalidInputError(
+            f"{field}: distortion {list(distortion)} is larger than any lens has",
+            field=field,
+            limit=f"{_MAX_DISTORTION:g} a parameter",
+            hint="Check the order of the parameters.",
+        )
+
+
+def aspect_error(name: str, camera_model: CameraModel, width: int, height: int) -> InvalidInputError:
+    """The refusal of intrinsics that cannot be scaled to their image; see `CameraModel.fits`."""
+    return InvalidInputError(
+        f"{name} has {width}×{height} pixels, its intrinsics are for {camera_model.width}×{camera_model.height}: "
+        "another aspect ratio",
+        field=name,
+        hint="Send the images that the intrinsics were made for, or a resized, never a cropped or rotated, version.",
+    )
+
+
+def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str) -> Undistortion:
+    """How to undistort a camera's images into a pinhole's that sees as much as fits without blank borders.
+
+    Pixels without distortion stay as they are. The pinhole's extent follows COLMAP's `undistort_camera`.
+
+    Args:
+        camera_model: for the size of the distorted image.
+        max_side: longest side of the undistorted image in pixels.
+        field: what an error names.
+
+    Raises:
+        InvalidInputError: the distortion cannot be undone over the undistorted image.
+    """
+    distorted = _colmap_camera(camera_model)
+    if not camera_model.has_distortion:
+        focal = (distorted.focal_length_x, distorted.focal_length_y)
+        center = (distorted.principal_point_x, distorted.principal_point_y)
+        return Undistortion(Camera(camera_model.width, camera_model.height, *focal, *center), None)
+    pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), distorted)
+    longer = max(pinhole.width, pinhole.height)
+    if longer > max_side:
+        scale = max_side / longer
+        pinhole.rescale(max(1, round(pinhole.width * scale)), max(1, round(pinhole.height * scale)))
+    fx, fy, cx, cy = (float(value) for value in pinhole.params)
+    undistorted = Camera(pinhole.width, pinhole.height, fx, fy, cx, cy)
+    x, y = np.meshgrid(np.arange(undistorted.width) + 0.5, np.arange(undistorted.height) + 0.5)
+    rays = np.stack([(x - cx) / fx, (y - cy) / fy, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    pixels = np.asarray(distorted.img_from_cam(rays))
+    _check_invertible(distorted, rays, pixels, field)
+    pixels = np.where(np.isfinite(pixels), pixels, -1e6)
+    map_xy = (pixels - 0.5).astype(np.float32).reshape(undistorted.height, undistorted.width, 2)
+    return Undistortion(undistorted, map_xy)
+
+
+@cache
+def model_names() -> dict[int, str]:
+    """COLMAP's numbers of the camera models, as its binary files have them, to names."""
+    models = pycolmap.CameraModelId.__members__.items()
+    return {int(model): name for name, model in models if name in _parameter_counts()}
+
+
+def parameter_count(model: str) -> int:
+    """How many parameters a model of `model_names` has."""
+    return _parameter_counts()[model]
+
+
+def _check_invertible(
+    camera: pycolmap.Camera, rays: NDArray[np.float64], pixels: NDArray[np.float64], field: str
+) -> None:
+    """A polynomial beyond its turning point maps two directions to one pixel, and the image folds over itself."""
+    step = max(1, len(rays) // 400)
+    expected, sampled = rays[::step, :2], pixels[::step]
+    inside = np.isfinite(sampled).all(1) & (sampled >= 0).all(1) & (sampled <= [camera.width, camera.height]).all(1)
+    if not inside.any():
+        raise InvalidInputError(f"{field}: the undistorted image is empty", field=field, hint="Check the distortion.")
+    round_trip = np.asarray(camera.cam_from_img(sampled[inside]))
+    error_px = np.abs(round_trip - expected[inside]).max(axis=1) * camera.mean_focal_length()
+    if not (error_px < _MAX_ROUND_TRIP_PX).all():  # NaN counts as an error too
+        raise InvalidInputError(
+            f"{field}: the distortion {camera.params_to_string()} folds the image over itself",
+            field=field,
+            hint="Check the distortion parameters and their order.",
+        )
+
+
+def _colmap_camera(camera_model: CameraModel) -> pycolmap.Camera:
+    return pycolmap.Camera(
+        model=camera_model.model,
+        width=camera_model.width,
+        height=camera_model.height,
+        params=np.array(camera_model.params, dtype=np.float64),
+    )
+
+
+@cache
+def _parameter_counts() -> dict[str, int]:
+    """Perspective camera models and how many parameters each has."""
+    cameras = {name: _example(name) for name in pycolmap.CameraModelId.__members__ if name != "INVALID"}
+    return {name: len(camera.params) for name, camera in cameras.items() if camera.is_perspective()}
+
+
+def _distortion(camera_model: CameraModel) -> tuple[float, ...]:
+    """The parameters behind focal lengths and principal point."""
+    if camera_model.model in _PINHOLES:
+        return ()
+    return camera_model.params[len(camera_model.params) - len(_example(camera_model.model).extra_params_idxs()) :]
+
+
+def _example(model: str) -> pycolmap.Camera:
+    return pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], 1.0, 2, 2)

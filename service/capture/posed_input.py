@@ -1,0 +1,113 @@
+"""Posed images as the COLMAP and nerfstudio readers return them, and what both readers need."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.camera_model import CameraModel
+from fastsplat.service.capture.label_maps import LabelTable
+from fastsplat.service.capture.types import Scale
+from fastsplat.service.common.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class PosedImage:
+    """One image of a posed dataset.
+
+    Attributes:
+        name: what the view will be called.
+        path: the image, relative to the upload.
+        camera_model: as stored, for the resolution that it was stored for.
+        world_from_camera: float64 [4, 4], OpenCV axes.
+        label_map: path of its label map, if any.
+        mask: path of its mask, if any: 0 where pixels are to be ignored.
+    """
+
+    name: str
+    path: str
+    camera_model: CameraModel
+    world_from_camera: NDArray[np.float64]
+    label_map: str | None = None
+    mask: str | None = None
+
+
+@dataclass(frozen=True)
+class MissingImage:
+    """An image that has a pose, but is not in the upload.
+
+    Attributes:
+        name: what the view would be called.
+        path: where the image would be, relative to the upload; without extension if the document gives none.
+    """
+
+    name: str
+    path: str
+
+
+@dataclass(frozen=True)
+class PosedDataset:
+    """Images with cameras and poses before a pixel is read.
+
+    Attributes:
+        images: sorted by name.
+        points: float32 [P, 3], world; may be empty.
+        point_colors: uint8 [P, 3].
+        scale: whether world units are metres.
+        labels: names of the ids in the label maps, if there are any.
+        test_names: names of the images set apart for testing.
+        mean_reprojection_error_px: over the points, as far as the source says; else 0.
+        missing: images that have a pose, but are not there.
+        warnings: what is not used, as sentences for people.
+    """
+
+    images: tuple[PosedImage, ...]
+    points: NDArray[np.float32]
+    point_colors: NDArray[np.uint8]
+    scale: Scale = "ARBITRARY"
+    labels: LabelTable | None = None
+    test_names: tuple[str, ...] = ()
+    mean_reprojection_error_px: float = 0.0
+    missing: tuple[MissingImage, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Empty points and colors."""
+    return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+
+
+def resolve_path(root: Path, folder: str, name: str, field: str) -> str:
+    """The path, relative to `root`, that a document means by a name relative to `folder`; nothing need be there.
+
+    Raises:
+        InvalidInputError: it is not below `root`, links followed.
+    """
+    resolved = (root / folder / name).resolve() if "\0" not in name else root.parent
+    if not resolved.is_relative_to(root.resolve()):
+        raise _not_in_upload(name, field)
+    return resolved.relative_to(root.resolve()).as_posix()
+
+
+def resolve_file(root: Path, folder: str, name: str, field: str) -> str:
+    """As `resolve_path`, of a file that is there.
+
+    Raises:
+        InvalidInputError: it is not there, or not below `root`.
+    """
+    path = resolve_path(root, folder, name, field)
+    if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
+        raise _not_in_upload(name, field)
+    return path
+
+
+def _not_in_upload(name: str, field: str) -> InvalidInputError:
+    return InvalidInputError(
+        f"{field} names the file {name[:200]!r}, which is not in the upload",
+        field=field,
+        hint="Send every image that has a pose, under the name that the poses use.",
+    )

@@ -1,0 +1,191 @@
+"""Runs the parsers of untrusted data in a child process with limits on memory and time.
+
+A crash ends one request, not the service. The child reports progress line by line and leaves its result as a file; see
+`service.capture.sandbox_worker` for the other side.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common import errors
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import FastSplatError, ReconstructionError, ResourceError
+
+Task = Literal["validate", "probe", "frames", "reconstruct", "triangulate"]
+Listener = Callable[[float, str], None]
+"""Receives the share of the task that is done, and a line for people; may raise to stop it."""
+
+_ENVIRONMENT = {
+    "OMP_WAIT_POLICY": "passive",
+    "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small, and threads for them would spin beside COLMAP's
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
+}
+_HEARTBEAT_S = 2.0
+_OUT_OF_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror", "failed to map")
+_TRACEBACK_LINES = 60  # a library that cannot be loaded for want of memory says so at the head of its traceback
+_DESCRIPTIONS: dict[Task, str] = {
+    "validate": "checking the upload",
+    "probe": "checking the video",
+    "frames": "reading the video",
+    "reconstruct": "structure from motion",
+    "triangulate": "triangulation",
+}
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """What a task may use, and the settings that say so."""
+
+    memory_bytes: int
+    memory_setting: str
+    seconds: int
+    seconds_setting: str
+
+    @property
+    def memory(self) -> str:
+        return f"{self.memory_bytes} bytes ({self.memory_setting})"
+
+    @property
+    def time(self) -> str:
+        return f"{self.seconds} s ({self.seconds_setting})"
+
+
+def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpload:
+    """`validate_upload` in a child process, which ends early when the caller is cancelled.
+
+    Raises:
+        ResourceError: it exceeded `validation_memory_bytes` or `validation_seconds`, or crashed.
+        CancelledError: the caller was cancelled.
+        FastSplatError: as `validate_upload`.
+    """
+    request = {"upload": str(upload_dir), "settings": settings.model_dump(mode="json")}
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+        result = run_sandboxed("validate", request, Path(folder), settings, lambda fraction, message: check_cancelled())
+    return ValidatedUpload(
+        Path(result["folder"]),
+        result["source"],
+        result["images"],
+        result["has_labels"],
+        tuple(result["warnings"]),
+    )
+
+
+def run_sandboxed(
+    task: Task, request: dict[str, Any], folder: Path, settings: CaptureSettings, listen: Listener
+) -> dict[str, Any]:
+    """Run one task of `service.capture.sandbox_worker` in `folder`, an empty folder of its own; returns its result.
+
+    Raises:
+        FastSplatError: the typed error that the task raised.
+        ResourceError: it exceeded its memory or time limit, or crashed, which is what C++ without memory does.
+        ReconstructionError: the child failed in another way; for "validate", where no other is expected, a
+            RuntimeError.
+        CancelledError: whatever `listen` raised; the child is gone by then.
+    """
+    limits = _limits(task, settings)
+    description = {
+        "memory_bytes": limits.memory_bytes,
+        "memory_limit": limits.memory,
+        "description": _DESCRIPTIONS[task],
+    }
+    (folder / "request.json").write_text(json.dumps({**request, **description}))
+    with (folder / "log.txt").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "fastsplat.service.capture.sandbox_worker", task, str(folder), str(os.getpid())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            env={**os.environ, **_ENVIRONMENT},
+        )
+    try:
+        _follow(process, task, limits, listen)
+        status = process.wait()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+    return _result(task, status, folder, limits)
+
+
+def _limits(task: Task, settings: CaptureSettings) -> _Limits:
+    if task in ("validate", "probe"):
+        return _Limits(
+            settings.validation_memory_bytes,
+            "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES",
+            settings.validation_seconds,
+            "FASTSPLAT_CAPTURE__VALIDATION_SECONDS",
+        )
+    return _Limits(
+        settings.sfm_memory_bytes,
+        "FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES",
+        settings.sfm_seconds,
+        "FASTSPLAT_CAPTURE__SFM_SECONDS",
+    )
+
+
+def _follow(process: subprocess.Popen[bytes], task: Task, limits: _Limits, listen: Listener) -> None:
+    """Pass progress on until the child closes its output; repeat the last when it is silent, so that one can cancel."""
+    assert process.stdout is not None
+    deadline = time.monotonic() + limits.seconds
+    descriptor = process.stdout.fileno()
+    buffer, last = b"", (0.0, "starting")
+    with selectors.DefaultSelector() as selector:
+        selector.register(descriptor, selectors.EVENT_READ)
+        while True:
+            if time.monotonic() > deadline:
+                raise ResourceError(
+                    f"{_DESCRIPTIONS[task]} took too long", limit=limits.time, hint="Send fewer images."
+                )
+            if selector.select(_HEARTBEAT_S):
+                chunk = os.read(descriptor, 1 << 16)
+                if not chunk:
+                    return
+                *lines, buffer = (buffer + chunk).split(b"\n")
+                for line in lines:
+                    fraction, message = json.loads(line)
+                    last = (float(fraction), str(message))
+                    listen(*last)
+            else:
+                listen(*last)
+
+
+def _result(task: Task, status: int, folder: Path, limits: _Limits) -> dict[str, Any]:
+    path = folder / "result.json"
+    if status == 0 and path.is_file():
+        result: dict[str, Any] = json.loads(path.read_text())
+        if "error" not in result:
+            return result
+        details: dict[str, str] = result["error"]
+        kind = getattr(errors, details.pop("type"))
+        assert issubclass(kind, FastSplatError)
+        raise kind(details.pop("message"), **details)
+    log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
+    if status < 0 or any(sign in " ".join(log[-_TRACEBACK_LINES:]).lower() for sign in _OUT_OF_MEMORY_SIGNS):
+        # C++ that gets no memory does not always say so: some of it writes through the null pointer.
+        raise ResourceError(
+            f"{_DESCRIPTIONS[task]} ended by {f'signal {-status}' if status < 0 else 'an error'}, "
+            "as it does when it runs out of memory",
+            limit=limits.memory,
+            hint="Send fewer or smaller images, or raise the limit.",
+        )
+    if task == "validate":
+        raise RuntimeError(f"the process that checks uploads ended with status {status}: {' | '.join(log[-8:])}")
+    raise ReconstructionError(
+        f"{_DESCRIPTIONS[task]} ended with status {status}: {log[-1][:300] if log else 'no message'}",
+        hint="Leave out images that are unlike the others, and try again.",
+    )

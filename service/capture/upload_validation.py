@@ -1,0 +1,265 @@
+"""Validates uploads: unpacked, their kind detected, and checked to the last row before anything else uses them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path, PurePosixPath
+
+from fastsplat.service.capture.archive import is_archive, unpack
+from fastsplat.service.capture.camera_model import aspect_error
+from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_header
+from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
+from fastsplat.service.capture.sandbox import run_sandboxed
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.transforms import read_transforms
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
+from fastsplat.service.capture.upload_manifest import FILES, VALIDATED, UploadManifest, write_manifest
+from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat.service.common.file_names import common_folder, is_system_file
+
+_MIN_IMAGES = 2
+_VIDEO_SIGNATURES = (
+    (4, b"ftyp"),
+    (4, b"moov"),
+    (4, b"mdat"),
+    (4, b"wide"),
+    (4, b"free"),
+    (8, b"AVI "),
+    (0, b"\x1aE\xdf\xa3"),
+)
+
+
+def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpload:
+    """The checked content of what a user sent, laid out for `build_capture` in `upload_dir`'s folder `VALIDATED`.
+
+    Accepts one archive (zip, tar, tar.gz), one video, or files: images alone, or with a COLMAP model, a transforms.json
+    or label maps (`labels/*.png` with `labels.json`). Every image is decoded once. On an error nothing is left behind
+    but what was there.
+
+    Raises:
+        UnsafeArchiveError, LimitExceededError, CorruptImageError, InvalidInputError: see the readers; each names the
+            file and says what to do.
+    """
+    with atomic_directory(upload_dir / VALIDATED) as partial:
+        files = partial / FILES
+        files.mkdir()
+        _lay_out(upload_dir, files, settings)
+        contents = detect_kind(files)
+        if contents.source == "video":
+            manifest = _validate_video(files, contents, settings)
+        elif contents.source == "images":
+            manifest = _validate_images(files, contents, settings)
+        else:
+            manifest = _validate_posed(files, contents, settings)
+        write_manifest(manifest, partial)
+    has_labels = bool(manifest.label_maps)
+    return ValidatedUpload(upload_dir / VALIDATED, manifest.source, len(manifest.photos), has_labels, manifest.warnings)
+
+
+def read_posed_dataset(
+    files: Path,
+    upload: UploadManifest | UploadContents,
+    sizes: Mapping[str, tuple[int, int]],
+    settings: CaptureSettings,
+) -> PosedDataset:
+    """Images with cameras and poses of an upload that has some; `sizes` are those of its images as stored."""
+    if upload.source == "colmap":
+        return read_colmap(files, upload.poses, upload.image_folder, settings)
+    return read_transforms(files, upload.poses, sizes, settings)
+
+
+class ImageSizes(Mapping[str, tuple[int, int]]):
+    """(width, height) of images as stored, read from their headers when looked up."""
+
+    def __init__(self, files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> None:
+        self._files, self._paths, self._settings = files, frozenset(paths), settings
+
+    def __getitem__(self, path: str) -> tuple[int, int]:
+        if path not in self._paths:
+            raise KeyError(path)
+        photo = read_header(self._files, path, self._settings)
+        return photo.width, photo.height
+
+    def __contains__(self, path: object) -> bool:
+        return path in self._paths
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+
+def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
+    paths = [path for path in sorted(upload_dir.rglob("*")) if not is_system_file(path.relative_to(upload_dir).parts)]
+    plain = [path for path in paths if path.is_file() and not path.is_symlink()]
+    special = [path for path in paths if path.is_symlink() or not (path.is_file() or path.is_dir())]
+    if special:
+        name = special[0].relative_to(upload_dir).as_posix()
+        raise InvalidInputError(f"{name} is a link or a special file", field=name, hint="Send plain files.")
+    if len(plain) > settings.max_entries:
+        raise LimitExceededError(
+            f"the upload has {len(plain)} files",
+            field="files",
+            limit=f"{settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+            hint="Send fewer images.",
+        )
+    archives = [path for path in plain if is_archive(path)]
+    if archives and len(plain) > 1:
+        raise InvalidInputError(
+            f"the upload has {archives[0].name} and other files",
+            field=archives[0].name,
+            hint="Send one archive alone.",
+        )
+    if archives:
+        unpack(archives[0], files, settings)
+        return
+    for path in plain:
+        target = files / path.relative_to(upload_dir)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(path, target)
+        except OSError:  # a file system without hard links
+            shutil.copyfile(path, target)
+
+
+def _validate_video(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
+    with (files / contents.video).open("rb") as file:
+        head = file.read(16)
+    # Decoders guess by content and would follow a playlist called .mp4 to other files and hosts.
+    if not any(head[at:].startswith(signature) for at, signature in _VIDEO_SIGNATURES):
+        raise InvalidInputError(
+            f"{contents.video} is not a video", field=contents.video, hint="Send an MP4, MOV, WebM, MKV or AVI file."
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        request = {"video": str(files / contents.video), "name": contents.video, **settings.model_dump()}
+        run_sandboxed("probe", request, Path(folder), settings, lambda fraction, message: None)
+    return UploadManifest("video", video=contents.video, warnings=contents.warnings)
+
+
+def _validate_images(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
+    photos = _check_images(files, contents.images, settings)
+    if len(photos) < _MIN_IMAGES:
+        raise InvalidInputError(
+            f"one image ({photos[0].path}) without a pose is not enough for a scene",
+            field=photos[0].path,
+            limit=f"at least {_MIN_IMAGES} images",
+            hint="Send at least two overlapping photos, better twenty, or send poses with the image.",
+        )
+    label_maps: dict[str, str] = {}
+    if contents.labels:
+        label_maps = match_label_maps(contents.label_maps, contents.images)
+        if label_maps:
+            table = read_label_table(files, contents.labels, settings)
+            _check_label_maps(files, photos, label_maps, table, settings)
+    elif contents.label_maps:
+        raise InvalidInputError(
+            "the upload has label maps, but no labels.json",
+            field="labels.json",
+            hint='Send labels.json with the names of the ids, e.g. {"mug": 1}.',
+        )
+    folder = PurePosixPath(common_folder(contents.images))
+    return UploadManifest(
+        source="images",
+        photos=photos,
+        names=tuple(PurePosixPath(photo.path).relative_to(folder).as_posix() for photo in photos),
+        labels=contents.labels if label_maps else "",
+        label_maps=label_maps,
+        warnings=contents.warnings,
+    )
+
+
+def _validate_posed(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
+    dataset = read_posed_dataset(files, contents, ImageSizes(files, contents.images, settings), settings)
+    paths = tuple(sorted({image.path for image in dataset.images}))
+    photo_by_path = {photo.path: photo for photo in _check_images(files, paths, settings)}
+    blank_masks = 0
+    for image in dataset.images:
+        _check_posed_image(image, photo_by_path[image.path])
+        if image.mask is not None:
+            blank_masks += not _check_mask(files, image.mask, photo_by_path[image.path], settings)
+    if blank_masks == len(dataset.images):
+        raise InvalidInputError(
+            "the masks of all images are 0 everywhere, which leaves no pixel to use",
+            field=contents.poses,
+            hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
+        )
+    label_maps = {image.path: image.label_map for image in dataset.images if image.label_map is not None}
+    table = dataset.labels
+    labels = ""
+    if table is None and contents.labels:
+        missing = [image.path for image in dataset.missing]
+        label_maps = match_label_maps(contents.label_maps, [image.path for image in dataset.images], missing)
+        if label_maps:
+            labels, table = contents.labels, read_label_table(files, contents.labels, settings)
+    photos = tuple(photo_by_path[image.path] for image in dataset.images)
+    if table is not None:
+        _check_label_maps(files, photos, label_maps, table, settings)
+    return UploadManifest(
+        source=contents.source,
+        photos=photos,
+        names=tuple(image.name for image in dataset.images),
+        poses=contents.poses,
+        image_folder=contents.image_folder,
+        labels=labels,
+        label_maps=label_maps,
+        warnings=(*contents.warnings, *dataset.warnings),
+    )
+
+
+def _check_posed_image(image: PosedImage, photo: PhotoInfo) -> None:
+    fits_stored = image.camera_model.fits(photo.width, photo.height)
+    if not fits_stored and not image.camera_model.fits(*photo.upright_size):
+        raise aspect_error(image.path, image.camera_model, photo.width, photo.height)
+    if photo.mirrored and fits_stored:
+        raise InvalidInputError(
+            f"{image.path} is stored mirrored, which no camera pose can undo",
+            field=image.path,
+            hint="Apply the orientation to the pixels before computing poses.",
+        )
+
+
+def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSettings) -> bool:
+    """Whether any pixel of the mask counts. Raises `InvalidInputError` if it does not have its image's size."""
+    mask = open_map(files, name, settings)
+    height, width = mask.shape
+    if (width, height) not in (photo.upright_size, (photo.width, photo.height)):
+        raise InvalidInputError(
+            f"{name} has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
+            field=name,
+            hint="Send masks of exactly their image's size.",
+        )
+    return bool(mask.any())
+
+
+def _check_images(files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> tuple[PhotoInfo, ...]:
+    if len(paths) > settings.max_images:
+        raise LimitExceededError(
+            f"the upload has {len(paths)} images",
+            field="files",
+            limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
+            hint="Send fewer images.",
+        )
+    with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        jobs = [pool.submit(check_image, files, path, settings) for path in paths]
+        try:
+            return tuple(job.result() for job in jobs)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _check_label_maps(
+    files: Path, photos: tuple[PhotoInfo, ...], label_maps: dict[str, str], table: LabelTable, settings: CaptureSettings
+) -> None:
+    for photo in photos:
+        if photo.path in label_maps:
+            sizes = {photo.upright_size, (photo.width, photo.height)}
+            check_label_map(files, label_maps[photo.path], table, sizes, settings)

@@ -1,0 +1,144 @@
+"""The sandbox: the same errors as in process, its environment and its limits; what kills it ends one request."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import threading
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fastsplat.service.capture import sandbox, validate_upload
+from fastsplat.service.capture.sandbox import validate_in_sandbox
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.common.errors import CancelledError, FastSplatError, ResourceError
+
+
+def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG")
+    return buffer.getvalue()
+
+
+def _photos(folder: Path) -> None:
+    for number in range(3):
+        (folder / f"{number} ü.jpg").write_bytes(_photo(number))
+
+
+def _archive(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
+        for number in range(2):
+            archive.writestr(f"images/{number}.jpg", _photo(number))
+
+
+def _damaged(folder: Path) -> None:
+    _photos(folder)
+    (folder / "2 ü.jpg").write_bytes(_photo(2)[:800])
+
+
+def _climbing(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
+        archive.writestr("../../out.jpg", _photo(1))
+
+
+def _empty(folder: Path) -> None:
+    (folder / "notes.txt").write_text("nothing")
+
+
+def _unreadable_poses(folder: Path) -> None:
+    _photos(folder)
+    (folder / "transforms.json").write_text('{"frames": [' * 5_000)
+
+
+_UPLOADS = (_photos, _archive, _damaged, _climbing, _empty, _unreadable_poses)
+
+
+def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, fill: Callable[[Path], None]) -> str:
+    folder.mkdir()
+    fill(folder)
+    try:
+        outcome = vars(validate(folder, CaptureSettings()))
+    except FastSplatError as error:
+        outcome = {"error": type(error).__name__, "message": error.message, **error.details()}
+    return json.dumps(outcome, default=str).replace(str(folder), "HERE")
+
+
+@pytest.mark.parametrize("fill", _UPLOADS)
+def test_the_child_says_what_the_process_itself_would_say(tmp_path: Path, fill: Callable[[Path], None]) -> None:
+    alone = _outcome(validate_upload, tmp_path / "alone", fill)
+    assert _outcome(validate_in_sandbox, tmp_path / "isolated", fill) == alone
+
+
+def test_an_upload_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
+    for number in range(2):
+        (tmp_path / f"{number}.jpg").write_bytes(_photo(number, (3_000, 3_000)))
+    with pytest.raises(ResourceError) as caught:
+        validate_in_sandbox(tmp_path, CaptureSettings(validation_memory_bytes=300 * 2**20))
+    assert "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES" in caught.value.limit and "upload" in caught.value.message
+    assert validate_in_sandbox(tmp_path, CaptureSettings()).images == 2
+
+
+def test_an_upload_that_takes_too_long_is_refused(tmp_path: Path) -> None:
+    _photos(tmp_path)
+    with pytest.raises(ResourceError) as caught:
+        validate_in_sandbox(tmp_path, CaptureSettings(validation_seconds=0))
+    assert "FASTSPLAT_CAPTURE__VALIDATION_SECONDS" in caught.value.limit
+
+
+def test_validation_stops_when_the_caller_is_cancelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _photos(tmp_path)
+    monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
+    cancellation = Cancellation()
+    cancellation.cancel()
+    with cancellable(cancellation), pytest.raises(CancelledError):
+        validate_in_sandbox(tmp_path, CaptureSettings())
+
+
+def test_the_child_runs_in_the_environment_of_the_sandbox(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "upload").mkdir()
+    (tmp_path / "task").mkdir()
+    _photos(tmp_path / "upload")
+    monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    environments: list[list[bytes]] = []
+
+    def listen(fraction: float, message: str) -> None:
+        children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
+        environments.extend(Path(f"/proc/{child}/environ").read_bytes().split(b"\0") for child in children)
+
+    settings = CaptureSettings()
+    request = {"upload": str(tmp_path / "upload"), "settings": settings.model_dump(mode="json")}
+    sandbox.run_sandboxed("validate", request, tmp_path / "task", settings, listen)
+    assert environments
+    for entry in (
+        b"OPENBLAS_NUM_THREADS=1",
+        b"OMP_WAIT_POLICY=passive",
+        b"OPENCV_FFMPEG_CAPTURE_OPTIONS=protocol_whitelist;file",
+    ):
+        assert entry in environments[0]
+
+
+def test_a_child_whose_parent_died_before_it_looked_does_nothing(tmp_path: Path) -> None:
+    over = subprocess.Popen([sys.executable, "-c", ""])
+    over.wait()
+    limits = {"memory_bytes": 6 << 30, "memory_limit": "", "description": ""}
+    upload = tmp_path / "upload"
+    upload.mkdir()
+    _photos(upload)
+    settings = CaptureSettings().model_dump(mode="json")
+    (tmp_path / "request.json").write_text(json.dumps({"upload": str(upload), "settings": settings, **limits}))
+    command = [sys.executable, "-m", "fastsplat.service.capture.sandbox_worker", "validate", str(tmp_path)]
+    assert subprocess.run([*command, str(over.pid)], check=False).returncode == 1
+    assert not (tmp_path / "result.json").exists()
+    assert subprocess.run([*command, str(os.getpid())], check=False).returncode == 0
+    assert (tmp_path / "result.json").exists()

@@ -1,0 +1,57 @@
+"""A child dies with its parent, whenever the parent died."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+_CHILD = """
+import sys, time
+from fastsplat.service.common.process import die_with_parent
+die_with_parent(int(sys.argv[1]))
+print("alive", flush=True)
+time.sleep(600)
+"""
+_SHORT_CHILD = _CHILD.replace("time.sleep(600)", "")
+_PARENT = f"""
+import os, subprocess, sys, time
+child = subprocess.Popen([sys.executable, "-c", {_CHILD!r}, str(os.getpid())], stdout=subprocess.PIPE)
+assert child.stdout.readline() == b"alive\\n"
+print(child.pid, flush=True)
+time.sleep(600)
+"""
+
+
+def _is_over(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
+    except OSError:
+        return True
+
+
+def test_a_child_dies_with_its_parent() -> None:
+    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        assert not _is_over(child)
+        parent.send_signal(signal.SIGKILL)
+        parent.wait()
+        while not _is_over(child):  # a child that lives on hangs the test
+            time.sleep(0.01)
+
+
+def test_a_child_whose_parent_died_before_it_looked_ends_at_once() -> None:
+    over = subprocess.Popen([sys.executable, "-c", ""])
+    over.wait()
+    command = [sys.executable, "-c", _SHORT_CHILD, str(over.pid)]
+    result = subprocess.run(command, stdout=subprocess.PIPE, check=False)
+    assert result.returncode == 1 and result.stdout == b""
+
+
+def test_a_parent_that_lives_changes_nothing() -> None:
+    command = [sys.executable, "-c", _SHORT_CHILD, str(os.getpid())]
+    assert subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout == b"alive\n"
