@@ -65,7 +65,10 @@ def _upload(data: str) -> dict[str, bytes]:
 
 
 def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[str, Any]:
-    program = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
+    program = (
+        "from fastsplat.service.settings import load_settings; from fastsplat.workers.main import run; "
+        "run(load_settings())"
+    )
     worker = subprocess.Popen(
         [sys.executable, "-c", program],
         env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},

@@ -42,7 +42,7 @@ from fastsplat.cli.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.main import run
 if {elsewhere}:
-    workers.sweep.machine = lambda: "another machine"
+    fastsplat.workers.sweep.machine = lambda: "another machine"
 log_to_stderr("worker")
 run(load_settings(), "fake_stages:FAKES")
 """

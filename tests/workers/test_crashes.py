@@ -171,7 +171,7 @@ def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks
         operation = house.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage: what the job engine records on waking is not its own any more.
         inside = _FREEZE_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "import service.store.engine\nservice.store.engine.IDLE_TRANSACTION_S = 3.0\n"
+        short = "import fastsplat.service.store.engine\nfastsplat.service.store.engine.IDLE_TRANSACTION_S = 3.0\n"
         frozen = house.start_worker(elsewhere=True, code=short + inside)
         trainer = house.wait_in("training", operation)
         house.wait_for(flag.exists)

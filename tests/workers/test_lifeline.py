@@ -32,5 +32,5 @@ def test_a_younger_process_of_the_same_id_is_another_one() -> None:
 
 
 def test_the_machine_is_the_same_for_all_processes_in_it() -> None:
-    command = [sys.executable, "-c", "from workers.lifeline import machine; print(machine())"]
+    command = [sys.executable, "-c", "from fastsplat.workers.lifeline import machine; print(machine())"]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == machine()

@@ -63,7 +63,7 @@ def _work(settings: Settings) -> subprocess.Popen[bytes]:
         "FASTSPLAT_MODELS": str(settings.models),
         "FASTSPLAT_TRAINING": training.model_dump_json(include={"iterations", "time_budget_s", "max_side"}),
     }
-    command = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
+    command = "from fastsplat.service.settings import load_settings; from fastsplat.workers.main import run; run(load_settings())"
     return subprocess.Popen([sys.executable, "-c", command], env=environment, cwd=_ROOT, start_new_session=True)
 
 
