@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.workers.lifeline import machine
+from fastsplat.workers.process_group import machine_id
 
 _TIMEOUT_S = 5.0
 
@@ -41,8 +41,9 @@ def _worker_trouble(settings: Settings) -> str:
 
     store = open_store(settings.data_dir, settings.database_url)
     try:
-        if store.jobs.alive_on(machine(), settings.jobs.stale_s):
+        timeout_s = settings.jobs.stalled_worker_timeout_s
+        if store.workers.alive_on(machine_id(), timeout_s):
             return ""
-        return f"no worker of this machine gave a beat in the last {settings.jobs.stale_s:.0f} s"
+        return f"no worker of this machine had a heartbeat in the last {timeout_s:.0f} s"
     finally:
         store.close()

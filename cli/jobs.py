@@ -33,7 +33,7 @@ def list_jobs(
     if state and wanted is None:
         raise InvalidInputError(f"no job is ever {state[:20]!r}", field="state", hint="See --help for the states.")
     with _store() as store:
-        records = store.rows.operations(limit, None, wanted)
+        records = store.scenes.list_operations(limit, None, wanted)
     table = Table(title="Jobs")
     for heading in ("id", "scene", "state", "posted", "starts", "priority", "where it stands"):
         table.add_column(heading, overflow="fold")
@@ -48,7 +48,7 @@ def list_jobs(
 def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
     """Print the error of a job, and the end of what its trainers wrote."""
     with _store() as store:
-        record = store.rows.operation(job_id)
+        record = store.scenes.operation(job_id)
         path = store.blobs.log(record.id)
     if record.error is not None:
         typer.echo(json.dumps(record.error, indent=2), err=True)

@@ -16,7 +16,7 @@ from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
 from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
 
 Devices = Annotated[
     str, typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: what CUDA shows.')
@@ -80,7 +80,7 @@ def worker(devices: Devices = "", workers: Workers = 1) -> None:
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
-    from fastsplat.workers.main import run
+    from fastsplat.workers.worker_process import run
 
     _start("worker")
     run(load_settings())

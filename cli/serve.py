@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from fastsplat.workers.lifeline import PARENT_VARIABLE, process_state
+from fastsplat.workers.process_group import PARENT_VARIABLE, process_state
 
 logger = logging.getLogger(__name__)
 _STEADY_S = 30.0

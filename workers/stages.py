@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.calls.translate import camera_to_json
 from fastsplat.service.capture import build_capture, load_capture
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
@@ -22,6 +21,7 @@ from fastsplat.service.query.fields import label_field
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import kept_plan, plan_perception, plan_training
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder, stage_seconds
@@ -78,7 +78,7 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(_summary(scene, labelling)))
 
 
-STAGES_OF_THE_PRODUCT = Stages(_capture, _perception, _training, _export)
+DEFAULT_STAGES = Stages(_capture, _perception, _training, _export)
 
 
 def save_trained(trained: TrainedSplats, folder: Path) -> None:

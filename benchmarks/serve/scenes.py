@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.calls.translate import camera_to_json
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import open_text_encoder
@@ -16,6 +15,7 @@ from fastsplat.service.query import embed_labels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.store import Store
+from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
 
 ENCODER = "minilm_l6_int8"
@@ -62,7 +62,7 @@ def add_scene(store: Store, scene: Scene, like: str = "") -> str:
     """Store a scene and return its id. With `like`, hard links to that scene's files stand in for files of its own."""
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
     options = {"labels": [], "time_budget_s": None, "max_gaussians": None}
-    store.rows.admit(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
+    store.scenes.create(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
     folder = store.blobs.version(scene_id, "1")
     if like:
         _link_tree(store.blobs.version(like, "1"), folder)

@@ -66,7 +66,7 @@ def _upload(data: str) -> dict[str, bytes]:
 
 def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[str, Any]:
     program = (
-        "from fastsplat.service.settings import load_settings; from fastsplat.workers.main import run; "
+        "from fastsplat.service.settings import load_settings; from fastsplat.workers.worker_process import run; "
         "run(load_settings())"
     )
     worker = subprocess.Popen(

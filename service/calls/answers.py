@@ -39,7 +39,7 @@ class Answers:
             )
         _check_everywhere(request)
         answers: list[QueryAnswer] = []
-        for scene_id in self._store.rows.ready_scene_ids():
+        for scene_id in self._store.scenes.ready_scene_ids():
             check_cancelled()
             try:
                 answers.extend(self.query(dataclasses.replace(request, scene_id=scene_id)))

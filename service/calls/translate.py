@@ -1,4 +1,4 @@
-"""Stored rows to what callers see, and a finished scene to what is stored."""
+"""Stored rows to what callers see."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
-
 from fastsplat.service.calls.types import (
     DictionaryRow,
     Operation,
     OperationError,
     SceneInfo,
-    SceneOptions,
     StageProgress,
 )
-from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import OperationRecord, SceneRecord
 
 
@@ -51,37 +48,6 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> SceneInfo:
         label_count=len(record.dictionary),
         camera_count=len(record.cameras),
     )
-
-
-def options_of(options: Mapping[str, Any]) -> SceneOptions:
-    """The user's choices as stored with an operation."""
-    return SceneOptions(
-        labels=tuple(options["labels"]),
-        time_budget_s=options["time_budget_s"],
-        max_gaussians=options["max_gaussians"],
-        preset=options.get("preset"),
-    )
-
-
-def camera_to_json(posed: PosedCamera) -> dict[str, Any]:
-    """A posed camera as JSON numbers: intrinsics in pixels, `world_from_camera` row by row."""
-    camera = posed.camera
-    return {
-        "name": posed.name,
-        "width": camera.width,
-        "height": camera.height,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "world_from_camera": posed.world_from_camera.tolist(),
-    }
-
-
-def camera_from_json(row: Mapping[str, Any]) -> PosedCamera:
-    """Back from `camera_to_json`, exactly."""
-    camera = Camera(row["width"], row["height"], row["fx"], row["fy"], row["cx"], row["cy"])
-    return PosedCamera(camera, np.array(row["world_from_camera"], dtype=np.float64), row["name"])
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryRow:

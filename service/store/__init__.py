@@ -9,35 +9,38 @@ from sqlalchemy import Engine
 
 from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.store.blobs import Blobs
-from fastsplat.service.store.engine import open_engine, resolve_url
-from fastsplat.service.store.holdings import HoldingRows
-from fastsplat.service.store.jobs import JobRows
-from fastsplat.service.store.keys import KeyRows
-from fastsplat.service.store.objects import open_blobs
-from fastsplat.service.store.rows import Rows
+from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.job_repository import JobMetrics, JobRepository
+from fastsplat.service.store.key_repository import KeyRepository
+from fastsplat.service.store.object_store import open_blobs
+from fastsplat.service.store.quota_usage import QuotaUsage
+from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
-from fastsplat.service.store.versions import VersionRows
+from fastsplat.service.store.version_repository import VersionRepository
+from fastsplat.service.store.worker_repository import WorkerRepository
 
 
 @dataclass(frozen=True)
 class Store:
-    """All that is durable: `jobs` for the workers, `blobs` for all, the others for the faces."""
+    """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer."""
 
-    rows: Rows
-    versions: VersionRows
-    jobs: JobRows
-    keys: KeyRows
-    holdings: HoldingRows
+    scenes: SceneRepository
+    versions: VersionRepository
+    jobs: JobRepository
+    workers: WorkerRepository
+    job_metrics: JobMetrics
+    keys: KeyRepository
+    quota_usage: QuotaUsage
     blobs: Blobs
     engine: Engine
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self.engine.dispose()
 
 
 def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None) -> Store:
-    """Open, and on first use make, the data folder and the tables.
+    """The store of a data folder; makes the folder and the tables on first use.
 
     Raises:
         InvalidInputError: a URL cannot be read.
@@ -54,11 +57,13 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
     engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
     return Store(
-        Rows(engine),
-        VersionRows(engine),
-        JobRows(engine),
-        KeyRows(engine),
-        HoldingRows(engine),
-        blobs,
-        engine,
+        scenes=SceneRepository(engine),
+        versions=VersionRepository(engine),
+        jobs=JobRepository(engine),
+        workers=WorkerRepository(engine),
+        job_metrics=JobMetrics(engine),
+        keys=KeyRepository(engine),
+        quota_usage=QuotaUsage(engine),
+        blobs=blobs,
+        engine=engine,
     )

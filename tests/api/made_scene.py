@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.translate import camera_to_json
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
@@ -17,6 +16,7 @@ from fastsplat.service.query import embed_labels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
 
 ENCODER = "label_table:words"
@@ -92,7 +92,7 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
     scene = made_scene(encoder)
     store = service._store
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
-    store.rows.admit(
+    store.scenes.create(
         NewJob(
             scene_id=scene_id,
             operation_id=operation_id,

@@ -16,9 +16,10 @@ from fastsplat.api.grpc.server import MAX_MESSAGE_BYTES
 from fastsplat.api.grpc.translate import scene_out
 from fastsplat.api.rest import openapi
 from fastsplat.service.calls.settings import CallSettings
-from fastsplat.service.calls.translate import camera_to_json, scene_of
+from fastsplat.service.calls.translate import scene_of
 from fastsplat.service.calls.types import Box, Pose, QueryAnswer, RleMask, SceneObject, ViewMask
 from fastsplat.service.query.types import Answer, Match
+from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import SceneRecord
 from fastsplat_client.messages import answers_of
 from fastsplat_contract.v1 import fastsplat_pb2

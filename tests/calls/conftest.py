@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.calls.translate import camera_to_json
 from fastsplat.service.calls.types import SceneInfo, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
@@ -21,6 +20,7 @@ from fastsplat.service.query import QuerySettings, embed_labels
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat.service.store import open_store
+from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import SceneSummary
 
 LABELS = ("mug", "banana")

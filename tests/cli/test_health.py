@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.store import open_store
-from fastsplat.workers.lifeline import machine
+from fastsplat.workers.process_group import machine_id
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -23,14 +23,14 @@ def health(role: str, folder: Path, port: int = 1) -> subprocess.CompletedProces
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
 
 
-def test_a_worker_is_well_while_it_beats(tmp_path: Path) -> None:
+def test_a_worker_is_well_while_its_heartbeat_is_fresh(tmp_path: Path) -> None:
     store = open_store(tmp_path)
-    store.jobs.beat("elsewhere", "another machine", 1)
+    store.workers.update_heartbeat("elsewhere", "another machine", 1)
     silent = health("worker", tmp_path)
-    assert silent.returncode == 1 and "gave a beat" in silent.stderr
-    store.jobs.beat("here", machine(), os.getpid())
+    assert silent.returncode == 1 and "had a heartbeat" in silent.stderr
+    store.workers.update_heartbeat("here", machine_id(), os.getpid())
     assert health("worker", tmp_path).returncode == 0
-    store.jobs.resign("here")
+    store.workers.mark_stopped("here")
     assert health("worker", tmp_path).returncode == 1
     store.close()
 

@@ -26,7 +26,7 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
     store = open_store(tmp_path)
     for name in ("bad", "new"):
-        store.rows.admit(NewJob(f"{name}scene", f"{name}job", "desk", "", "d", name, {}, priority=7))
+        store.scenes.create(NewJob(f"{name}scene", f"{name}job", "desk", "", "d", name, {}, priority=7))
     claim = store.jobs.claim("badjob")
     assert claim is not None
     error = {"kind": "INTERNAL", "reason": "TRAINER_CRASHED", "message": "it died", "stage": "training", "details": {}}

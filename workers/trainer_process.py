@@ -13,7 +13,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from fastsplat.workers.lifeline import PARENT_VARIABLE
+from fastsplat.workers.process_group import PARENT_VARIABLE
 from fastsplat.workers.protocol import Event, Job, read_event
 
 # The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.

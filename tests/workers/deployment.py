@@ -28,21 +28,21 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store.engine import resolve_url
+from fastsplat.service.store.database import resolve_url
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _WORKER = """
 import os
-import fastsplat.workers.sweep
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+import fastsplat.workers.heartbeat
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.main import run
+from fastsplat.workers.worker_process import run
 if {elsewhere}:
-    fastsplat.workers.sweep.machine = lambda: "another machine"
+    fastsplat.workers.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
 run(load_settings(), "fake_stages:FAKES")
 """
@@ -58,11 +58,11 @@ class Visit:
     pid: int
 
 
-class House:
+class Deployment:
     """One data folder with a service and the processes that a test starts."""
 
     def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
-        jobs = JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0)
+        jobs = JobSettings(poll_interval_s=0.1, heartbeat_interval_s=0.3, stalled_worker_timeout_s=2.0)
         self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
@@ -97,7 +97,7 @@ class House:
         return api
 
     def environment(self) -> dict[str, str]:
-        """What a process of this house needs to know."""
+        """What a process of this deployment needs to know."""
         jobs = self.settings.jobs
         return {
             **os.environ,
@@ -109,10 +109,7 @@ class House:
             "FASTSPLAT_HTTP_PORT": self.http.rsplit(":", 1)[1],
             "FASTSPLAT_GRPC_PORT": "0",
             "FASTSPLAT_METRICS_PORT": "0",
-            "FASTSPLAT_JOBS__MAX_STARTS": str(self.max_starts),
-            "FASTSPLAT_JOBS__POLL_S": str(jobs.poll_s),
-            "FASTSPLAT_JOBS__BEAT_S": str(jobs.beat_s),
-            "FASTSPLAT_JOBS__STALE_S": str(jobs.stale_s),
+            "FASTSPLAT_JOBS": jobs.model_copy(update={"max_starts": self.max_starts}).model_dump_json(),
             "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parent.parent)]),
         }
 
@@ -193,7 +190,7 @@ class House:
         """Everything on disk that belongs to jobs and uploads: of these, or of all."""
         folders = [self.settings.data_dir / name for name in ("jobs", "uploads")]
         names = sorted(path.name for folder in folders if folder.is_dir() for path in folder.iterdir())
-        records = [self.service._store.rows.operation(operation.id) for operation in of]
+        records = [self.service._store.scenes.operation(operation.id) for operation in of]
         wanted = {name for record in records for name in (record.id, record.upload_id)}
         return [name for name in names if not of or name in wanted]
 
@@ -223,7 +220,7 @@ class House:
         self.service.close()
 
     def start_command(self, command: list[str], **environment: str) -> subprocess.Popen[bytes]:
-        """Any command in this house."""
+        """Any command in this deployment."""
         return self._start(command, environment=environment)
 
     def _start(
