@@ -108,7 +108,7 @@ class SceneService:
         return operation_of(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:
-        """Ask a job to stop: a queued one is CANCELLED on return, a running one within two seconds.
+        """Ask a job to stop: a queued one is CANCELLED on return, a running one once its worker has looked again.
 
         A job that is over stays as it is. Returns the operation as it now stands.
 

@@ -19,7 +19,8 @@ from fastsplat.cli.logs import log_to_stderr
 import fastsplat.cli.serve
 from fastsplat.cli.serve import Role, serve
 log_to_stderr("serve")
-fastsplat.cli.serve._FROZEN_S, fastsplat.cli.serve._AFTER_CRASH_S = 0.5, 0.1
+fastsplat.cli.serve._SUSPENDED_S, fastsplat.cli.serve._AFTER_CRASH_S = 0.5, 0.1
+fastsplat.cli.serve._MAX_PAUSE_S = 0.2
 sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) for name in sys.argv[2:]}))
 """
 _STEADY = """

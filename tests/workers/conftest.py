@@ -9,6 +9,15 @@ import pytest
 
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment
+from tests.workers.standby import APIS, WORKERS
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _end_standbys() -> Iterator[None]:
+    """Processes that wait for a test end with the last one."""
+    yield
+    WORKERS.close()
+    APIS.close()
 
 
 @pytest.fixture

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import io
 import os
-import resource
 import signal
 import socket
 import sqlite3
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
@@ -29,6 +27,7 @@ from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.database import resolve_url
+from tests.workers.standby import APIS, WORKERS
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
@@ -45,6 +44,12 @@ if {elsewhere}:
     fastsplat.workers.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
 run(load_settings(), "fake_stages:FAKES")
+"""
+_API = """
+import sys
+from fastsplat.cli.main import main
+sys.argv = ["fastsplat", "api"]
+main()
 """
 
 
@@ -82,7 +87,10 @@ class Deployment:
             more: environment variables.
         """
         own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
-        return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file, own)
+        code += self.worker_code(elsewhere=elsewhere)
+        worker = WORKERS.run(code, {**self.environment(), **own}, max_file)
+        self._processes.append(worker)
+        return worker
 
     @staticmethod
     def worker_code(*, elsewhere: bool = False) -> str:
@@ -91,7 +99,8 @@ class Deployment:
 
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
-        api = self._start([sys.executable, "-m", "fastsplat.cli.main", "api"])
+        api = APIS.run(_API, self.environment())
+        self._processes.append(api)
         if wait:
             self.wait_for(lambda: _answers(f"{self.http}/livez"))
         return api
@@ -221,20 +230,7 @@ class Deployment:
 
     def start_command(self, command: list[str], **environment: str) -> subprocess.Popen[bytes]:
         """Any command in this deployment."""
-        return self._start(command, environment=environment)
-
-    def _start(
-        self, command: list[str], max_file: int = 0, environment: dict[str, str] | None = None
-    ) -> subprocess.Popen[bytes]:
-        def limit() -> None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (max_file, max_file))
-
-        process = subprocess.Popen(
-            command,
-            env={**self.environment(), **(environment or {})},
-            start_new_session=True,
-            preexec_fn=limit if max_file else None,
-        )
+        process = subprocess.Popen(command, env={**self.environment(), **environment}, start_new_session=True)
         self._processes.append(process)
         return process
 

@@ -64,13 +64,16 @@ def test_after_a_reboot_everything_acknowledged_runs_once(
 _SERVE = """
 import sys
 from fastsplat.cli.logs import log_to_stderr
+import fastsplat.cli.serve
 from fastsplat.cli.serve import Role, serve
+fastsplat.cli.serve._AFTER_CRASH_S = 0.1
 log_to_stderr("serve")
 sys.exit(serve({"worker": Role([sys.executable, "-c", sys.argv[1]])}))
 """
 
 
-def test_a_job_that_kills_its_worker_is_parked_after_three_starts_and_the_others_go_on(deployment: Deployment) -> None:
+def test_a_job_that_kills_its_worker_fails_at_the_limit_of_starts_and_the_others_go_on(deployment: Deployment) -> None:
+    deployment.max_starts = 2
     poison = [deployment.post("training:kill_worker") for _ in range(2)]
     good = deployment.post()
     serve = deployment.start_command([sys.executable, "-c", _SERVE, deployment.worker_code()])
@@ -79,8 +82,8 @@ def test_a_job_that_kills_its_worker_is_parked_after_three_starts_and_the_others
         over = deployment.wait_over(operation)
         assert over.state == "FAILED" and over.error is not None
         assert (over.error.reason, over.error.stage) == ("WORKER_CRASHED", "training")
-        assert "3" in over.error.details["limit"] and over.error.details["hint"]
-        assert len(deployment.visits("training", operation)) == 3 and len(deployment.visits("capture", operation)) == 1
+        assert "2 starts" in over.error.details["limit"] and over.error.details["hint"]
+        assert len(deployment.visits("training", operation)) == 2 and len(deployment.visits("capture", operation)) == 1
     assert deployment.wait_over(good).state == "SUCCEEDED"
     assert serve.poll() is None
     serve.terminate()
@@ -171,7 +174,8 @@ def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks
         operation = deployment.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage: what the job engine records on waking is not its own any more.
         inside = _FREEZE_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "import fastsplat.service.store.database as database\ndatabase.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
+        short = "from fastsplat.service.store import database\nfrom fastsplat.workers import engine\n"
+        short += "database.IDLE_TRANSACTION_TIMEOUT_S = engine.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
         frozen = deployment.start_worker(elsewhere=True, code=short + inside)
         trainer = deployment.wait_in("training", operation)
         deployment.wait_for(flag.exists)
