@@ -12,6 +12,7 @@ import typer
 from rich import box
 from rich.console import Console
 from rich.table import Column, Table
+from rich.text import Text
 
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.common.states import OperationState
@@ -46,7 +47,7 @@ def list_jobs(
     table = Table(*headings, Column("progress", overflow="fold"), box=box.SIMPLE, padding=(0, 1, 0, 0))
     for record in records:
         posted = datetime.fromtimestamp(record.created_at, UTC).strftime("%Y-%m-%d %H:%M:%S")
-        table.add_row(f"{record.id}\n{record.scene_id}", f"{record.state}\n{posted}", _progress(record))
+        table.add_row(f"{record.id}\n{record.scene_id}", f"{record.state}\n{posted}", Text(_progress(record)))
     Console().print(table)
 
 

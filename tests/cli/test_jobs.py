@@ -35,7 +35,13 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         store.scenes.create(NewJob(scene_id, job_id, "desk", "", "d", job_id, {}, priority=7))
     claim = store.jobs.claim(BAD)
     assert claim is not None
-    error = {"kind": "INTERNAL", "reason": "TRAINER_CRASHED", "message": "it died", "stage": "training", "details": {}}
+    error = {
+        "kind": "INTERNAL",
+        "reason": "TRAINER_CRASHED",
+        "message": "it died [/b]",
+        "stage": "training",
+        "details": {},
+    }
     store.jobs.fail(claim, error)
     store.blobs.log(BAD).parent.mkdir()
     store.blobs.log(BAD).write_bytes(b"first\nlast words \xff\n")
@@ -46,7 +52,7 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 def test_jobs_are_listed_with_where_they_stand(fastsplat):
     everything = fastsplat("jobs", "list").stdout
-    assert BAD in everything and IDS[1] in everything and "training: it died" in everything
+    assert BAD in everything and IDS[1] in everything and "training: it died [/b]" in everything
     failed = fastsplat("jobs", "list", "--state", "failed").stdout
     assert BAD in failed and NEW not in failed
     assert isinstance(fastsplat("jobs", "list", "--state", "lost").exception, InvalidInputError)
