@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sqlalchemy import Connection, Engine, delete, func, insert, select, text
 
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.schema import holdings, operations, scenes
+from fastsplat.service.store.schema import operations, quota_usage, scenes
 
 _LOCK_SPACE = 0x484F4C44  # any number, the same for all processes that open one PostgreSQL database
 
@@ -46,15 +46,15 @@ def reserve(connection: Connection, owner: str, scene_id: str, size: int) -> Usa
     if connection.dialect.name == "postgresql":
         name = {"space": _LOCK_SPACE, "owner": owner}
         connection.execute(text("SELECT pg_advisory_xact_lock(:space, hashtext(:owner))"), name)
-    connection.execute(delete(holdings).where(holdings.c.scene_id.not_in(select(scenes.c.id))))
-    connection.execute(insert(holdings).values(scene_id=scene_id, owner=owner, bytes=size))
+    connection.execute(delete(quota_usage).where(quota_usage.c.scene_id.not_in(select(scenes.c.id))))
+    connection.execute(insert(quota_usage).values(scene_id=scene_id, owner=owner, bytes=size))
     return _usage(connection, owner)
 
 
 def _usage(connection: Connection, owner: str) -> Usage:
-    owned = holdings.join(scenes, scenes.c.id == holdings.c.scene_id)
-    counted = select(func.count(), func.coalesce(func.sum(holdings.c.bytes), 0)).select_from(owned)
-    count, size = connection.execute(counted.where(holdings.c.owner == owner)).one()
+    owned = quota_usage.join(scenes, scenes.c.id == quota_usage.c.scene_id)
+    counted = select(func.count(), func.coalesce(func.sum(quota_usage.c.bytes), 0)).select_from(owned)
+    count, size = connection.execute(counted.where(quota_usage.c.owner == owner)).one()
     waiting = select(func.count()).select_from(owned.join(operations, operations.c.id == scenes.c.operation_id))
-    jobs = connection.scalar(waiting.where(holdings.c.owner == owner, operations.c.state.in_(("QUEUED", "RUNNING"))))
+    jobs = connection.scalar(waiting.where(quota_usage.c.owner == owner, operations.c.state.in_(("QUEUED", "RUNNING"))))
     return Usage(int(count), int(size), int(jobs or 0))

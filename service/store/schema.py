@@ -100,7 +100,7 @@ api_keys = Table(
 )
 
 # What each scene counts against the quotas of the key that made it.
-holdings = Table(
+quota_usage = Table(
     "holdings",
     metadata,
     Column("scene_id", String(40), primary_key=True),

@@ -177,10 +177,10 @@ class Deployment:
         attempts = [visit.attempt for visit in path]
         return {visit.stage for visit in path} == set(STAGES) and attempts == sorted(attempts)
 
-    def freeze(self, worker: subprocess.Popen[bytes]) -> None:
+    def suspend(self, worker: subprocess.Popen[bytes]) -> None:
         """Stop a worker between two transactions."""
 
-        def frozen() -> bool:
+        def is_suspended() -> bool:
             os.kill(worker.pid, signal.SIGSTOP)
             url = self.settings.database_url
             if _at_rest(url) if url else all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
@@ -188,11 +188,11 @@ class Deployment:
             os.kill(worker.pid, signal.SIGCONT)
             return False
 
-        self.wait_for(frozen)
+        self.wait_for(is_suspended)
 
     @staticmethod
-    def wake(worker: subprocess.Popen[bytes]) -> None:
-        """Let a frozen worker go on."""
+    def resume(worker: subprocess.Popen[bytes]) -> None:
+        """Let a suspended worker go on."""
         os.kill(worker.pid, signal.SIGCONT)
 
     def left_over(self, *of: Operation) -> list[str]:

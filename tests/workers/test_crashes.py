@@ -120,70 +120,70 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployme
     assert len(deployment.visits("capture")) == 1
 
 
-def test_a_frozen_worker_of_another_machine_that_wakes_is_fenced(deployment: Deployment) -> None:
+def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
     operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-    frozen = deployment.start_worker(elsewhere=True)
+    suspended = deployment.start_worker(elsewhere=True)
     trainer = deployment.wait_in("training", operation)
-    deployment.freeze(frozen)
+    deployment.suspend(suspended)
     deployment.start_worker()
     deployment.wait_in("export", operation)
-    deployment.wake(frozen)
+    deployment.resume(suspended)
 
-    assert frozen.wait(timeout=60) == 75
+    assert suspended.wait(timeout=60) == 75
     assert not deployment.is_alive(trainer)
     assert deployment.wait_over(operation).state == "SUCCEEDED"
     assert len(deployment.visits("training")) == 2 and len(deployment.visits("export")) == 1
 
 
-_FREEZE_INSIDE = """
+_SUSPEND_INSIDE = """
 import os, signal, threading, time
 import fastsplat.service.store.job_repository as jobs
 report = jobs.JobRepository.report
-def freeze(self, claim, stages):
+def suspend(self, claim, stages):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
         with self._writing() as connection:
             connection.execute(jobs._fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
             os.kill(os.getpid(), signal.SIGSTOP)
     return report(self, claim, stages)
-jobs.JobRepository.report = freeze
+jobs.JobRepository.report = suspend
 """
 
 
-def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_waits_for_its_locks(
+def test_a_worker_suspended_inside_a_transaction_is_killed_by_the_next_and_nobody_waits_for_its_locks(
     deployment: Deployment,
 ) -> None:
-    flag = deployment.settings.data_dir / "frozen.txt"
+    flag = deployment.settings.data_dir / "suspended.txt"
     operation = deployment.post("training:sleep_once 600")
-    frozen = deployment.start_worker(code=_FREEZE_INSIDE.format(flag=str(flag), stage="training", finished=True))
+    suspended = deployment.start_worker(code=_SUSPEND_INSIDE.format(flag=str(flag), stage="training", finished=True))
     trainer = deployment.wait_in("training", operation)
     deployment.wait_for(flag.exists)
     deployment.start_worker()
 
-    assert frozen.wait(timeout=60) == -9
+    assert suspended.wait(timeout=60) == -9
     assert deployment.wait_over(operation).state == "SUCCEEDED"
     assert not deployment.is_alive(trainer)
     assert len(deployment.visits("training")) == 2 and len(deployment.visits("export")) == 1
 
 
-def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks_and_its_trainer(
+def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_locks_and_its_trainer(
     postgres: PostgresServer, tmp_path: Path
 ) -> None:
     with postgres.database() as url, closing(Deployment(tmp_path, url)) as deployment:
-        flag = deployment.settings.data_dir / "frozen.txt"
+        flag = deployment.settings.data_dir / "suspended.txt"
         operation = deployment.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage: what the job engine records on waking is not its own any more.
-        inside = _FREEZE_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
+        inside = _SUSPEND_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
         short = "from fastsplat.service.store import database\nfrom fastsplat.workers import engine\n"
         short += "database.IDLE_TRANSACTION_TIMEOUT_S = engine.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
-        frozen = deployment.start_worker(elsewhere=True, code=short + inside)
+        suspended = deployment.start_worker(elsewhere=True, code=short + inside)
         trainer = deployment.wait_in("training", operation)
         deployment.wait_for(flag.exists)
         deployment.start_worker()
         deployment.wait_in("export", operation)
-        deployment.wake(frozen)
+        deployment.resume(suspended)
 
-        assert frozen.wait(timeout=60) == 75
+        assert suspended.wait(timeout=60) == 75
         assert not deployment.is_alive(trainer)
         assert deployment.wait_over(operation).state == "SUCCEEDED"
 
