@@ -1,4 +1,4 @@
-"""One worker process a device: what each is told."""
+"""One worker process a device, and the environment of each."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from collections.abc import Mapping
 
 from fastsplat.cli.serve import Role
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.settings import JobSettings
 
 _CPU = "cpu"
 
 
 def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[str, Role]:
-    """The workers of this machine.
+    """The workers of this machine, by name.
 
     Args:
         devices: comma-separated CUDA device numbers or ids, each for workers of its own, or "cpu"; "" leaves the choice
@@ -26,10 +28,10 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
         InvalidInputError: an unknown kind of device, one named twice, or no worker.
     """
     names = [name.strip() for name in devices.split(",")] if devices else [""]
-    bad = [name for name in names if devices and not re.fullmatch(rf"{_CPU}|\d+|(GPU|MIG)-[\w/-]+", name)]
-    if bad:
+    invalid = [name for name in names if devices and not re.fullmatch(rf"{_CPU}|\d+|(GPU|MIG)-[\w/-]+", name)]
+    if invalid:
         raise InvalidInputError(
-            f"{bad[0][:40]!r} is no device", field="devices", hint='Write e.g. "0,1", "GPU-<id>", or "cpu".'
+            f"{invalid[0][:40]!r} is no device", field="devices", hint='Write e.g. "0,1", "GPU-<id>", or "cpu".'
         )
     if len(set(names)) < len(names):
         raise InvalidInputError("a device is named twice", field="devices", hint="Use --workers for several on one.")
@@ -42,7 +44,7 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
             environment = {} if not devices else {"CUDA_VISIBLE_DEVICES": "" if name == _CPU else name}
             if count > 1 and not threads_per_job:
                 threads = max(1, len(os.sched_getaffinity(0)) // count)
-                environment["FASTSPLAT_JOBS__THREADS_PER_JOB"] = str(threads)
+                environment[environment_variable(JobSettings, "threads_per_job")] = str(threads)
             parts = ["worker", name, str(number) if workers > 1 else ""]
             command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
             roles["-".join(part for part in parts if part)] = Role(command, environment)

@@ -142,7 +142,7 @@ def _stored_artefact(scene: str, settings: Settings) -> Path:
 
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
-        state, version, _ = store.rows.version(scene)
+        state, version, _ = store.scenes.current_version(scene)
         if state != "READY":
             raise NotReadyError(f"the scene {scene} is {state}", field="--scene", hint="Wait for its training to end.")
         return store.blobs.version(scene, version) / "artefact"

@@ -1,4 +1,4 @@
-"""`fastsplat health`: is the process beside this one well? For health checks of containers and service managers."""
+"""`fastsplat health`: whether the API or a worker of this host is well, for containers and service managers."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Annotated, Literal
 import typer
 
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.workers.lifeline import machine
+from fastsplat.workers.process_group import machine_id
 
 _TIMEOUT_S = 5.0
 
 
 def health(role: Annotated[Literal["api", "worker"], typer.Argument(help="What should be running here.")]) -> None:
-    """Say nothing and exit with 0 if the API or a worker of this host is well, else say why and exit with 1."""
+    """Exit with 0 and without output if the API or a worker of this host is well, else print why and exit with 1."""
     settings = load_settings()
-    trouble = _api_trouble(settings) if role == "api" else _worker_trouble(settings)
-    if trouble:
-        typer.echo(trouble, err=True)
+    problem = _api_problem(settings) if role == "api" else _worker_problem(settings)
+    if problem:
+        typer.echo(problem, err=True)
         raise typer.Exit(1)
 
 
-def _api_trouble(settings: Settings) -> str:
+def _api_problem(settings: Settings) -> str:
     encrypted = settings.tls_cert is not None
     url = f"http{'s' if encrypted else ''}://127.0.0.1:{settings.http_port}/readyz"
     # The certificate names the host that clients know, not this loopback address.
@@ -36,13 +36,14 @@ def _api_trouble(settings: Settings) -> str:
         return f"{url} does not answer: {error}"
 
 
-def _worker_trouble(settings: Settings) -> str:
+def _worker_problem(settings: Settings) -> str:
     from fastsplat.service.store import open_store
 
     store = open_store(settings.data_dir, settings.database_url)
     try:
-        if store.jobs.alive_on(machine(), settings.jobs.stale_s):
+        timeout_s = settings.jobs.stalled_worker_timeout_s
+        if store.workers.alive_on(machine_id(), timeout_s):
             return ""
-        return f"no worker of this machine gave a beat in the last {settings.jobs.stale_s:.0f} s"
+        return f"no worker of this machine had a heartbeat in the last {timeout_s:.0f} s"
     finally:
         store.close()

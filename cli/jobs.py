@@ -1,4 +1,4 @@
-"""`fastsplat jobs`: what an operator wants to see of jobs, whoever's they are."""
+"""`fastsplat jobs`: list the jobs of all keys, and read their logs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 import typer
+from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
+from rich.text import Text
 
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.common.states import OperationState
@@ -27,20 +29,25 @@ _MAX_LOG = 1 << 20
 def list_jobs(
     state: Annotated[str, typer.Option(help="Only those QUEUED, RUNNING, SUCCEEDED, FAILED or CANCELLED.")] = "",
     limit: Annotated[int, typer.Option(min=1, help="At most so many, newest first.")] = 20,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of a table.")] = False,
 ) -> None:
     """Show the newest jobs."""
-    wanted: OperationState | None = next((known for known in get_args(OperationState) if known == state.upper()), None)
-    if state and wanted is None:
-        raise InvalidInputError(f"no job is ever {state[:20]!r}", field="state", hint="See --help for the states.")
+    only: OperationState | None = next((known for known in get_args(OperationState) if known == state.upper()), None)
+    if state and only is None:
+        raise InvalidInputError(
+            f"{state[:20]!r} is no state of a job", field="state", hint="See --help for the states."
+        )
     with _store() as store:
-        records = store.rows.operations(limit, None, wanted)
-    table = Table(title="Jobs")
-    for heading in ("id", "scene", "state", "posted", "starts", "priority", "where it stands"):
-        table.add_column(heading, overflow="fold")
+        records = store.scenes.list_operations(limit, None, only)
+    if as_json:
+        typer.echo(json.dumps([_to_json(record) for record in records], indent=2))
+        return
+    # Ids stand on lines of their own, whole, so that they can be copied from a narrow terminal too.
+    headings = (Column("job, and its scene", no_wrap=True), Column("state, posted", no_wrap=True))
+    table = Table(*headings, Column("progress", overflow="fold"), box=box.SIMPLE, padding=(0, 1, 0, 0))
     for record in records:
-        moment = datetime.fromtimestamp(record.created_at, UTC).strftime("%Y-%m-%d %H:%M:%S")
-        numbers = (str(record.starts), str(record.priority))
-        table.add_row(record.id, record.scene_id, record.state, moment, *numbers, _standing(record))
+        posted = datetime.fromtimestamp(record.created_at, UTC).strftime("%Y-%m-%d %H:%M:%S")
+        table.add_row(f"{record.id}\n{record.scene_id}", f"{record.state}\n{posted}", Text(_progress(record)))
     Console().print(table)
 
 
@@ -48,7 +55,7 @@ def list_jobs(
 def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
     """Print the error of a job, and the end of what its trainers wrote."""
     with _store() as store:
-        record = store.rows.operation(job_id)
+        record = store.scenes.operation(job_id)
         path = store.blobs.log(record.id)
     if record.error is not None:
         typer.echo(json.dumps(record.error, indent=2), err=True)
@@ -74,10 +81,25 @@ def _store() -> Iterator[Store]:
         store.close()
 
 
-def _standing(record: OperationRecord) -> str:
+def _progress(record: OperationRecord) -> str:
+    counts = f"starts {record.starts}" + (f", priority {record.priority}" if record.priority else "")
     if record.error is not None:
-        return f"{record.error['stage']}: {record.error['message']}"
+        return f"{counts}\n{record.error['stage']}: {record.error['message']}"
     if not record.stages:
-        return ""
+        return counts
     last = record.stages[-1]
-    return f"{last['stage']} {last['fraction']:.0%} {last['message']}"
+    return f"{counts}\n{last['stage']} {last['fraction']:.0%} {last['message']}"
+
+
+def _to_json(record: OperationRecord) -> dict[str, Any]:
+    return {
+        "id": record.id,
+        "scene_id": record.scene_id,
+        "state": record.state,
+        "created_at": datetime.fromtimestamp(record.created_at, UTC).isoformat(),
+        "updated_at": datetime.fromtimestamp(record.updated_at, UTC).isoformat(),
+        "starts": record.starts,
+        "priority": record.priority,
+        "stages": list(record.stages),
+        "error": record.error,
+    }

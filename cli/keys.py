@@ -1,4 +1,4 @@
-"""`fastsplat keys`: who may use the service."""
+"""`fastsplat keys`: create, list and revoke access keys."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat.service.calls.keys import Keys
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 
-keys_app = typer.Typer(name="keys", help="Access keys: make, list, revoke them.", no_args_is_help=True)
+keys_app = typer.Typer(name="keys", help="Access keys: create, list, revoke them.", no_args_is_help=True)
 
 _DAY_S = 86_400.0
 
@@ -24,10 +24,10 @@ _DAY_S = 86_400.0
 @keys_app.command()
 def create(
     name: Annotated[str, typer.Argument(help="Whose key it is, for people.")],
-    read_only: Annotated[bool, typer.Option("--read-only", help="It may ask and look, and change nothing.")] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="It may query and view, and change nothing.")] = False,
     days: Annotated[float | None, typer.Option(help="It expires after so many days. Default: never.")] = None,
 ) -> None:
-    """Make a key and print it, this once: the database keeps its hash."""
+    """Create a key and print it, this once: the database stores its hash alone."""
     with _keys() as keys:
         record, key = keys.create(name, "read" if read_only else "write", None if days is None else days * _DAY_S)
     typer.echo(f"key {record.id} ({record.kind}) for {name}; it is not shown again:", err=True)
@@ -40,7 +40,7 @@ def list_keys() -> None:
     with _keys() as keys:
         records = keys.all()
     table = Table(title="Access keys")
-    for heading in ("id", "kind", "state", "made", "expires", "name"):
+    for heading in ("id", "kind", "state", "created", "expires", "name"):
         table.add_column(heading)
     now = time.time()
     for record in records:
@@ -52,7 +52,7 @@ def list_keys() -> None:
 
 @keys_app.command()
 def revoke(key_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
-    """Take a key back; running servers refuse it within seconds."""
+    """Revoke a key; running servers refuse it within seconds."""
     with _keys() as keys:
         keys.revoke(key_id)
     typer.echo(f"key {key_id} is revoked", err=True)

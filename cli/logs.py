@@ -1,4 +1,4 @@
-"""Logs on stderr, one line a record, machine-readable; passwords in URLs and access keys are never told."""
+"""Logs on stderr, one line a record, machine-readable; passwords in URLs and access keys are left out."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class JsonLines(logging.Formatter):
         line.update({name: value for name, value in vars(record).items() if name not in _STANDARD})
         if record.exc_info:
             line["trace"] = self.formatException(record.exc_info)
-        told = json.dumps(line, default=str, ensure_ascii=False)
-        return _KEY.sub(r"fsk_\1_***", _PASSWORD.sub(r"\1:***@", told))
+        text = json.dumps(line, default=str, ensure_ascii=False)
+        return _KEY.sub(r"fsk_\1_***", _PASSWORD.sub(r"\1:***@", text))
 
 
 def log_to_stderr(role: str, level: int = logging.INFO) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import version
 from typing import Annotated
 
 import typer
@@ -16,10 +17,11 @@ from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
 from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
 
 Devices = Annotated[
-    str, typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: what CUDA shows.')
+    str,
+    typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: all that CUDA sees.'),
 ]
 Workers = Annotated[int, typer.Option(help="Worker processes a device; without a GPU they share the CPUs evenly.")]
 
@@ -35,11 +37,22 @@ app.command()(health)
 app.command()(evaluate)
 
 
+@app.callback()
+def _options(
+    show_version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=lambda show: _print_version(show), is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None: ...
+
+
 @app.command()
 def serve(
     no_auth: Annotated[
         bool,
-        typer.Option("--no-auth", help="Ask nobody for a key; on loopback alone (as FASTSPLAT_AUTH=off)."),
+        typer.Option("--no-auth", help="Ask for no keys; listens on loopback alone (as FASTSPLAT_AUTH=off)."),
     ] = False,
     devices: Devices = "",
     workers: Workers = 1,
@@ -64,7 +77,7 @@ def serve(
 
 @app.command()
 def api() -> None:
-    """Run the REST and gRPC faces alone."""
+    """Run the REST and gRPC APIs alone."""
     from fastsplat.api.server import run
 
     _start("api")
@@ -73,27 +86,33 @@ def api() -> None:
 
 @app.command()
 def worker(devices: Devices = "", workers: Workers = 1) -> None:
-    """Run workers alone, one unless told otherwise; they find their jobs in the database."""
+    """Run workers alone, one by default; they take their jobs from the database."""
     if devices or workers != 1:
         from fastsplat.cli.devices import worker_roles
         from fastsplat.cli.serve import serve
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
-    from fastsplat.workers.main import run
+    from fastsplat.workers.worker_process import run
 
     _start("worker")
     run(load_settings())
 
 
 def main() -> None:
-    """Entry point: typed errors become one line on stderr and exit status 2."""
+    """Run the command line; typed errors become one line on stderr and exit status 2."""
     try:
         app()
     except FastSplatError as error:
         hint = f" {error.hint}" if error.hint else ""
         typer.echo(f"{error.reason}: {error.message}.{hint}", err=True)
         raise SystemExit(2) from error
+
+
+def _print_version(show: bool) -> None:
+    if show:
+        typer.echo(f"fastsplat {version('fastsplat')}")
+        raise typer.Exit
 
 
 def _start(role: str) -> None:

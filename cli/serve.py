@@ -11,22 +11,22 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from fastsplat.workers.lifeline import PARENT_VARIABLE, process_state
+from fastsplat.workers.process_group import PARENT_VARIABLE, process_state
 
 logger = logging.getLogger(__name__)
 _STEADY_S = 30.0
-_MOST_FAST_FAILURES = 4
+_MAX_FAST_FAILURES = 4
 _DRAIN_S = 30.0
 _POLL_S = 0.2
-_FROZEN_S = 10.0
-_LONGEST_PAUSE_S = 10.0
+_SUSPENDED_S = 10.0
+_MAX_PAUSE_S = 10.0
 _AFTER_CRASH_S = 1.0
 _FIRST_CRASH_STATUS = 64  # below it, a program says that it cannot run: a wrong setting, a port that is taken
 
 
 @dataclass(frozen=True)
 class Role:
-    """What one process runs, and what its environment says beyond this process's."""
+    """What one process runs, and environment variables beyond this process's own."""
 
     command: Sequence[str]
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -35,21 +35,21 @@ class Role:
 def serve(roles: Mapping[str, Role]) -> int:
     """Run one process a role until SIGTERM or SIGINT; one that dies is started again.
 
-    So is one that stays stopped, as by SIGSTOP: it may hold the lock that all others wait for.
+    One that stays stopped, as by SIGSTOP, is killed and started again: it may hold the lock that all others wait for.
 
     Args:
         roles: by name. Their environment names this process in `PARENT_VARIABLE`.
 
     Returns:
-        0 after a wanted stop; 1 if a role ends again and again right after its start, by its own will. (Crashes end
-        nothing: a job that kills its workers is parked by them.)
+        0 after SIGTERM or SIGINT; 1 if a role exits again and again right after its start. (Crashes do not count: a job
+        that crashes its workers is FAILED by them after some starts.)
     """
-    wanted = threading.Event()
+    stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: wanted.set())
+        signal.signal(number, lambda *_: stop_requested.set())
     children = [_Child(name, role) for name, role in roles.items()]
     try:
-        while not wanted.wait(_POLL_S):
+        while not stop_requested.wait(_POLL_S):
             if not all(child.keep_alive() for child in children):
                 return 1
         return 0
@@ -58,7 +58,7 @@ def serve(roles: Mapping[str, Role]) -> int:
 
 
 class _Child:
-    """One role's process, with what its deaths have taught."""
+    """One role's process, started again when it dies."""
 
     def __init__(self, name: str, role: Role) -> None:
         self.role = name
@@ -70,32 +70,32 @@ class _Child:
         self._start()
 
     def keep_alive(self) -> bool:
-        """Start the process again if it died. False when that has become pointless."""
+        """Start the process again if it died. False once it has exited right after its start too often."""
         status = self.process.poll()
         if status is None:
-            self._kill_frozen()
+            self._kill_suspended()
             return True
         if not self._start_at:
             fast = time.monotonic() - self._started_at < _STEADY_S
             crash = not 0 <= status < _FIRST_CRASH_STATUS
             self._fast_failures = self._fast_failures + 1 if fast and not crash else 0
             logger.warning("%s ended with status %d", self.role, status)
-            if self._fast_failures >= _MOST_FAST_FAILURES:
+            if self._fast_failures >= _MAX_FAST_FAILURES:
                 logger.error("%s ended %d times right after its start; giving up", self.role, self._fast_failures)
                 return False
             pause = _AFTER_CRASH_S if crash and fast else 0.25 * 2**self._fast_failures
-            self._start_at = time.monotonic() + min(pause, _LONGEST_PAUSE_S)
+            self._start_at = time.monotonic() + min(pause, _MAX_PAUSE_S)
         if time.monotonic() >= self._start_at:
             self._start()
         return True
 
-    def _kill_frozen(self) -> None:
+    def _kill_suspended(self) -> None:
         if process_state(self.process.pid, float("inf")) != "T":
             self._stopped_at = 0.0
             return
         self._stopped_at = self._stopped_at or time.monotonic()
-        if time.monotonic() - self._stopped_at > _FROZEN_S:
-            logger.warning("%s has been stopped for %.0f s and is killed", self.role, _FROZEN_S)
+        if time.monotonic() - self._stopped_at > _SUSPENDED_S:
+            logger.warning("%s has been stopped for %.0f s and is killed", self.role, _SUSPENDED_S)
             self.process.kill()
 
     def _start(self) -> None:

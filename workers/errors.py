@@ -1,4 +1,4 @@
-"""What goes wrong around a job, rather than in it."""
+"""Errors of the processes around a job."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from fastsplat.service.common.errors import FastSplatError, Kind
 
 
 class TrainerCrashedError(FastSplatError):
-    """The trainer process died without a word: a signal, the out-of-memory killer, a crash in native code."""
+    """The trainer process died without an error: a signal, the out-of-memory killer, a crash in native code."""
 
     kind = Kind.INTERNAL
     reason = "TRAINER_CRASHED"
 
 
 class WorkerCrashedError(FastSplatError):
-    """The worker process died each time it ran this job, so the job is parked."""
+    """The worker process died each time it ran this job, so it is not run again."""
 
     kind = Kind.INTERNAL
     reason = "WORKER_CRASHED"

@@ -1,4 +1,4 @@
-"""How a trainer and its supervisor talk: one JSON object a line, a spec down, events up."""
+"""Messages between a supervisor and its trainer, one JSON object a line: a job to the trainer, events from it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.calls.translate import options_of
-from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.common.options import SceneOptions
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.codec import options_from_json, options_to_json
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a trainer needs to know.
+    """What a trainer runs.
 
     Attributes:
         operation_id: whose job this is.
@@ -35,17 +35,17 @@ class Job:
     settings: Settings
 
     def result(self, stage: str) -> Path:
-        """Where the finished result of a stage is; if this folder exists, it is whole."""
+        """Folder of a stage's finished result; if it exists, it is complete."""
         return self.folder / stage
 
     def to_line(self, stages: str) -> bytes:
-        """The spec a trainer reads first; the database's URL, which may hold a password, stays here."""
+        """The first line that a trainer reads; the database's URL is left out, as it may hold a password."""
         spec = {
             "operation_id": self.operation_id,
             "attempt": self.attempt,
             "upload": str(self.upload),
             "folder": str(self.folder),
-            "options": asdict(self.options),
+            "options": options_to_json(self.options),
             "settings": self.settings.model_dump(mode="json", exclude={"database_url"}),
             "stages": stages,
         }
@@ -60,14 +60,14 @@ def read_job(line: bytes) -> tuple[Job, str]:
         attempt=spec["attempt"],
         upload=Path(spec["upload"]),
         folder=Path(spec["folder"]),
-        options=options_of(spec["options"]),
+        options=options_from_json(spec["options"]),
         settings=Settings(**spec["settings"]),
     )
     return job, spec["stages"]
 
 
 Stage = Callable[[Job, Path, Progress], None]
-"""Reads earlier results through `Job.result`, writes its own into the folder given, reports progress."""
+"""Reads earlier results through `Job.result`, writes its own into the folder, reports progress."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Stages:
 
 @dataclass(frozen=True)
 class Done:
-    """A stage's result lies whole in the work folder; `seconds` is what it took, 0.0 if it was there before."""
+    """A stage's result is complete in the work folder; `seconds` is what it took, 0.0 if it was there before."""
 
     stage: str
     seconds: float

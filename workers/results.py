@@ -1,4 +1,4 @@
-"""Stage results in a job's work folder: whole or absent, and never mixed up between attempts."""
+"""Stage results in a job's work folder: whole or absent, each written by one attempt."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from fastsplat.service.store.blobs import remove, sync_folder, sync_tree
 from fastsplat.workers.protocol import Job
 
 _TIMES = "stage.json"
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def start_stage(job: Job, stage: str) -> Path:
-    """An empty folder of this attempt's own to put a stage's result in; another attempt has another."""
+    """An empty folder for a stage's result, of this attempt alone."""
     folder = job.folder / f"{stage}.{job.attempt}.part"
     remove(folder)
     folder.mkdir(parents=True)
@@ -28,7 +28,7 @@ def start_stage(job: Job, stage: str) -> Path:
 
 
 def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
-    """Make a result the result, durably. If another attempt was faster, its result stands."""
+    """Publish a stage's result, durably. If another attempt was faster, its result stays."""
     (folder / _TIMES).write_text(json.dumps({"seconds": seconds, "attempt": job.attempt}))
     sync_tree(folder)
     try:
@@ -46,9 +46,9 @@ def stage_seconds(job: Job, stage: str) -> float:
 
 
 def checkpoint_folder(job: Job) -> Path:
-    """This attempt's checkpoints, begun as a copy of the newest earlier attempt's, if any.
+    """Folder of this attempt's checkpoints, begun as a copy of the newest earlier attempt's, if any.
 
-    A frozen worker's trainer may wake and write its own; it never writes these.
+    A suspended worker's trainer may wake and go on writing; it writes to its own attempt's folder.
     """
     mine = job.folder / f"checkpoint.{job.attempt}"
     if mine.is_dir():
@@ -68,16 +68,16 @@ def checkpoint_folder(job: Job) -> Path:
     return mine
 
 
-def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
-    """An `OperationError` as JSON; the whole trace goes to the log."""
+def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
+    """An exception as an `OperationError` in JSON; the traceback goes to the log."""
     with suppress(OSError):  # the log's own disk may be the full one
         traceback.print_exception(error)
     if isinstance(error, MemoryError):
         error = ResourceError(
             "the trainer ran out of memory", field=stage, hint="Use fewer or smaller images, or a larger machine."
         )
-    if isinstance(error, OSError) and error.errno in FULL:
-        error = disk_full()
+    if isinstance(error, OSError) and error.errno in DISK_FULL:
+        error = disk_full_error()
     if isinstance(error, FastSplatError):
         return error_to_json(error, stage)
     message = f"{type(error).__name__}: {error}"[:500]
@@ -87,8 +87,8 @@ def describe(error: Exception, stage: str, job: Job) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def disk_full() -> ResourceError:
-    """What a job ends with when there is no room for what it writes."""
+def disk_full_error() -> ResourceError:
+    """The error of a job that ends because the disk is full."""
     return ResourceError(
         "the disk is full", field="data_dir", hint="Free space in the server's data folder, then post again."
     )

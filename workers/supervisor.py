@@ -1,284 +1,227 @@
-"""One job from claim to end: a trainer process is watched, its progress written, its end made durable."""
+"""One job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from pathlib import Path
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from sqlalchemy.exc import DBAPIError
-
-from fastsplat.service.calls.translate import options_of
 from fastsplat.service.common.errors import ResourceError
-from fastsplat.service.common.progress import STAGES, ProgressEvent
-from fastsplat.service.settings import Settings
+from fastsplat.service.common.progress import STAGES
+from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store import Store
-from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
-from fastsplat.service.store.jobs import Claim, FencedError
-from fastsplat.service.store.records import SceneSummary
+from fastsplat.service.store.job_repository import Claim, FencedError
+from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.errors import TrainerCrashedError, WorkerCrashedError
-from fastsplat.workers.process import TrainerProcess
 from fastsplat.workers.protocol import Done, Event, Failed, Job
-from fastsplat.workers.results import FULL, disk_full, error_to_json
+from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
+from fastsplat.workers.trainer_process import TrainerProcess
 
 logger = logging.getLogger(__name__)
-T = TypeVar("T")
-
-DONE: Mapping[str, Any] = {"outcome": "done"}
-CANCELLED: Mapping[str, Any] = {"outcome": "cancelled"}
-_PATIENCE_S = 600.0
 
 
 class StoppingError(Exception):
-    """This worker is leaving; the job is given back unfinished."""
+    """This worker is stopping; the job was given back unfinished."""
 
 
 class Supervisor:
-    """Runs one claimed job. `stopping` makes it give the job back."""
+    """Runs one claimed job. Once `stopping` is set, it gives the job back."""
 
     def __init__(self, store: Store, settings: Settings, claim: Claim, stages: str, stopping: threading.Event) -> None:
-        self._store = store
+        self._jobs = store.jobs
         self._settings = settings
-        self._claim = claim
+        self._job = ClaimedJob(store, claim)
         self._stages = stages
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
-        self._rows = {row["stage"]: dict(row) for row in claim.operation.stages}
-        self._done: set[str] = set()
-        self._failed: Mapping[str, Any] | None = None
+        self._progress = _StageRows(claim.operation.stages)
         self._written_at = 0.0
         self._checked_at = 0.0
-        self._stage_started: dict[str, float] = {}
-        self._ending = False
-        self._suspect: Claim | None = None
+        self._finishing = False
+        self._fenced_claim: Claim | None = None
 
-    def parked(self) -> Mapping[str, Any] | None:
-        """The error of a job that was started too often, or None if it may run."""
+    def start_limit_error(self) -> Mapping[str, Any] | None:
+        """The error of a job that was started too often to be started again, as JSON; None if it may run."""
         limit = self._settings.jobs.max_starts
-        if self._claim.operation.starts <= limit:
+        if self._job.starts <= limit:
             return None
         error = WorkerCrashedError(
-            f"the worker died {limit} times while it ran this job, so the job was parked",
-            limit=f"{limit} starts (FASTSPLAT_JOBS__MAX_STARTS)",
+            f"the worker died {limit} times while it ran this job, so it is not run again",
+            limit=_start_limit(limit),
             hint="Look into the worker's log for the reason, then post the capture again.",
         )
-        return error_to_json(error, self._last_stage(), log=self._log_name())
+        last_stage = next((stage for stage in STAGES if not (self._job.folder / stage).is_dir()), STAGES[-1])
+        return error_to_json(error, last_stage, log=self._log_name())
 
-    def run_stage(self, stage: str) -> Mapping[str, Any]:
+    def run_stage(self, stage: str) -> JobOutcome:
         """Have the trainer finish a stage.
 
-        Returns:
-            JSON with "outcome": "done", "cancelled", or "failed" with an "error".
-
         Raises:
-            FencedError: somebody else has the job now.
-            StoppingError: this worker is leaving, and the job was given back.
+            FencedError: another worker has claimed the job.
+            StoppingError: this worker is stopping, and the job was given back.
         """
-        while stage not in self._done:
-            if self._trainer is None:
-                try:
-                    self._trainer = TrainerProcess(self._job(), self._stages, self._log())
-                except OSError as error:
-                    return {"outcome": "failed", "error": self._no_start(error, stage)}
-                logger.info(
-                    "job %s attempt %d pid %d", self._claim.operation.id, self._claim.attempt, self._trainer.pid
-                )
+        while stage not in self._progress.done:
             try:
-                event = self._trainer.next(self._settings.jobs.poll_s)
+                trainer = self._trainer or self._start_trainer()
+            except OSError as error:
+                return failed(_cannot_start(error, stage))
+            try:
+                event = trainer.next(self._settings.jobs.poll_interval_s)
             except EOFError:
-                crash = self._after_crash(stage, self._trainer)
-                if crash is not None:
-                    return crash
+                outcome = self._after_crash(stage, trainer)
+                if outcome is not None:
+                    return outcome
                 continue
             if self._stopping.is_set():
                 self.kill()
-                self._patiently(lambda: self._store.jobs.release(self._claim))
+                self._job.release()
                 raise StoppingError
+            if isinstance(event, Failed):
+                return failed(event.error)
             if event is not None:
-                self._take(event)
-            if self._failed is not None:
-                return {"outcome": "failed", "error": dict(self._failed)}
-            if self._write(force=isinstance(event, Done)):
+                self._progress.update(event)
+            if self._is_cancelled(report=isinstance(event, Done)):
                 return CANCELLED
         return DONE
 
-    def finish(self, outcome: Mapping[str, Any]) -> None:
+    def finish(self, outcome: JobOutcome) -> None:
         """Make the end durable, then clean up.
 
         Raises:
-            FencedError: somebody else has the job now.
+            FencedError: another worker has claimed the job.
         """
-        self._ending = True
-        jobs, blobs, operation = self._store.jobs, self._store.blobs, self._claim.operation
-        if outcome["outcome"] == "done" and not self._exported():
+        self._finishing = True
+        if outcome == DONE and not self._job.is_exported():
             # The stages were recorded, but on a machine whose folder this one does not see.
             outcome = self.run_stage("export")
         self.kill()
-        if outcome["outcome"] == "done":
+        if outcome == DONE:
             outcome = self._succeed()
-        if outcome["outcome"] == "cancelled":
-            self._patiently(lambda: jobs.cancelled(self._claim))
-        elif outcome["outcome"] == "failed":
-            self._patiently(lambda: jobs.fail(self._claim, outcome["error"]))
-        logger.info("job %s %s", operation.id, outcome["outcome"])
-        remove(blobs.job(operation.id))
-        if outcome["outcome"] != "failed":
-            remove(blobs.log(operation.id))
-        with suppress(ObjectStoreError):  # the janitor will do it
-            blobs.drop_upload(operation.upload_id)
-            if outcome["outcome"] != "done":
-                blobs.drop_scene(operation.scene_id)
+        if outcome == CANCELLED:
+            self._job.cancel()
+        elif outcome.error is not None:
+            self._job.fail(outcome.error)
+        logger.info("job %s %s", self._job.id, outcome.state)
+        self._job.clean_up(outcome)
 
-    def lost(self) -> bool:
-        """Whether the job is in other hands for sure: seen twice in a row. For a thread beside the one that runs it.
+    def is_lost(self) -> bool:
+        """Whether another worker has the job for sure: seen by two calls in a row. For a thread beside the job's own.
 
-        The job engine knows of lost jobs too, and then waits for their new owner, where this could not end the trainer.
+        The job engine notices that too, and then waits for the job's new owner, where this can not end the trainer.
         """
-        claim, before = self._claim, self._suspect
+        claim, before = self._job.claim, self._fenced_claim
         try:
-            self._store.jobs.check(claim)
-            self._suspect = None
+            self._jobs.check(claim)
+            self._fenced_claim = None
         except FencedError:
-            self._suspect = claim
-        # A new attempt of our own, or the end, changes the rows before it changes this object.
-        return self._suspect is not None and before is claim is self._claim and not self._ending
+            self._fenced_claim = claim
+        # A new attempt of this worker, or the job's end, changes the rows before it changes this object.
+        return self._fenced_claim is not None and before is claim is self._job.claim and not self._finishing
 
     def kill(self) -> None:
-        """End the trainer and all it started."""
+        """End the trainer and all processes that it started."""
         if self._trainer is not None:
             self._trainer.kill()
             self._trainer = None
 
-    def _after_crash(self, stage: str, trainer: TrainerProcess) -> Mapping[str, Any] | None:
-        how = trainer.status()
+    def _start_trainer(self) -> TrainerProcess:
+        job, attempt = self._job, self._job.claim.attempt
+        job.folder.mkdir(parents=True, exist_ok=True)
+        spec = Job(job.id, attempt, job.upload(), job.folder, job.options, self._settings)
+        self._trainer = TrainerProcess(spec, self._stages, job.log)
+        logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
+        return self._trainer
+
+    def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome | None:
+        """Claim the job anew for another trainer and return None, or return how the job ends instead."""
+        status = trainer.status()
         self.kill()
-        limit = self._settings.jobs.max_starts
-        starts = self._claim.operation.starts
-        logger.warning("job %s: the trainer died in %s: %s", self._claim.operation.id, stage, how)
+        limit, starts = self._settings.jobs.max_starts, self._job.starts
+        logger.warning("job %s: the trainer died in %s: %s", self._job.id, stage, status)
         if starts >= limit:
             error = TrainerCrashedError(
-                f"the trainer died {starts} times, at last because {how}",
-                limit=f"{limit} starts (FASTSPLAT_JOBS__MAX_STARTS)",
+                f"the trainer died {starts} times, at last because {status}",
+                limit=_start_limit(limit),
                 hint="Use fewer or smaller images or a smaller budget of Gaussians, or a machine with more memory.",
             )
-            return {"outcome": "failed", "error": error_to_json(error, stage, log=self._log_name())}
-        if self._patiently(lambda: self._store.jobs.check(self._claim)):
+            return failed(error_to_json(error, stage, log=self._log_name()))
+        if self._job.is_cancelled():
             return CANCELLED
-        claim = self._patiently(lambda: self._store.jobs.claim(self._claim.operation.id))
-        if claim is None:
-            raise FencedError(self._claim.operation.id)
-        self._claim = claim
+        self._job.claim_again()
         return None
 
-    def _no_start(self, error: OSError, stage: str) -> Mapping[str, Any]:
-        problem = ResourceError(
-            f"the trainer cannot be started: {error.strerror}",
-            field="data_dir",
-            hint="Free disk space and memory on the server, then post the capture again.",
-        )
-        return error_to_json(problem, stage)
+    def _is_cancelled(self, *, report: bool) -> bool:
+        """Look whether the job is to be cancelled, now and then; writes the progress if that is due, or if `report`."""
+        jobs, now = self._settings.jobs, time.monotonic()
+        if report or now - self._written_at >= jobs.progress_interval_s:
+            self._written_at = self._checked_at = now
+            return self._job.report(self._progress.rows)
+        if now - self._checked_at < jobs.poll_interval_s:
+            return False
+        self._checked_at = now
+        return self._job.poll_cancelled()
 
-    def _take(self, event: Event) -> None:
-        now = time.monotonic()
+    def _succeed(self) -> JobOutcome:
+        """Publish the scene and make it READY; returns how the job ended after all."""
+        try:
+            self._job.succeed(self._job.publish())
+        except FencedError:
+            if not self._job.is_cancelled():
+                raise
+            return CANCELLED
+        except OSError as error:
+            if error.errno not in DISK_FULL:
+                raise
+            return failed(error_to_json(disk_full_error(), "export"))
+        return DONE
+
+    def _log_name(self) -> str:
+        return f"logs/{self._job.id}.log"
+
+
+class _StageRows:
+    """Progress of a job's stages as it is stored with the operation."""
+
+    def __init__(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        self._rows = {row["stage"]: dict(row) for row in rows}
+        self._started: dict[str, float] = {}
+        self.done: set[str] = set()
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """One row a stage that has begun, in order."""
+        return [self._rows[stage] for stage in STAGES if stage in self._rows]
+
+    def update(self, event: Event) -> None:
+        """Add what a trainer reported."""
         if isinstance(event, Failed):
-            self._failed = event.error
             return
         row = self._rows.setdefault(
             event.stage, {"stage": event.stage, "fraction": 0.0, "message": "", "seconds": 0.0, "metrics": {}}
         )
         if isinstance(event, Done):
-            self._done.add(event.stage)
+            self.done.add(event.stage)
             row.update(fraction=1.0, message="done")
             if event.seconds:
                 row["seconds"] = event.seconds
-        elif isinstance(event, ProgressEvent):
-            started = self._stage_started.setdefault(event.stage, now)
-            row.update(fraction=event.fraction, message=event.message, seconds=now - started)
-            row["metrics"] = {**row["metrics"], **event.metrics}
-
-    def _write(self, *, force: bool) -> bool:
-        """Write progress if it is time, and look whether the job is wanted. Returns whether it was cancelled."""
+            return
         now = time.monotonic()
-        if not force and now - self._written_at < self._settings.jobs.progress_s:
-            if now - self._checked_at < self._settings.jobs.poll_s:
-                return False
-            self._checked_at = now
-            return self._soon(lambda: self._store.jobs.check(self._claim))
-        self._written_at = self._checked_at = now
-        rows = [self._rows[stage] for stage in STAGES if stage in self._rows]
-        return self._soon(lambda: self._store.jobs.report(self._claim, rows))
+        seconds = now - self._started.setdefault(event.stage, now)
+        row.update(fraction=event.fraction, message=event.message, seconds=seconds)
+        row["metrics"] = {**row["metrics"], **event.metrics}
 
-    def _soon(self, look: Callable[[], bool]) -> bool:
-        # A database that restarts in mid-job costs some progress reports, not the job.
-        try:
-            return look()
-        except DBAPIError as error:
-            logger.warning("the database does not answer (%s); will ask again", type(error.orig).__name__)
-            return False
 
-    def _patiently(self, act: Callable[[], T]) -> T:
-        deadline = time.monotonic() + _PATIENCE_S
-        while True:
-            try:
-                return act()
-            except (DBAPIError, DatabaseError, ObjectStoreError):
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(1.0)
+def _start_limit(limit: int) -> str:
+    return f"{limit} starts ({environment_variable(JobSettings, 'max_starts')})"
 
-    def _succeed(self) -> Mapping[str, Any]:
-        """Publish the scene and show it; returns how the job ended after all."""
-        try:
-            summary = self._patiently(self._publish)
-            self._patiently(lambda: self._store.jobs.succeed(self._claim, summary))
-        except FencedError:
-            if not self._patiently(lambda: self._store.jobs.check(self._claim)):
-                raise
-            return CANCELLED
-        except OSError as error:
-            if error.errno not in FULL:
-                raise
-            return {"outcome": "failed", "error": error_to_json(disk_full(), "export")}
-        return DONE
 
-    def _exported(self) -> bool:
-        operation, blobs = self._claim.operation, self._store.blobs
-        return (blobs.job(operation.id) / "export").is_dir() or bool(
-            self._patiently(lambda: blobs.fetch_version(operation.scene_id, operation.id))
-        )
-
-    def _publish(self) -> SceneSummary:
-        operation, blobs = self._claim.operation, self._store.blobs
-        version = operation.id
-        target = blobs.fetch_version(operation.scene_id, version)
-        if target is None:  # else an earlier attempt got exactly this far
-            target = blobs.publish(blobs.job(operation.id) / "export", operation.scene_id, version)
-        summary = json.loads((target / "summary.json").read_text())
-        seconds = json.loads((target / "stage.json").read_text())["seconds"]
-        summary["quality"]["stage_seconds"]["export"] = seconds
-        return SceneSummary(version=version, **summary)
-
-    def _job(self) -> Job:
-        operation, blobs = self._claim.operation, self._store.blobs
-        folder = blobs.job(operation.id)
-        folder.mkdir(parents=True, exist_ok=True)
-        options = options_of(operation.options)
-        upload = self._patiently(lambda: blobs.fetch_upload(operation.upload_id)) / operation.options["admitted"]
-        return Job(operation.id, self._claim.attempt, upload, folder, options, self._settings)
-
-    def _last_stage(self) -> str:
-        """The stage in which the last attempt ended: the first whose result is not there."""
-        folder = self._store.blobs.job(self._claim.operation.id)
-        return next((stage for stage in STAGES if not (folder / stage).is_dir()), STAGES[-1])
-
-    def _log(self) -> Path:
-        return self._store.blobs.log(self._claim.operation.id)
-
-    def _log_name(self) -> str:
-        return f"logs/{self._claim.operation.id}.log"
+def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:
+    problem = ResourceError(
+        f"the trainer cannot be started: {error.strerror}",
+        field="data_dir",
+        hint="Free disk space and memory on the server, then post the capture again.",
+    )
+    return error_to_json(problem, stage)

@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent, guard_group
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent, fork_group_guard
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,11 +27,11 @@ _PROGRESS_S = 0.1
 def main() -> int:
     """Run one job's missing stages. Exit status: 0 all stages done, 1 a failure was reported."""
     die_with_parent(int(os.environ[PARENT_VARIABLE]))
-    os.nice(_NICENESS)  # the faces of the same machine go first
+    os.nice(_NICENESS)  # requests to the API of the same machine go first
     events = os.dup(1)
     os.dup2(2, 1)
     spec = _first_line(0)
-    guard_group()
+    fork_group_guard()
 
     from fastsplat.workers.protocol import event_to_line, read_job
 
@@ -42,7 +42,7 @@ def main() -> int:
 def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
     from fastsplat.service.common.progress import STAGES, ProgressEvent
     from fastsplat.workers.protocol import Done, Failed
-    from fastsplat.workers.results import describe, finish_stage, start_stage
+    from fastsplat.workers.results import finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
     stages: Stages | None = None
@@ -53,20 +53,20 @@ def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
         try:
             progress(ProgressEvent(stage, 0.0, f"starting {stage}"))
             started = time.monotonic()
-            stages = stages or _find(name)
+            stages = stages or _load_stages(name)
             folder = start_stage(job, stage)
             getattr(stages, stage)(job, folder, progress)
             seconds = time.monotonic() - started
             finish_stage(job, stage, folder, seconds)
             send(Done(stage, seconds))
         except Exception as error:
-            send(Failed(describe(error, stage, job)))
+            send(Failed(operation_error(error, stage, job)))
             return 1
     return 0
 
 
 def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
-    """Let through ten events a second, every beginning and every end; the figures of those held back join the next."""
+    """Pass on ten events a second, and each stage's first and last; metrics of events between them join the next."""
     sent_at, sent_stage = 0.0, ""
     metrics: dict[str, float] = {}
 
@@ -82,7 +82,7 @@ def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]
     return progress
 
 
-def _find(name: str) -> Stages:
+def _load_stages(name: str) -> Stages:
     import importlib
 
     module, attribute = name.split(":")

@@ -62,7 +62,7 @@ def add_scene(store: Store, scene: Scene, like: str = "") -> str:
     """Store a scene and return its id. With `like`, hard links to that scene's files stand in for files of its own."""
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
     options = {"labels": [], "time_budget_s": None, "max_gaussians": None}
-    store.rows.admit(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
+    store.scenes.create(NewJob(scene_id, operation_id, "room", "", "", uuid.uuid4().hex, options))
     folder = store.blobs.version(scene_id, "1")
     if like:
         _link_tree(store.blobs.version(like, "1"), folder)

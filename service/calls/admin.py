@@ -12,8 +12,7 @@ from fastsplat.service.calls.keys import Keys
 from fastsplat.service.common.errors import ModelUnavailableError, ResourceError
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
-from fastsplat.service.store.figures import FigureRows
-from fastsplat.service.store.rows import transaction
+from fastsplat.service.store.database import transaction
 
 
 class Admin:
@@ -28,7 +27,7 @@ class Admin:
         self._store = store
         self._settings = settings
         self.keys = Keys(store.keys)
-        self.figures = Figures(FigureRows(store.engine), open_scenes)
+        self.figures = Figures(store.job_metrics, open_scenes)
 
     def check_ready(self) -> None:
         """Return if a request could be answered now.

@@ -36,7 +36,7 @@ class Answers:
             return self._ask(query, request)
         _check_everywhere(request)
         answers: list[QueryAnswer] = []
-        for scene_id in self._store.rows.ready_scene_ids():
+        for scene_id in self._store.scenes.ready_scene_ids():
             check_cancelled()
             try:
                 answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.store.figures import FigureRows
+from fastsplat.service.store.job_repository import JobMetrics
 
 _OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
 
@@ -15,7 +15,7 @@ _OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ou
 class Figures:
     """Jobs by state, and the seconds of every stage of the jobs that ended since this object was made."""
 
-    def __init__(self, rows: FigureRows, open_scenes: Callable[[], int]) -> None:
+    def __init__(self, rows: JobMetrics, open_scenes: Callable[[], int]) -> None:
         self.open_scenes = open_scenes
         self._rows = rows
         self._lock = threading.Lock()

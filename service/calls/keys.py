@@ -17,7 +17,7 @@ from pathlib import Path
 
 from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.store.blobs import sync_folder
-from fastsplat.service.store.keys import KeyKind, KeyRecord, KeyRows
+from fastsplat.service.store.key_repository import KeyKind, KeyRecord, KeyRepository
 
 _KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 _NOBODY = "0" * 64
@@ -27,7 +27,7 @@ _MAX_NAME = 200
 class Keys:
     """The keys of one database."""
 
-    def __init__(self, rows: KeyRows) -> None:
+    def __init__(self, rows: KeyRepository) -> None:
         self._rows = rows
 
     def create(self, name: str, kind: KeyKind, lifetime_s: float | None = None) -> tuple[KeyRecord, str]:

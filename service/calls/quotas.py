@@ -6,14 +6,14 @@ from sqlalchemy import Connection
 
 from fastsplat.service.common.errors import QuotaError
 from fastsplat.service.limits import QuotaSettings
-from fastsplat.service.store.holdings import Held, HoldingRows, take
+from fastsplat.service.store.quota_usage import QuotaUsage, Usage, reserve
 
 
 class Quotas:
     """The bounds of every key, all of them alike."""
 
-    def __init__(self, rows: HoldingRows, settings: QuotaSettings) -> None:
-        self._rows = rows
+    def __init__(self, usage: QuotaUsage, settings: QuotaSettings) -> None:
+        self._usage = usage
         self._settings = settings
 
     def check_room(self, owner: str, pending_bytes: int) -> None:
@@ -25,27 +25,27 @@ class Quotas:
         """
         if not self.bounded:
             return
-        held = self._rows.held(owner)
-        self._check(Held(held.scenes + 1, held.stored_bytes + pending_bytes, held.queued_jobs + 1))
+        usage = self._usage.of(owner)
+        self._check(Usage(usage.scenes + 1, usage.stored_bytes + pending_bytes, usage.queued_jobs + 1))
 
-    def take(self, connection: Connection, owner: str, scene_id: str, size: int) -> None:
-        """Within the transaction that makes a scene: book it on its owner.
+    def reserve(self, connection: Connection, owner: str, scene_id: str, size: int) -> None:
+        """Count a scene against its owner, in the transaction that makes it.
 
         Raises:
             QuotaError: it would pass a bound; the transaction must not be committed.
         """
-        self._check(take(connection, owner, scene_id, size))
+        self._check(reserve(connection, owner, scene_id, size))
 
     @property
     def bounded(self) -> bool:
         """Whether there is any bound."""
         return bool(self._settings.scenes or self._settings.stored_bytes or self._settings.queued_jobs)
 
-    def _check(self, held: Held) -> None:
+    def _check(self, usage: Usage) -> None:
         bounds = (
-            ("scenes", held.scenes, self._settings.scenes, "Delete scenes that are not needed any more."),
-            ("bytes", held.stored_bytes, self._settings.stored_bytes, "Delete scenes or unfinished uploads."),
-            ("jobs", held.queued_jobs, self._settings.queued_jobs, "Wait until a job has ended, or cancel one."),
+            ("scenes", usage.scenes, self._settings.scenes, "Delete scenes that are not needed any more."),
+            ("bytes", usage.stored_bytes, self._settings.stored_bytes, "Delete scenes or unfinished uploads."),
+            ("jobs", usage.queued_jobs, self._settings.queued_jobs, "Wait until a job has ended, or cancel one."),
         )
         settings = ("SCENES", "STORED_BYTES", "QUEUED_JOBS")
         for (what, count, limit, hint), setting in zip(bounds, settings, strict=True):

@@ -67,7 +67,7 @@ class OpenScenes:
         Raises:
             NotFoundError, NotReadyError: as `reading`.
         """
-        state, current, operation_id = self._store.rows.version(scene_id)
+        state, current, operation_id = self._store.scenes.current_version(scene_id)
         if state != "READY":
             training = state == "TRAINING"
             raise NotReadyError(

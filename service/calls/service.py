@@ -40,6 +40,7 @@ from fastsplat.service.common.states import OperationState
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import NewJob
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
@@ -60,9 +61,9 @@ class SceneService:
         self._scenes = OpenScenes(store, settings)
         self._answers = Answers(store, settings, self._scenes)
         self._versions = Versions(store, settings, self._scenes)
-        self._quotas = Quotas(store.holdings, settings.quotas)
+        self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, settings.store.abandoned_upload_s, self._quotas
+            store.blobs, settings.capture.max_upload_bytes, settings.uploads.expiry_s, self._quotas
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
@@ -104,17 +105,17 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return operation_of(self._store.rows.operation(operation_id))
+        return operation_of(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:
-        """Ask a job to stop: a queued one is CANCELLED on return, a running one within two seconds.
+        """Ask a job to stop: a queued one is CANCELLED on return, a running one once its worker has looked again.
 
         A job that is over stays as it is. Returns the operation as it now stands.
 
         Raises:
             NotFoundError: there is none of that id.
         """
-        record = self._store.rows.cancel(operation_id)
+        record = self._store.scenes.cancel(operation_id)
         if record.state == "CANCELLED":
             self._store.blobs.drop_upload(record.upload_id)
         return operation_of(record)
@@ -128,7 +129,7 @@ class SceneService:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        found = self._store.rows.operations(size + 1, read_page_token(page_token), state)
+        found = self._store.scenes.list_operations(size + 1, read_page_token(page_token), state)
         page = tuple(operation_of(record) for record in found[:size])
         token = write_page_token(found[size - 1].created_at, found[size - 1].id) if len(found) > size else ""
         return page, token
@@ -139,7 +140,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._store.rows.scene(scene_id), self._settings.calls.max_listed)
+        return scene_of(self._store.scenes.scene(scene_id), self._settings.calls.max_listed)
 
     def list_labels(
         self, scene_id: str, page_size: int = 0, page_token: str = ""
@@ -151,7 +152,7 @@ class SceneService:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        scene = self._store.rows.scene(scene_id)
+        scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return tuple(label_of(row) for row in page), token
 
@@ -183,7 +184,7 @@ class SceneService:
             InvalidInputError: no such format, or one that cannot hold the cameras' names.
         """
         self._scenes.version(scene_id, "")
-        return camera_file(scene_of(self._store.rows.scene(scene_id)).cameras, wanted)
+        return camera_file(scene_of(self._store.scenes.scene(scene_id)).cameras, wanted)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> tuple[tuple[SceneInfo, ...], str]:
         """Scenes, newest first, in pages; `cameras` are left to `get_scene`.
@@ -199,7 +200,7 @@ class SceneService:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        found = self._store.rows.scenes(size + 1, read_page_token(page_token))
+        found = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         page = tuple(scene_of(record) for record in found[:size])
         token = write_page_token(found[size - 1].created_at, found[size - 1].id) if len(found) > size else ""
         return page, token
@@ -210,7 +211,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        operation = self._store.rows.delete_scene(scene_id)
+        operation = self._store.scenes.delete_scene(scene_id)
         self._scenes.forget(scene_id)
         self._store.versions.forget(scene_id)
         self._store.blobs.drop_scene(scene_id)
@@ -330,7 +331,7 @@ class SceneService:
     def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         check_request(name, request_id, options, self._settings.store)
         digest = upload.digest(name, options)
-        earlier = self._store.rows.find_request(request_id, digest)
+        earlier = self._store.scenes.find_request(request_id, digest)
         if earlier is not None:
             remove(upload.folder)
             return operation_of(earlier)
@@ -347,17 +348,11 @@ class SceneService:
             request_id=request_id,
             request_digest=digest,
             upload_id=upload.id,
-            options={
-                "admitted": str(admitted.relative_to(upload.folder)),
-                "labels": list(options.labels),
-                "time_budget_s": options.time_budget_s,
-                "max_gaussians": options.max_gaussians,
-                "preset": options.preset,
-            },
+            options={"admitted": str(admitted.relative_to(upload.folder)), **options_to_json(options)},
             priority=options.priority,
         )
-        record, new = self._store.rows.admit(
-            job, lambda connection: self._quotas.take(connection, upload.owner, job.scene_id, upload.bytes)
+        record, new = self._store.scenes.create(
+            job, lambda connection: self._quotas.reserve(connection, upload.owner, job.scene_id, upload.bytes)
         )
         if not new:
             self._store.blobs.drop_upload(upload.id)

@@ -1,4 +1,4 @@
-"""Stored rows to what callers see, and a finished scene to what is stored."""
+"""Stored rows to what callers see."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from fastsplat.service.calls.types import (
     Operation,
     OperationError,
     SceneInfo,
-    SceneOptions,
     StageProgress,
 )
 from fastsplat.service.store.codec import camera_from_json
@@ -49,16 +48,6 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> SceneInfo:
         version=record.version,
         label_count=len(record.dictionary),
         camera_count=len(record.cameras),
-    )
-
-
-def options_of(options: Mapping[str, Any]) -> SceneOptions:
-    """The user's choices as stored with an operation."""
-    return SceneOptions(
-        labels=tuple(options["labels"]),
-        time_budget_s=options["time_budget_s"],
-        max_gaussians=options["max_gaussians"],
-        preset=options.get("preset"),
     )
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.common.options import SceneOptions as SceneOptions
 from fastsplat.service.common.states import OperationState, SceneState
-from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.query.rle import decode_rle
 from fastsplat.service.query.types import Answer
 
@@ -27,27 +27,6 @@ CameraFormat = Literal["json", "transforms", "colmap"]
 EditAction = Literal["recolour", "remove", "move", "duplicate"]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class SceneOptions:
-    """What a user may choose when posting a scene.
-
-    Attributes:
-        labels: names to look for; empty lets the settings' prompt source decide.
-        time_budget_s: seconds for everything after the capture stage (perception, training, export), to be kept
-            within 10 %; what is given up for it is in the scene's quality. None: the preset's or server's optimisation
-            time, however long the rest takes.
-        max_gaussians: hard budget, or None for the preset's or the server's default.
-        preset: how much to spend (`service.planning.presets`), or None for the server's settings.
-        priority: higher ones are trained first.
-    """
-
-    labels: tuple[str, ...] = ()
-    time_budget_s: float | None = None
-    max_gaussians: int | None = None
-    preset: PresetName | None = None
-    priority: int = 0
 
 
 @dataclass(frozen=True)

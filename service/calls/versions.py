@@ -23,7 +23,7 @@ from fastsplat.service.scene import Scene, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.versions import NewVersion, VersionRecord
+from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 
 _TRIES = 5
 
@@ -63,7 +63,7 @@ class Versions:
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """See `SceneService.list_versions`."""
         self._scenes.version(scene_id, "")
-        scene = self._store.rows.scene(scene_id)
+        scene = self._store.scenes.scene(scene_id)
         return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
@@ -81,7 +81,7 @@ class Versions:
         edited, counts = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits))
         version = f"e{secrets.token_hex(8)}"
         dictionary = [
-            {**row, "gaussian_count": counts[row["label_id"]]} for row in self._store.rows.scene(scene_id).dictionary
+            {**row, "gaussian_count": counts[row["label_id"]]} for row in self._store.scenes.scene(scene_id).dictionary
         ]
         self._write(edited, scene_id, version)
         try:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.options import PresetName as PresetName
 from fastsplat.service.splatting.settings import TrainingSettings
 
 if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
     from fastsplat.service.settings import Settings
 
-PresetName = Literal["draft", "balanced", "best"]
 
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {

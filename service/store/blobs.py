@@ -3,11 +3,11 @@
 uploads/<upload id>     what a client sent, until its job is over
 jobs/<operation id>     a running job's stage results and checkpoints
 scenes/<id>/<version>   finished artefacts, never changed once there
-logs/                   the trainers' last words
-trash/                  what is being removed: out of sight at once, gone in a moment
+logs/                   stderr of the trainers
+trash/                  what is being removed
 
 The data directory may be a folder that several machines share. Where they share none, uploads and scenes are kept in an
-object store instead, see `service.store.objects`; then `scenes` here is a cache.
+object store instead, see `service.store.object_store`; then `scenes` here is a cache.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ class Blobs:
         """Remove all versions of a scene; those who have its files open may read on."""
         self._discard(self._folder("scenes", scene_id))
 
-    def tidy(self, abandoned_s: float) -> None:
-        """Remove what crashes left half-written or half-removed; what is younger than `abandoned_s` may be at work."""
+    def remove_partial(self, expiry_s: float) -> None:
+        """Remove what crashes left half-written or half-removed; what is younger than `expiry_s` may be in use."""
         for path in (self.root / "trash").glob("*"):
             remove(path)
 

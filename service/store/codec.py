@@ -1,13 +1,31 @@
-"""What database rows hold as JSON: cameras."""
+"""JSON columns of the database to typed values and back: a job's options, a scene's cameras."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.options import SceneOptions
+
+
+def options_to_json(options: SceneOptions) -> dict[str, Any]:
+    """A job's options as JSON values."""
+    return {**asdict(options), "labels": list(options.labels)}
+
+
+def options_from_json(row: Mapping[str, Any]) -> SceneOptions:
+    """Back from `options_to_json`, also from what earlier releases wrote; other keys are ignored."""
+    return SceneOptions(
+        labels=tuple(row["labels"]),
+        time_budget_s=row["time_budget_s"],
+        max_gaussians=row["max_gaussians"],
+        preset=row.get("preset"),
+        priority=row.get("priority", 0),
+    )
 
 
 def camera_to_json(posed: PosedCamera) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What can go wrong between this product and its database."""
+"""Errors of the database, the object store and stored artefacts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from fastsplat.service.common.errors import FastSplatError, Kind
 
 
 class DatabaseError(FastSplatError):
-    """The database is away, locked or full; nothing of the request was kept."""
+    """The database is away, locked or full; nothing of the request was stored."""
 
     kind = Kind.UNAVAILABLE
     reason = "DATABASE_UNAVAILABLE"
@@ -16,7 +16,7 @@ class DatabaseError(FastSplatError):
 
 
 class ObjectStoreError(FastSplatError):
-    """The object store is away, or refuses; nothing of the request was kept."""
+    """The object store is away, or refuses; nothing of the request was stored."""
 
     kind = Kind.UNAVAILABLE
     reason = "OBJECT_STORE_UNAVAILABLE"
@@ -30,7 +30,7 @@ class ObjectStoreError(FastSplatError):
 
 
 class ArtefactError(FastSplatError):
-    """What was stored is damaged or missing."""
+    """A stored artefact is damaged or missing."""
 
     kind = Kind.INTERNAL
     reason = "ARTEFACT_DAMAGED"

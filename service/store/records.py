@@ -1,4 +1,4 @@
-"""Rows as frozen values: what the store takes and gives. JSON parts are plain dicts and lists."""
+"""Rows of the database as frozen values. JSON parts are plain dicts and lists."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SceneRecord:
 
 @dataclass(frozen=True)
 class OperationRecord:
-    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fence.
+    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token.
 
     Higher priorities run first.
     """
@@ -51,7 +51,7 @@ class OperationRecord:
 
 @dataclass(frozen=True)
 class NewJob:
-    """What makes a scene and its operation, both at once."""
+    """A scene and its operation, to be created together."""
 
     scene_id: str
     operation_id: str
@@ -65,7 +65,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job says about its scene; the artefact itself is a folder of this version."""
+    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
 
     version: str
     gaussians: int
@@ -77,14 +77,14 @@ class SceneSummary:
 
 @dataclass(frozen=True)
 class WorkerRecord:
-    """One worker process. Times are seconds since 1970, UTC; a worker that has resigned beat at 0."""
+    """One worker process. Times are seconds since 1970, UTC; `heartbeat_at` is 0 once it has stopped by itself."""
 
     executor_id: str
     host: str
     pid: int
     started_at: float
-    beat_at: float
+    heartbeat_at: float
 
-    def silent(self, stale_s: float, now: float) -> bool:
-        """Whether its last beat is older than `stale_s` seconds at time `now`."""
-        return self.beat_at < now - stale_s
+    def is_stalled(self, timeout_s: float, now: float) -> bool:
+        """Whether its last heartbeat is older than `timeout_s` seconds at time `now`."""
+        return self.heartbeat_at < now - timeout_s

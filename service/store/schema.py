@@ -1,11 +1,20 @@
-"""The tables: what is durable about scenes, operations and workers. Times are seconds since 1970, UTC.
-
-How to change it: see `service.store.migrations`.
-"""
+"""The tables. Times are seconds since 1970, UTC. How to change them: see `service.store.migrations`."""
 
 from __future__ import annotations
 
-from sqlalchemy import JSON, Boolean, Column, Double, Index, Integer, MetaData, String, Table
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    Double,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    UniqueConstraint,
+)
 
 metadata = MetaData()
 
@@ -41,9 +50,9 @@ operations = Table(
     Column("error", JSON(none_as_null=True), nullable=True),
     Column("created_at", Double, nullable=False),
     Column("updated_at", Double, nullable=False),
-    # The fence: every claim raises it, and a write that carries an older number changes nothing.
+    # The fencing token: every claim increments it, and a write that carries an older number changes nothing.
     Column("attempt", Integer, nullable=False, default=0),
-    # Starts that ended badly or have not ended; a graceful release takes its start back.
+    # Starts that ended in a crash or have not ended; a release of the job takes its start back.
     Column("starts", Integer, nullable=False, default=0),
     Column("enqueued", Boolean, nullable=False, default=False),
     Column("cancel_requested", Boolean, nullable=False, default=False),
@@ -58,5 +67,46 @@ workers = Table(
     Column("host", String(255), nullable=False),
     Column("pid", Integer, nullable=False),
     Column("started_at", Double, nullable=False),
-    Column("beat_at", Double, nullable=False),
+    # It keeps its first name in the database, where workers of an earlier release may run beside this one's.
+    Column("beat_at", Double, key="heartbeat_at", nullable=False),
 )
+
+scene_versions = Table(
+    "scene_versions",
+    metadata,
+    Column("scene_id", String(40), primary_key=True),
+    Column("version", String(80), primary_key=True),
+    Column("number", Integer, nullable=False),
+    Column("parent", String(80), nullable=False, default=""),
+    Column("created_at", Double, nullable=False),
+    Column("request_id", String(200), nullable=True),
+    Column("request_digest", String(64), nullable=False, default=""),
+    Column("gaussians", Integer, nullable=False),
+    Column("dictionary", JSON, nullable=False),
+    Column("edits", JSON, nullable=False),
+    UniqueConstraint("scene_id", "request_id"),
+)
+
+api_keys = Table(
+    "api_keys",
+    metadata,
+    Column("id", String(16), primary_key=True),
+    Column("name", String(200), nullable=False),
+    Column("kind", String(8), nullable=False),
+    Column("hash", String(64), nullable=False),
+    Column("created_at", Double, nullable=False),
+    Column("expires_at", Double, nullable=True),
+    Column("revoked_at", Double, nullable=True),
+)
+
+# What each scene counts against the quotas of the key that made it.
+quota_usage = Table(
+    "holdings",
+    metadata,
+    Column("scene_id", String(40), primary_key=True),
+    Column("owner", String(16), nullable=False, index=True),
+    Column("bytes", BigInteger, nullable=False),
+)
+
+# Read by releases before alembic only, which refuse a database of a later version.
+schema_version = Table("schema_version", metadata, Column("version", Integer, primary_key=True, autoincrement=False))

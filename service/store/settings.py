@@ -1,15 +1,23 @@
-"""Where artefacts are kept."""
+"""Where artefacts are stored."""
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
-class ArtefactSettings(BaseModel):
+class ArtefactSettings(SettingGroup, section="artefacts"):
     """An object store for machines that share no folder. Its credentials come from AWS_* variables and the like."""
 
-    model_config = ConfigDict(frozen=True)
+    url: str = ""
+    """Where uploads and scenes are stored, e.g. "s3://bucket/folder"; empty: inside data_dir."""
 
-    url: str = Field("", description='uploads and scenes, e.g. "s3://bucket/folder"; empty: inside data_dir')
-    endpoint_url: str = Field("", description="of an S3-compatible store that is not Amazon's")
-    cache_bytes: int = Field(20 << 30, ge=0, description="this machine's copies of scenes; the least used leave first")
+    endpoint_url: str = ""
+    """Address of an S3-compatible store that is not Amazon's."""
+
+    cache_bytes: int = Field(20 << 30, ge=0)
+    """Size of this machine's copies of scenes; the least recently used are removed first."""
+
+    partial_expiry_s: float = Field(24 * 3600.0, gt=0)
+    """Copies to and from the object store that broke off are removed after this."""

@@ -92,7 +92,7 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
     scene = made_scene(encoder)
     store = service._store
     scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
-    store.rows.admit(
+    store.scenes.create(
         NewJob(
             scene_id=scene_id,
             operation_id=operation_id,

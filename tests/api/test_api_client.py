@@ -64,7 +64,7 @@ def test_a_capture_arrives_whole_with_its_options(
         operation = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
         again = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
         assert again.id == operation.id
-        record = service._store.rows.operation(operation.id)
+        record = service._store.scenes.operation(operation.id)
         stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
         assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
@@ -133,7 +133,7 @@ def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
         with Client(url, retry=retry, piece_bytes=size // 5) as client:
             operation = client.create_scene(captures["archive"])
     assert len(carried) > 2
-    record = service._store.rows.operation(operation.id)
+    record = service._store.scenes.operation(operation.id)
     stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
     assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
     service.delete_scene(operation.scene_id)

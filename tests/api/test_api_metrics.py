@@ -86,7 +86,7 @@ def _watch_jobs(service: SceneService, settings: Settings) -> None:
 
     def job(number: int) -> str:
         name = f"metrics{number}{time.time_ns()}"
-        store.rows.admit(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
+        store.scenes.create(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
         return f"o{name}"
 
     with served(service, settings) as faces:

@@ -41,7 +41,7 @@ def queued(service: SceneService) -> Iterator[str]:
         upload_id="none",
         options={"labels": [], "time_budget_s": None, "max_gaussians": None},
     )
-    service._store.rows.admit(job)
+    service._store.scenes.create(job)
     yield job.operation_id
     service.delete_scene(job.scene_id)
 

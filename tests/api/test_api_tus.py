@@ -81,7 +81,7 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
     first, again = (faces.rest.post("/v1/scenes", files=_form(form)) for _ in range(2))
     assert first.status_code == again.status_code == 202, first.text
     assert first.json()["id"] == again.json()["id"]
-    kept = service._store.rows.operation(first.json()["id"])
+    kept = service._store.scenes.operation(first.json()["id"])
     folder = service._store.blobs.upload(kept.upload_id)
     assert len(list(folder.rglob("*.jpg"))) == 3
     assert faces.rest.delete(path, headers=_TUS).status_code == 204

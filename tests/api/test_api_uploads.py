@@ -102,7 +102,7 @@ def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> It
 
 
 def _same_bytes(service: SceneService, operation_id: str, files: _Files) -> bool:
-    folder = service._store.blobs.upload(service._store.rows.operation(operation_id).upload_id)
+    folder = service._store.blobs.upload(service._store.scenes.operation(operation_id).upload_id)
     stored = sorted(path.read_bytes() for path in folder.rglob("*") if path.is_file())
     return all(data in stored for _, data in files)
 
@@ -118,7 +118,7 @@ def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneServic
     assert faces.rest.get(response.headers["location"]).json()["id"] == operation["id"]
     scene = faces.rest.get(f"/v1/scenes/{operation['scene_id']}").json()
     assert scene["name"] == "my room" and scene["state"] == "TRAINING"
-    record = service._store.rows.operation(operation["id"])
+    record = service._store.scenes.operation(operation["id"])
     assert record.options["labels"] == ["mug", "ball", "story book"]
     assert (record.options["time_budget_s"], record.options["max_gaussians"]) == (60.0, 5000)
     assert _same_bytes(service, operation["id"], files)
@@ -136,7 +136,7 @@ def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneServic
     choices = {"labels": ["mug"], "time_budget_s": 60, "preset": "best", "priority": -2}
     operation = faces.rpc.CreateScene(_messages(files, name="my room", **choices))
     assert operation.state == pb.OPERATION_STATE_QUEUED and not operation.done
-    record = service._store.rows.operation(operation.id)
+    record = service._store.scenes.operation(operation.id)
     assert (record.options["preset"], record.priority, record.options["labels"]) == ("best", -2, ["mug"])
     for choice in ({"preset": "huge"}, {"priority": 101}):
         with pytest.raises(grpc.RpcError) as caught:

@@ -1,4 +1,4 @@
-"""Workers a device: who is told what."""
+"""Workers a device: which environment each has."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_workers_without_a_gpu_share_the_cpus():
         }
 
 
-def test_one_worker_is_told_nothing_and_a_setting_of_threads_stands():
+def test_one_worker_needs_no_environment_and_a_setting_of_threads_stays():
     assert [role.environment for role in worker_roles("", 1, 0).values()] == [{}]
     assert [role.environment for role in worker_roles("", 3, 5).values()] == [{}] * 3
 

@@ -4,44 +4,50 @@ from __future__ import annotations
 
 import http.server
 import os
-import subprocess
-import sys
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner, Result
 
+from fastsplat.cli.main import app
+from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
-from fastsplat.workers.lifeline import machine
-
-ROOT = Path(__file__).parent.parent.parent
+from fastsplat.workers.process_group import machine_id
 
 
-def health(role: str, folder: Path, port: int = 1) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "FASTSPLAT_DATA_DIR": str(folder), "FASTSPLAT_HTTP_PORT": str(port)}
-    command = [sys.executable, "-m", "fastsplat.cli.main", "health", role]
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
+@pytest.fixture
+def health(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
+    def call(role: str, port: int = 1) -> Result:
+        monkeypatch.setenv("FASTSPLAT_HTTP_PORT", str(port))
+        load_settings.cache_clear()
+        return CliRunner().invoke(app, ["health", role])
+
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path))
+    yield call
+    load_settings.cache_clear()
 
 
-def test_a_worker_is_well_while_it_beats(tmp_path: Path) -> None:
+def test_a_worker_is_well_while_its_heartbeat_is_fresh(health: Callable[..., Result], tmp_path: Path) -> None:
     store = open_store(tmp_path)
-    store.jobs.beat("elsewhere", "another machine", 1)
-    silent = health("worker", tmp_path)
-    assert silent.returncode == 1 and "gave a beat" in silent.stderr
-    store.jobs.beat("here", machine(), os.getpid())
-    assert health("worker", tmp_path).returncode == 0
-    store.jobs.resign("here")
-    assert health("worker", tmp_path).returncode == 1
+    store.workers.update_heartbeat("elsewhere", "another machine", 1)
+    stalled = health("worker")
+    assert stalled.exit_code == 1 and "had a heartbeat" in stalled.stderr
+    store.workers.update_heartbeat("here", machine_id(), os.getpid())
+    assert health("worker").exit_code == 0
+    store.workers.mark_stopped("here")
+    assert health("worker").exit_code == 1
     store.close()
 
 
 @pytest.mark.parametrize("status", [200, 503])
-def test_the_api_is_well_when_it_says_so(tmp_path: Path, status: int) -> None:
-    asked = []
+def test_the_api_is_well_when_it_says_so(health: Callable[..., Result], status: int) -> None:
+    paths = []
 
     class Answer(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            asked.append(self.path)
+            paths.append(self.path)
             self.send_response(status)
             self.end_headers()
 
@@ -49,12 +55,12 @@ def test_the_api_is_well_when_it_says_so(tmp_path: Path, status: int) -> None:
 
     with http.server.HTTPServer(("127.0.0.1", 0), Answer) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        found = health("api", tmp_path, server.server_port)
+        result = health("api", server.server_port)
         server.shutdown()
-    assert asked == ["/readyz"]
-    assert found.returncode == (status != 200) and bool(found.stderr) == (status != 200)
+    assert paths == ["/readyz"]
+    assert result.exit_code == (status != 200) and bool(result.stderr) == (status != 200)
 
 
-def test_an_api_that_is_not_there_is_not_well(tmp_path: Path) -> None:
-    found = health("api", tmp_path)
-    assert found.returncode == 1 and "does not answer" in found.stderr
+def test_an_api_that_is_not_there_is_not_well(health: Callable[..., Result]) -> None:
+    result = health("api")
+    assert result.exit_code == 1 and "does not answer" in result.stderr

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,10 @@ from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+
+NEW, BAD = "0123456789abcdef" * 2, "fedcba9876543210" * 2
+IDS = (NEW, "a" * 32, BAD, "b" * 32)
+"""Newest job, its scene, oldest job, its scene."""
 
 
 @pytest.fixture
@@ -25,14 +31,20 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         return CliRunner().invoke(app, words)
 
     store = open_store(tmp_path)
-    for name in ("bad", "new"):
-        store.rows.admit(NewJob(f"{name}scene", f"{name}job", "desk", "", "d", name, {}, priority=7))
-    claim = store.jobs.claim("badjob")
+    for scene_id, job_id in ((IDS[3], IDS[2]), (IDS[1], IDS[0])):
+        store.scenes.create(NewJob(scene_id, job_id, "desk", "", "d", job_id, {}, priority=7))
+    claim = store.jobs.claim(BAD)
     assert claim is not None
-    error = {"kind": "INTERNAL", "reason": "TRAINER_CRASHED", "message": "it died", "stage": "training", "details": {}}
+    error = {
+        "kind": "INTERNAL",
+        "reason": "TRAINER_CRASHED",
+        "message": "it died [/b]",
+        "stage": "training",
+        "details": {},
+    }
     store.jobs.fail(claim, error)
-    store.blobs.log("badjob").parent.mkdir()
-    store.blobs.log("badjob").write_bytes(b"first\nlast words \xff\n")
+    store.blobs.log(BAD).parent.mkdir()
+    store.blobs.log(BAD).write_bytes(b"first\nlast words \xff\n")
     store.close()
     yield call
     load_settings.cache_clear()
@@ -40,14 +52,31 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 def test_jobs_are_listed_with_where_they_stand(fastsplat):
     everything = fastsplat("jobs", "list").stdout
-    assert "badjob" in everything and "newscene" in everything and "training: it died" in everything
+    assert BAD in everything and IDS[1] in everything and "training: it died [/b]" in everything
     failed = fastsplat("jobs", "list", "--state", "failed").stdout
-    assert "badjob" in failed and "newjob" not in failed
+    assert BAD in failed and NEW not in failed
     assert isinstance(fastsplat("jobs", "list", "--state", "lost").exception, InvalidInputError)
 
 
+def test_ids_can_be_copied_from_a_narrow_terminal_and_everything_is_there_as_json(fastsplat, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = fastsplat("jobs", "list").stdout.splitlines()
+    assert all(len(line) <= 80 for line in lines)
+    for name in IDS:
+        assert sum(name in line.split() for line in lines) == 1
+    newest, oldest = json.loads(fastsplat("jobs", "list", "--json").stdout)
+    assert (newest["id"], newest["scene_id"], oldest["id"], oldest["scene_id"]) == IDS
+    assert (newest["state"], newest["priority"], newest["error"], oldest["starts"]) == ("QUEUED", 7, None, 1)
+    assert (oldest["state"], oldest["error"]["reason"]) == ("FAILED", "TRAINER_CRASHED")
+    assert json.loads(fastsplat("jobs", "list", "--json", "--state", "running").stdout) == []
+
+
+def test_the_version_is_that_of_the_distribution(fastsplat):
+    assert fastsplat("--version").stdout.split() == ["fastsplat", version("fastsplat")]
+
+
 def test_a_failed_jobs_log_and_error_are_there_and_others_are_not_found(fastsplat):
-    result = fastsplat("jobs", "log", "badjob")
+    result = fastsplat("jobs", "log", BAD)
     assert result.stdout.startswith("first\nlast words") and "TRAINER_CRASHED" in result.stderr
-    for name in ("newjob", "nothing"):
+    for name in (NEW, "nothing"):
         assert isinstance(fastsplat("jobs", "log", name).exception, NotFoundError)

@@ -19,12 +19,13 @@ from fastsplat.cli.logs import log_to_stderr
 import fastsplat.cli.serve
 from fastsplat.cli.serve import Role, serve
 log_to_stderr("serve")
-cli.serve._FROZEN_S, cli.serve._AFTER_CRASH_S = 0.5, 0.1
+fastsplat.cli.serve._SUSPENDED_S, fastsplat.cli.serve._AFTER_CRASH_S = 0.5, 0.1
+fastsplat.cli.serve._MAX_PAUSE_S = 0.2
 sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) for name in sys.argv[2:]}))
 """
 _STEADY = """
 import os, pathlib, signal, sys, time
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
 here = pathlib.Path(sys.argv[1]) / pathlib.Path(__file__).stem
 def leave(*_):
     here.with_suffix(".stopped").touch()

@@ -1,42 +1,69 @@
-"""Schema: a database of the first release becomes this release's, with everything in it; none goes back."""
+"""Migrations: a database of every earlier release becomes this release's, with everything in it; none goes back."""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import Column, Connection, Engine, Integer, String, Table, inspect, text
-from sqlalchemy.schema import MetaData
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Engine, create_engine, inspect, text
 
 from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store import Store, open_store
-from fastsplat.service.store.engine import open_engine, resolve_url
-from fastsplat.service.store.migrations import STEPS, add_column, migrate
+from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.migrations import migrate
 from fastsplat.service.store.schema import metadata
 
-_FIRST_RELEASE = Path(__file__).with_name("first_release.sql").read_text()
+_HERE = Path(__file__).parent
+_FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
+_SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
 
 
 @pytest.fixture
-def old(tmp_path: Path, database_url: str) -> Iterator[Engine]:
-    """A database as the first release left it."""
+def empty(tmp_path: Path, database_url: str) -> Iterator[Engine]:
+    """A database without any table."""
     engine = open_engine(resolve_url(tmp_path, database_url, sqlite_name="fastsplat.sqlite"))
-    sql = _FIRST_RELEASE if database_url else _FIRST_RELEASE.replace("DOUBLE PRECISION", "DOUBLE")
-    with engine.begin() as connection:
-        metadata.drop_all(connection)
-        for statement in sql.split(";\n"):
-            if statement.strip():
-                connection.execute(text(statement))
+    _clear(engine)
     yield engine
     engine.dispose()
 
 
+@pytest.fixture(params=[_FIRST_RELEASE, _BEFORE_ALEMBIC])
+def old(request: pytest.FixtureRequest, empty: Engine) -> Engine:
+    """A database as the first release left it, and as the last one before alembic did."""
+    return _fill(empty, request.param)
+
+
+def _clear(engine: Engine) -> None:
+    with engine.begin() as connection:
+        metadata.drop_all(connection)
+        connection.execute(text("DROP TABLE IF EXISTS alembic_version"))
+
+
+def _fill(engine: Engine, name: str) -> Engine:
+    sql = (_HERE / name).read_text()
+    if engine.dialect.name == "sqlite":
+        sql = sql.replace("DOUBLE PRECISION", "DOUBLE")
+    with engine.begin() as connection:
+        for statement in sql.split(";\n"):
+            if statement.strip():
+                connection.exec_driver_sql(statement)
+    return engine
+
+
 def _shape(engine: Engine) -> dict[str, Any]:
-    """Everything that a schema promises; defaults aside, which steps need and new tables may not."""
+    """Everything that a schema promises; defaults aside, which migrations need and new tables may not."""
     tables = inspect(engine)
     return {
         name: (
@@ -46,31 +73,73 @@ def _shape(engine: Engine) -> dict[str, Any]:
             sorted(tuple(u["column_names"]) for u in tables.get_unique_constraints(name)),
         )
         for name in tables.get_table_names()
+        if name != "alembic_version"
     }
 
 
-def test_the_first_releases_database_becomes_the_same_as_a_new_one(old):
-    migrate(old)
-    migrated = _shape(old)
-    with old.begin() as connection:
-        metadata.drop_all(connection)
-    migrate(old)
-    assert migrated == _shape(old)
-    assert set(migrated) == set(metadata.tables)
+def _rows(engine: Engine) -> dict[str, list[Any]]:
+    with engine.connect() as connection:
+        names = [name for name in inspect(connection).get_table_names() if name in metadata.tables]
+        return {name: sorted(map(repr, connection.execute(text(f"SELECT * FROM {name}")))) for name in names}
 
 
-def test_what_the_first_release_stored_is_there_and_goes_on(old, tmp_path, database_url):
+def test_an_earlier_releases_database_and_a_new_one_become_the_same_as_the_tables(empty: Engine) -> None:
+    with empty.begin() as connection:
+        metadata.create_all(connection)
+    tables = _shape(empty)
+    for name in (_FIRST_RELEASE, _BEFORE_ALEMBIC, None):
+        _clear(empty)
+        if name:
+            _fill(empty, name)
+        migrate(empty)
+        assert _shape(empty) == tables
+        with empty.connect() as connection:
+            assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+
+
+def test_a_database_between_two_releases_becomes_the_same_too(empty: Engine) -> None:
+    _fill(empty, _BEFORE_ALEMBIC)
+    with empty.begin() as connection:  # as a release left it that knew priorities, but no keys and quotas
+        connection.execute(text("DROP TABLE holdings"))
+        connection.execute(text("DROP TABLE api_keys"))
+    migrate(empty)
+    with empty.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+
+
+def test_what_the_first_release_stored_is_there_and_goes_on(empty: Engine, tmp_path: Path, database_url: str) -> None:
+    _fill(empty, _FIRST_RELEASE)
     store = open_store(tmp_path, database_url)
-    scene = store.rows.scene("done")
+    scene = store.scenes.scene("done")
     assert (scene.name, scene.state, scene.gaussians, scene.quality) == ("desk", "READY", 7, {"psnr": 30.0})
-    assert store.rows.operation("op_done").priority == 0
+    assert store.scenes.operation("op_done").priority == 0
     assert list(store.jobs.waiting()) == [("op_new", 0)]
     claim = store.jobs.claim("op_new")
     assert claim is not None and claim.operation.options["labels"] == ["mug"]
     store.close()
 
 
-def test_opening_twice_and_by_many_at_once_changes_nothing_more(old, tmp_path, database_url):
+def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
+    empty: Engine, tmp_path: Path, database_url: str
+) -> None:
+    _fill(empty, _BEFORE_ALEMBIC)
+    before = _rows(empty)
+    migrate(empty)
+    assert _rows(empty) == before
+    store = open_store(tmp_path, database_url)
+    scene = store.scenes.scene("done")
+    assert [version.version for version in store.versions.of(scene)] == ["op_done", "v2"]
+    assert [(key.name, key.kind) for key in store.keys.all()] == [("robot", "read")]
+    usage = store.quota_usage.of("0123456789ab")
+    assert (usage.scenes, usage.stored_bytes, usage.queued_jobs) == (1, 4096, 0)
+    assert [worker.heartbeat_at for worker in store.workers.list_workers()] == [1000.5]
+    assert list(store.jobs.waiting()) == [("op_new", 5)]
+    options = options_from_json(store.scenes.operation("op_new").options)
+    assert (options.labels, options.preset, options.max_gaussians) == (("mug",), "draft", 500)
+    store.close()
+
+
+def test_opening_twice_and_by_many_at_once_changes_nothing_more(old: Engine, tmp_path: Path, database_url: str) -> None:
     barrier = threading.Barrier(6)
 
     def open_it(_: int) -> Store:
@@ -80,51 +149,115 @@ def test_opening_twice_and_by_many_at_once_changes_nothing_more(old, tmp_path, d
     with ThreadPoolExecutor(6) as pool:
         stores = list(pool.map(open_it, range(6)))
     for store in stores:
-        assert len(store.rows.scenes(10)) == 2
+        assert len(store.scenes.list_scenes(10)) == 2
         store.close()
     with old.connect() as connection:
-        assert connection.scalar(text("SELECT count(*) FROM schema_version")) == 1
+        for table in ("alembic_version", "schema_version"):
+            assert connection.scalar(text(f"SELECT count(*) FROM {table}")) == 1
 
 
-def test_a_database_of_a_later_release_is_refused_unchanged(old, tmp_path, database_url):
+_OPEN = """
+import sys
+from pathlib import Path
+from fastsplat.service.store import open_store
+print("ready", flush=True)
+sys.stdin.readline()
+store = open_store(Path(sys.argv[1]), sys.argv[2])
+print(len(store.scenes.list_scenes(10)))
+"""
+
+
+def test_processes_that_start_at_once_migrate_once(empty: Engine, tmp_path: Path, database_url: str) -> None:
+    _fill(empty, _FIRST_RELEASE)
+    command = [sys.executable, "-c", _OPEN, str(tmp_path), database_url]
+    pipe = subprocess.PIPE
+    processes = [subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) for _ in range(3)]
+    for process in processes:
+        assert process.stdin is not None and process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    assert [process.communicate()[0] for process in processes] == ["2\n"] * 3
+    with empty.connect() as connection:
+        assert connection.scalar(text("SELECT count(*) FROM alembic_version")) == 1
+
+
+def test_a_database_of_a_later_release_is_refused_unchanged(old: Engine, tmp_path: Path, database_url: str) -> None:
     migrate(old)
+    before = _rows(old)
     with old.begin() as connection:
-        connection.execute(text("UPDATE schema_version SET version = 1000"))
-    with pytest.raises(ConflictError, match="1000") as caught:
+        connection.execute(text("UPDATE alembic_version SET version_num = '1000'"))
+    with pytest.raises(ConflictError, match="version 1000") as caught:
         open_store(tmp_path, database_url)
-    assert caught.value.hint
+    assert caught.value.hint and caught.value.field == "database_url"
+    assert _rows(old) == before
     with old.connect() as connection:
-        assert connection.scalar(text("SELECT version FROM schema_version")) == 1000
+        assert connection.scalar(text("SELECT version_num FROM alembic_version")) == "1000"
 
 
-def test_a_step_that_fails_leaves_the_database_as_it_was(old):
-    def bad(connection: Connection) -> None:
-        connection.execute(text("ALTER TABLE scenes ADD COLUMN half INTEGER"))
-        raise RuntimeError("a defect")
+def test_releases_before_alembic_find_the_version_in_their_own_table(old: Engine, later: Callable[..., Path]) -> None:
+    migrate(old, later("pass"))
+    with old.connect() as connection:
+        assert connection.scalar(text("SELECT version FROM schema_version")) == _newest() + 1
 
-    before = _shape(old)
+
+@pytest.fixture
+def later(tmp_path: Path) -> Callable[..., Path]:
+    """Makes an alembic folder with more revisions than the product's: the bodies of their `upgrade`."""
+
+    def make(*bodies: str) -> Path:
+        folder = tmp_path / f"migrations{len(bodies)}"
+        shutil.copytree(_SCRIPTS, folder, dirs_exist_ok=True)
+        for number, body in enumerate(bodies, start=_newest() + 1):
+            lines = (
+                "import sqlalchemy as sa", "from alembic import op",
+                f"revision, down_revision = '{number:04}', '{number - 1:04}'", f"def upgrade(): {body}",
+            )  # fmt: skip
+            (folder / "versions" / f"v{number:04}_test.py").write_text("\n".join(lines))
+        return folder
+
+    return make
+
+
+def _newest() -> int:
+    config = Config()
+    config.set_main_option("script_location", str(_SCRIPTS))
+    head = ScriptDirectory.from_config(config).get_current_head()
+    assert head is not None
+    return int(head)
+
+
+def test_file_names_bear_the_revisions_in_one_line() -> None:
+    config = Config()
+    config.set_main_option("script_location", str(_SCRIPTS))
+    revisions = list(ScriptDirectory.from_config(config).walk_revisions())[::-1]
+    assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(1, len(revisions) + 1)]
+    assert [Path(revision.path).name[1:5] for revision in revisions] == [each.revision for each in revisions]
+
+
+def test_a_migration_that_fails_leaves_the_database_as_it_was(old: Engine, later: Callable[..., Path]) -> None:
+    before = _shape(old), _rows(old)
+    bad = later("op.add_column('scenes', sa.Column('half', sa.Integer)); raise RuntimeError('a defect')")
     with pytest.raises(RuntimeError, match="a defect"):
-        migrate(old, (*STEPS, bad))
-    assert _shape(old) == before
+        migrate(old, bad)
+    assert (_shape(old), _rows(old)) == before
 
 
-def test_every_step_runs_once_and_in_order(old):
-    calls: list[int] = []
-    steps = (*STEPS, lambda _: calls.append(1), lambda _: calls.append(2))
+def test_every_migration_runs_once_and_in_order(old: Engine, later: Callable[..., Path]) -> None:
+    note = "op.execute(\"UPDATE scenes SET name = name || '{}' WHERE id = 'done'\")".format
     migrate(old)
-    migrate(old, steps[:-1])
-    migrate(old, steps)
-    migrate(old, steps)
-    assert calls == [1, 2]
-
-
-def test_a_column_is_added_as_the_schema_has_it_and_left_to_tables_that_are_to_come(old):
-    column = Column("colour", String(7), nullable=False, server_default="grey")
-    Table("scenes", MetaData(), Column("id", Integer), column)
-    absent = Column("colour", String(7))
-    Table("not_there_yet", MetaData(), absent)
-    with old.begin() as connection:
-        add_column(connection, column)
-        add_column(connection, absent)
+    migrate(old, later(note(1)))
+    migrate(old, later(note(1), note(2)))
+    migrate(old, later(note(1), note(2)))
     with old.connect() as connection:
-        assert connection.scalars(text("SELECT DISTINCT colour FROM scenes")).all() == ["grey"]
+        assert connection.scalar(text("SELECT name FROM scenes WHERE id = 'done'")) == "desk12"
+
+
+def test_a_percent_sign_in_a_path_means_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "100%s"
+    shutil.copytree(_SCRIPTS, folder)
+    engine = create_engine("sqlite://")
+    migrate(engine, folder)
+    assert _shape(engine).keys() == metadata.tables.keys()

@@ -11,18 +11,18 @@ from functools import partial
 
 import httpx
 
-from fastsplat.workers.janitor import clean
-from tests.workers.house import House, children, kill
+from fastsplat.workers.cleanup import remove_unneeded
+from tests.workers.deployment import Deployment, children, kill
 
 _KILLS = 15  # on each database
 _JOBS = 10
 _SHORTEST_S, _LONGEST_S = 0.05, 1.2
 
 
-def test_thirty_kills_lose_nothing_and_leave_nothing(house: House) -> None:
+def test_thirty_kills_lose_nothing_and_leave_nothing(deployment: Deployment) -> None:
     seed = int(os.environ.get("FASTSPLAT_TEST_SEED", "") or random.SystemRandom().randrange(2**32))
     print(f"FASTSPLAT_TEST_SEED={seed}")  # shown when the test fails
-    loop = _Loop(house, random.Random(seed))
+    loop = _Loop(deployment, random.Random(seed))
 
     for number in range(_KILLS):
         loop.post_some(number)
@@ -31,34 +31,34 @@ def test_thirty_kills_lose_nothing_and_leave_nothing(house: House) -> None:
     loop.post_some(_JOBS)
     loop.finish()
 
-    operations = [house.service.get_operation(operation_id) for operation_id in loop.acknowledged.values()]
+    operations = [deployment.service.get_operation(operation_id) for operation_id in loop.acknowledged.values()]
     assert len(operations) == _JOBS
     for operation in operations:
-        over = house.wait_over(operation)
+        over = deployment.wait_over(operation)
         assert over.state == "SUCCEEDED", over
-        scene = house.service.get_scene(operation.scene_id)
-        folder = house.service._store.blobs.version(scene.id, scene.version)
+        scene = deployment.service.get_scene(operation.scene_id)
+        folder = deployment.service._store.blobs.version(scene.id, scene.version)
         assert scene.state == "READY" and {path.name for path in folder.iterdir()} >= {"artefact", "scene.ply"}
-    page, token = house.service.list_scenes()
+    page, token = deployment.service.list_scenes()
     assert {scene.id for scene in page} == {operation.scene_id for operation in operations} and not token
-    assert set(house.service._store.blobs.ids("scenes")) == {operation.scene_id for operation in operations}
+    assert set(deployment.service._store.blobs.ids("scenes")) == {operation.scene_id for operation in operations}
     # Stages that a crash cut off ran again; nothing ran beside itself, and nothing after its end.
     for operation in operations:
-        assert house.orderly(operation)
-    clean(house.service._store, abandoned_upload_s=-1, keep_ended_s=3600)
-    house.wait_for(lambda: house.left_over() == [])
+        assert deployment.orderly(operation)
+    remove_unneeded(deployment.service._store, upload_expiry_s=-1, ended_job_retention_s=3600)
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
 class _Loop:
     """Two workers and an API that somebody starts again whenever they die; a client that repeats what failed."""
 
-    def __init__(self, house: House, random: random.Random) -> None:
+    def __init__(self, deployment: Deployment, random: random.Random) -> None:
         self.random = random
         self.acknowledged: dict[str, str] = {}
-        self._house = house
-        house.max_starts = 1000  # here nobody is to blame
-        self._api = house.start_api()
-        self._workers = [house.start_worker() for _ in range(2)]
+        self._house = deployment
+        deployment.max_starts = 1000  # here nobody is to blame
+        self._api = deployment.start_api()
+        self._workers = [deployment.start_worker() for _ in range(2)]
 
     def post_some(self, number: int) -> None:
         """Have as many jobs acknowledged as should be by now; a lost answer is asked for again."""

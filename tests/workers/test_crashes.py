@@ -13,199 +13,203 @@ import pytest
 from fastsplat.cli.devices import worker_roles
 from fastsplat.service.common.progress import STAGES
 from tests.postgres import PostgresServer
-from tests.workers.house import House, kill
+from tests.workers.deployment import Deployment, kill
 
 
-def test_worker_killed_in_mid_stage_another_that_lives_finishes_the_job_once(house: House) -> None:
-    operation = house.post("capture:child", "training:sleep_once 600")
-    first = house.start_worker()
-    trainer = house.wait_in("training", operation)
-    grandchild = int((house.settings.data_dir / "grandchild.txt").read_text())
-    house.start_worker()
-    house.wait_for(lambda: len(house.service._store.jobs.workers()) == 2)
-    assert house.is_alive(grandchild)
+def test_worker_killed_in_mid_stage_another_that_lives_finishes_the_job_once(deployment: Deployment) -> None:
+    operation = deployment.post("capture:child", "training:sleep_once 600")
+    first = deployment.start_worker()
+    trainer = deployment.wait_in("training", operation)
+    grandchild = int((deployment.settings.data_dir / "grandchild.txt").read_text())
+    deployment.start_worker()
+    deployment.wait_for(lambda: len(deployment.service._store.workers.list_workers()) == 2)
+    assert deployment.is_alive(grandchild)
 
     kill(first)
 
-    house.wait_for(lambda: not house.is_alive(trainer) and not house.is_alive(grandchild))
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert [len(house.visits(stage)) for stage in STAGES] == [1, 1, 2, 1]
+    deployment.wait_for(lambda: not deployment.is_alive(trainer) and not deployment.is_alive(grandchild))
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert [len(deployment.visits(stage)) for stage in STAGES] == [1, 1, 2, 1]
     # The second trainer went on from the first one's checkpoint.
-    assert house.service.get_scene(operation.scene_id).quality["steps"] == 2
+    assert deployment.service.get_scene(operation.scene_id).quality["steps"] == 2
 
 
 def test_after_a_reboot_everything_acknowledged_runs_once(
-    house: House, database_url: str, request: pytest.FixtureRequest
+    deployment: Deployment, database_url: str, request: pytest.FixtureRequest
 ) -> None:
-    api, worker = house.start_api(), house.start_worker()
-    ids = [house.post_over_http("training:sleep_once 600")]
-    running = house.service.get_operation(ids[0])
-    trainer = house.wait_in("training", running)
-    ids += [house.post_over_http(request_id=f"job{number}") for number in range(2)]
-    before = house.service.get_operation(ids[1])
+    api, worker = deployment.start_api(), deployment.start_worker()
+    ids = [deployment.post_over_http("training:sleep_once 600")]
+    running = deployment.service.get_operation(ids[0])
+    trainer = deployment.wait_in("training", running)
+    ids += [deployment.post_over_http(request_id=f"job{number}") for number in range(2)]
+    before = deployment.service.get_operation(ids[1])
 
     kill(api, worker)  # right after the acknowledgement
-    house.wait_for(lambda: not house.is_alive(trainer))
+    deployment.wait_for(lambda: not deployment.is_alive(trainer))
     if database_url:
         server: PostgresServer = request.getfixturevalue("postgres")
         server.crash()
         server.start()
-    assert house.service.get_operation(ids[1]).state == before.state == "QUEUED"
-    house.start_worker()
+    assert deployment.service.get_operation(ids[1]).state == before.state == "QUEUED"
+    deployment.start_worker()
 
-    operations = [house.service.get_operation(operation_id) for operation_id in ids]
-    assert [house.wait_over(operation).state for operation in operations] == ["SUCCEEDED"] * 3
-    assert [len(house.visits(stage, running)) for stage in STAGES] == [1, 1, 2, 1]
+    operations = [deployment.service.get_operation(operation_id) for operation_id in ids]
+    assert [deployment.wait_over(operation).state for operation in operations] == ["SUCCEEDED"] * 3
+    assert [len(deployment.visits(stage, running)) for stage in STAGES] == [1, 1, 2, 1]
     for operation in operations[1:]:
-        assert [len(house.visits(stage, operation)) for stage in STAGES] == [1, 1, 1, 1]
-    house.wait_for(lambda: house.left_over() == [])
+        assert [len(deployment.visits(stage, operation)) for stage in STAGES] == [1, 1, 1, 1]
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
 _SERVE = """
 import sys
 from fastsplat.cli.logs import log_to_stderr
+import fastsplat.cli.serve
 from fastsplat.cli.serve import Role, serve
+fastsplat.cli.serve._AFTER_CRASH_S = 0.1
 log_to_stderr("serve")
 sys.exit(serve({"worker": Role([sys.executable, "-c", sys.argv[1]])}))
 """
 
 
-def test_a_job_that_kills_its_worker_is_parked_after_three_starts_and_the_others_go_on(house: House) -> None:
-    poison = [house.post("training:kill_worker") for _ in range(2)]
-    good = house.post()
-    serve = house.start_command([sys.executable, "-c", _SERVE, house.worker_code()])
+def test_a_job_that_kills_its_worker_fails_at_the_limit_of_starts_and_the_others_go_on(deployment: Deployment) -> None:
+    deployment.max_starts = 2
+    poison = [deployment.post("training:kill_worker") for _ in range(2)]
+    good = deployment.post()
+    serve = deployment.start_command([sys.executable, "-c", _SERVE, deployment.worker_code()])
 
     for operation in poison:
-        over = house.wait_over(operation)
+        over = deployment.wait_over(operation)
         assert over.state == "FAILED" and over.error is not None
         assert (over.error.reason, over.error.stage) == ("WORKER_CRASHED", "training")
-        assert "3" in over.error.details["limit"] and over.error.details["hint"]
-        assert len(house.visits("training", operation)) == 3 and len(house.visits("capture", operation)) == 1
-    assert house.wait_over(good).state == "SUCCEEDED"
+        assert "2 starts" in over.error.details["limit"] and over.error.details["hint"]
+        assert len(deployment.visits("training", operation)) == 2 and len(deployment.visits("capture", operation)) == 1
+    assert deployment.wait_over(good).state == "SUCCEEDED"
     assert serve.poll() is None
     serve.terminate()
     assert serve.wait(timeout=60) == 0
-    house.wait_for(lambda: house.left_over() == [])
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
 def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_and_no_secret(
-    house: House, monkeypatch: pytest.MonkeyPatch
+    deployment: Deployment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    operations = [house.post("capture:environment", "training:sleep 600") for _ in range(2)]
+    operations = [deployment.post("capture:environment", "training:sleep 600") for _ in range(2)]
     for role in worker_roles("0,7", 1, 0).values():
-        house.start_command([sys.executable, "-c", house.worker_code()], **role.environment)
+        deployment.start_command([sys.executable, "-c", deployment.worker_code()], **role.environment)
     for operation in operations:
-        house.wait_in("training", operation)
-    notes = [json.loads((house.settings.data_dir / f"{each.id}.json").read_text()) for each in operations]
+        deployment.wait_in("training", operation)
+    notes = [json.loads((deployment.settings.data_dir / f"{each.id}.json").read_text()) for each in operations]
     assert {note["CUDA_VISIBLE_DEVICES"] for note in notes} == {"0", "7"}
     assert {note["OMP_NUM_THREADS"] for note in notes} == {str(max(1, len(os.sched_getaffinity(0)) // 2))}
     assert {note["FASTSPLAT_DATABASE_URL"] for note in notes} == {note["AWS_SECRET_ACCESS_KEY"] for note in notes}
     assert notes[0]["AWS_SECRET_ACCESS_KEY"] is None
 
 
-def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(house: House) -> None:
-    house.max_starts = 1
-    operation = house.post("training:sleep_once 600")
-    worker = house.start_worker()
-    trainer = house.wait_in("training", operation)
+def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployment: Deployment) -> None:
+    deployment.max_starts = 1
+    operation = deployment.post("training:sleep_once 600")
+    worker = deployment.start_worker()
+    trainer = deployment.wait_in("training", operation)
     worker.terminate()
     assert worker.wait(timeout=60) == 0
-    assert not house.is_alive(trainer) and house.state(operation) == "RUNNING"
-    house.start_worker()
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert len(house.visits("capture")) == 1
+    assert not deployment.is_alive(trainer) and deployment.state(operation) == "RUNNING"
+    deployment.start_worker()
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert len(deployment.visits("capture")) == 1
 
 
-def test_a_frozen_worker_of_another_machine_that_wakes_is_fenced(house: House) -> None:
-    operation = house.post("training:sleep_once 600", "export:sleep 2")
-    frozen = house.start_worker(elsewhere=True)
-    trainer = house.wait_in("training", operation)
-    house.freeze(frozen)
-    house.start_worker()
-    house.wait_in("export", operation)
-    house.wake(frozen)
+def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
+    operation = deployment.post("training:sleep_once 600", "export:sleep 2")
+    suspended = deployment.start_worker(elsewhere=True)
+    trainer = deployment.wait_in("training", operation)
+    deployment.suspend(suspended)
+    deployment.start_worker()
+    deployment.wait_in("export", operation)
+    deployment.resume(suspended)
 
-    assert frozen.wait(timeout=60) == 75
-    assert not house.is_alive(trainer)
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert len(house.visits("training")) == 2 and len(house.visits("export")) == 1
+    assert suspended.wait(timeout=60) == 75
+    assert not deployment.is_alive(trainer)
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert len(deployment.visits("training")) == 2 and len(deployment.visits("export")) == 1
 
 
-_FREEZE_INSIDE = """
+_SUSPEND_INSIDE = """
 import os, signal, threading, time
-import fastsplat.service.store.jobs as jobs
-report = jobs.JobRows.report
-def freeze(self, claim, stages):
+import fastsplat.service.store.job_repository as jobs
+report = jobs.JobRepository.report
+def suspend(self, claim, stages):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
-        with self._engine.begin() as connection:
-            connection.execute(self._fenced(claim).values(updated_at=time.time()))
+        with self._writing() as connection:
+            connection.execute(jobs._fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
             os.kill(os.getpid(), signal.SIGSTOP)
     return report(self, claim, stages)
-jobs.JobRows.report = freeze
+jobs.JobRepository.report = suspend
 """
 
 
-def test_a_worker_frozen_inside_a_transaction_is_killed_by_the_next_and_nobody_waits_for_its_locks(
-    house: House,
+def test_a_worker_suspended_inside_a_transaction_is_killed_by_the_next_and_nobody_waits_for_its_locks(
+    deployment: Deployment,
 ) -> None:
-    flag = house.settings.data_dir / "frozen.txt"
-    operation = house.post("training:sleep_once 600")
-    frozen = house.start_worker(code=_FREEZE_INSIDE.format(flag=str(flag), stage="training", finished=True))
-    trainer = house.wait_in("training", operation)
-    house.wait_for(flag.exists)
-    house.start_worker()
+    flag = deployment.settings.data_dir / "suspended.txt"
+    operation = deployment.post("training:sleep_once 600")
+    suspended = deployment.start_worker(code=_SUSPEND_INSIDE.format(flag=str(flag), stage="training", finished=True))
+    trainer = deployment.wait_in("training", operation)
+    deployment.wait_for(flag.exists)
+    deployment.start_worker()
 
-    assert frozen.wait(timeout=60) == -9
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert not house.is_alive(trainer)
-    assert len(house.visits("training")) == 2 and len(house.visits("export")) == 1
+    assert suspended.wait(timeout=60) == -9
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert not deployment.is_alive(trainer)
+    assert len(deployment.visits("training")) == 2 and len(deployment.visits("export")) == 1
 
 
-def test_a_worker_of_another_machine_frozen_inside_a_transaction_loses_its_locks_and_its_trainer(
+def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_locks_and_its_trainer(
     postgres: PostgresServer, tmp_path: Path
 ) -> None:
-    with postgres.database() as url, closing(House(tmp_path, url)) as house:
-        flag = house.settings.data_dir / "frozen.txt"
-        operation = house.post("training:sleep_once 600", "export:sleep 2")
+    with postgres.database() as url, closing(Deployment(tmp_path, url)) as deployment:
+        flag = deployment.settings.data_dir / "suspended.txt"
+        operation = deployment.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage: what the job engine records on waking is not its own any more.
-        inside = _FREEZE_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "import service.store.engine\nservice.store.engine.IDLE_TRANSACTION_S = 3.0\n"
-        frozen = house.start_worker(elsewhere=True, code=short + inside)
-        trainer = house.wait_in("training", operation)
-        house.wait_for(flag.exists)
-        house.start_worker()
-        house.wait_in("export", operation)
-        house.wake(frozen)
+        inside = _SUSPEND_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
+        short = "from fastsplat.service.store import database\nfrom fastsplat.workers import engine\n"
+        short += "database.IDLE_TRANSACTION_TIMEOUT_S = engine.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
+        suspended = deployment.start_worker(elsewhere=True, code=short + inside)
+        trainer = deployment.wait_in("training", operation)
+        deployment.wait_for(flag.exists)
+        deployment.start_worker()
+        deployment.wait_in("export", operation)
+        deployment.resume(suspended)
 
-        assert frozen.wait(timeout=60) == 75
-        assert not house.is_alive(trainer)
-        assert house.wait_over(operation).state == "SUCCEEDED"
+        assert suspended.wait(timeout=60) == 75
+        assert not deployment.is_alive(trainer)
+        assert deployment.wait_over(operation).state == "SUCCEEDED"
 
 
-def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(house: House) -> None:
-    kept, gone, failed = house.post(), house.post(), house.post("capture:fail")
-    first = house.start_worker()
+def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(deployment: Deployment) -> None:
+    kept, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
+    first = deployment.start_worker()
     for operation in (kept, gone, failed):
-        house.wait_over(operation)
-    log = house.service._store.blobs.log(failed.id)
+        deployment.wait_over(operation)
+    log = deployment.service._store.blobs.log(failed.id)
     assert log.exists()
-    house.service.delete_scene(gone.scene_id)
+    deployment.service.delete_scene(gone.scene_id)
     kill(first)
-    house.start_worker(FASTSPLAT_JOBS__KEEP_ENDED_S="0.001")
+    deployment.start_worker(FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
 
-    house.wait_for(lambda: not log.exists())
-    house.wait_for(lambda: not house.service._store.rows.operations(9, None, "CANCELLED"))
-    house.wait_for(lambda: house.engine_records() == 0)
-    assert {record.id for record in house.service._store.rows.operations(9)} == {kept.id, failed.id}
-    assert house.service.get_scene(kept.scene_id).state == "READY"
+    deployment.wait_for(lambda: not log.exists())
+    deployment.wait_for(lambda: not deployment.service._store.scenes.list_operations(9, None, "CANCELLED"))
+    deployment.wait_for(lambda: deployment.engine_records() == 0)
+    assert {record.id for record in deployment.service._store.scenes.list_operations(9)} == {kept.id, failed.id}
+    assert deployment.service.get_scene(kept.scene_id).state == "READY"
 
 
-def test_two_workers_never_run_one_job(house: House) -> None:
-    operations = [house.post("training:sleep 0.3") for _ in range(4)]
+def test_two_workers_never_run_one_job(deployment: Deployment) -> None:
+    operations = [deployment.post("training:sleep 0.3") for _ in range(4)]
     for _ in range(2):
-        house.start_worker()
-    assert [house.wait_over(operation).state for operation in operations] == ["SUCCEEDED"] * 4
-    assert all(len(house.visits(stage)) == 4 for stage in STAGES)
-    house.wait_for(lambda: house.left_over() == [])
+        deployment.start_worker()
+    assert [deployment.wait_over(operation).state for operation in operations] == ["SUCCEEDED"] * 4
+    assert all(len(deployment.visits(stage)) == 4 for stage in STAGES)
+    deployment.wait_for(lambda: deployment.left_over() == [])

@@ -10,80 +10,82 @@ from sqlalchemy import event
 
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.store.errors import DatabaseError
-from fastsplat.workers.janitor import clean
-from tests.workers.house import House
+from fastsplat.workers.cleanup import remove_unneeded
+from tests.workers.deployment import Deployment
 
 
-def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(house, database_url, request):
-    first, second = house.post("training:sleep 4"), house.post()
-    worker = house.start_worker()
-    house.wait_in("training", first)
+def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, database_url, request):
+    first, second = deployment.post("training:sleep 4"), deployment.post()
+    worker = deployment.start_worker()
+    deployment.wait_in("training", first)
 
     if database_url:
         server = request.getfixturevalue("postgres")
         server.crash()
         with pytest.raises(DatabaseError):
-            house.post()  # whose files stay for a while: for all it knows, the job is there
+            deployment.post()  # whose files stay for a while: for all it knows, the job is there
         server.start()
     else:
         names = ("fastsplat.sqlite", "jobs.sqlite")
-        held = [sqlite3.connect(house.settings.data_dir / name, timeout=60, isolation_level=None) for name in names]
+        held = [
+            sqlite3.connect(deployment.settings.data_dir / name, timeout=60, isolation_level=None) for name in names
+        ]
         for connection in held:
             connection.execute("BEGIN IMMEDIATE")
-        house.wait_in("export", first)  # only writers wait
+        deployment.wait_in("export", first)  # only writers wait
         for connection in held:
             connection.close()
 
     for operation in (first, second):
-        assert house.wait_over(operation).state == "SUCCEEDED"
+        assert deployment.wait_over(operation).state == "SUCCEEDED"
     assert worker.poll() is None
-    assert all(len(house.visits(stage)) == 2 for stage in STAGES)
-    clean(house.service._store, abandoned_upload_s=-1, keep_ended_s=60)
-    house.wait_for(lambda: house.left_over() == [])
+    assert all(len(deployment.visits(stage)) == 2 for stage in STAGES)
+    remove_unneeded(deployment.service._store, upload_expiry_s=-1, ended_job_retention_s=60)
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
-def test_a_trainer_that_fills_its_disk_ends_with_that_reason_and_the_next_job_goes_on(house):
-    large, small = house.post("training:write 9"), house.post("training:write 1")
-    house.start_worker(max_file=8 << 20)
+def test_a_trainer_that_fills_its_disk_ends_with_that_reason_and_the_next_job_goes_on(deployment):
+    large, small = deployment.post("training:write 9"), deployment.post("training:write 1")
+    deployment.start_worker(max_file=8 << 20)
 
-    over = house.wait_over(large)
+    over = deployment.wait_over(large)
 
     assert over.state == "FAILED" and over.error is not None
     assert (over.error.kind, over.error.reason) == ("RESOURCE_EXHAUSTED", "OUT_OF_RESOURCES")
     assert over.error.stage == "training" and "full" in over.error.message and over.error.details["hint"]
-    assert house.service.get_scene(large.scene_id).state == "FAILED"
-    assert house.wait_over(small).state == "SUCCEEDED"
-    assert house.service._store.blobs.ids("scenes") == (small.scene_id,)
-    house.wait_for(lambda: house.left_over() == [])
+    assert deployment.service.get_scene(large.scene_id).state == "FAILED"
+    assert deployment.wait_over(small).state == "SUCCEEDED"
+    assert deployment.service._store.blobs.ids("scenes") == (small.scene_id,)
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
 def test_a_full_disk_under_the_database_refuses_a_job_whole_and_takes_it_once_there_is_room(tmp_path):
-    house = House(tmp_path, "")
-    path = house.settings.data_dir / "fastsplat.sqlite"
-    with house.service._store.engine.connect() as connection:
+    deployment = Deployment(tmp_path, "")
+    path = deployment.settings.data_dir / "fastsplat.sqlite"
+    with deployment.service._store.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar()
     limit = {"pages": pages}
 
     def full(connection, record) -> None:
         connection.execute(f"PRAGMA max_page_count={limit['pages']}")
 
-    event.listen(house.service._store.engine, "connect", full)
-    house.service._store.engine.dispose()
+    event.listen(deployment.service._store.engine, "connect", full)
+    deployment.service._store.engine.dispose()
     admitted = []
 
     def post_until_full() -> None:
         while True:
-            admitted.append(house.post("training:" + "x" * 190, request_id=f"{len(admitted)}"))
+            admitted.append(deployment.post("training:" + "x" * 190, request_id=f"{len(admitted)}"))
 
     with pytest.raises(DatabaseError) as caught:
         post_until_full()
     assert caught.value.hint
 
     limit["pages"] = pages + 1000
-    house.service._store.engine.dispose()
+    deployment.service._store.engine.dispose()
     with closing(sqlite3.connect(path)) as connection:
         assert connection.execute("SELECT count(*) FROM operations").fetchone() == (len(admitted),)
         assert connection.execute("SELECT count(*) FROM scenes").fetchone() == (len(admitted),)
-    again = house.post("training:" + "x" * 190, request_id=f"{len(admitted)}")
-    assert house.state(again) == "QUEUED"
-    house.close()
+    again = deployment.post("training:" + "x" * 190, request_id=f"{len(admitted)}")
+    assert deployment.state(again) == "QUEUED"
+    deployment.close()

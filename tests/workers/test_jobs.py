@@ -13,48 +13,46 @@ from fastsplat.service.common.errors import ConflictError, NotFoundError
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.scene import read_scene
 
-_SOON_S = 10.0
 
+def test_a_job_ends_ready_and_leaves_only_its_scene(shared_deployment):
+    deployment = shared_deployment
+    operation = deployment.post()
 
-def test_a_job_ends_ready_and_leaves_only_its_scene(busy_house):
-    house = busy_house
-    operation = house.post()
-
-    over = house.wait_over(operation)
+    over = deployment.wait_over(operation)
 
     assert over.state == "SUCCEEDED" and over.error is None
     assert [stage.stage for stage in over.stages] == list(STAGES)
     assert all(stage.fraction == 1.0 for stage in over.stages)
     assert over.stages[0].metrics == {"attempt": 1.0}
-    scene = house.service.get_scene(operation.scene_id)
+    scene = deployment.service.get_scene(operation.scene_id)
     assert scene.state == "READY" and scene.gaussians == 5 and scene.scale == "METRIC"
     assert [row.label for row in scene.dictionary] == ["mug", "box"]
     assert set(scene.quality["stage_seconds"]) >= {"capture", "export"}
-    version = house.service._store.blobs.version(scene.id, scene.version)
+    version = deployment.service._store.blobs.version(scene.id, scene.version)
     assert (version / "scene.ply").read_bytes().startswith(b"ply")
-    house.wait_for(lambda: house.left_over(operation) == [])
+    deployment.wait_for(lambda: deployment.left_over(operation) == [])
 
 
-def test_trainer_killed_once_is_started_again(busy_house):
-    house = busy_house
-    operation = house.post("perception:kill_once")
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert len(house.visits("capture", operation)) == 1 and len(house.visits("perception", operation)) == 2
+def test_trainer_killed_once_is_started_again(shared_deployment):
+    deployment = shared_deployment
+    operation = deployment.post("perception:kill_once")
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert len(deployment.visits("capture", operation)) == 1 and len(deployment.visits("perception", operation)) == 2
 
 
-def test_a_job_that_always_kills_its_trainer_is_parked_and_the_next_goes_on(busy_house):
-    house = busy_house
-    poison, good = house.post("training:kill"), house.post()
+def test_a_job_that_always_kills_its_trainer_fails_and_the_next_goes_on(shared_deployment):
+    deployment = shared_deployment
+    poison, good = deployment.post("training:kill"), deployment.post()
 
-    over = house.wait_over(poison)
+    over = deployment.wait_over(poison)
 
     assert over.state == "FAILED" and over.error is not None
     assert (over.error.reason, over.error.stage) == ("TRAINER_CRASHED", "training")
     assert "SIGKILL" in over.error.message and over.error.details["hint"] and "3" in over.error.details["limit"]
-    assert len(house.visits("training", poison)) == 3
-    assert house.service.get_scene(poison.scene_id).state == "FAILED"
-    assert house.wait_over(good).state == "SUCCEEDED"
-    house.wait_for(lambda: house.left_over(poison, good) == [])
+    assert len(deployment.visits("training", poison)) == 3
+    assert deployment.service.get_scene(poison.scene_id).state == "FAILED"
+    assert deployment.wait_over(good).state == "SUCCEEDED"
+    deployment.wait_for(lambda: deployment.left_over(poison, good) == [])
 
 
 @pytest.mark.parametrize(
@@ -65,61 +63,61 @@ def test_a_job_that_always_kills_its_trainer_is_parked_and_the_next_goes_on(busy
         ("training:full", "OUT_OF_RESOURCES", "training"),
     ],
 )
-def test_a_failure_says_what_where_and_what_to_do(busy_house, order, reason, stage):
-    house = busy_house
-    operation = house.post(order)
+def test_a_failure_says_what_where_and_what_to_do(shared_deployment, order, reason, stage):
+    deployment = shared_deployment
+    operation = deployment.post(order)
 
-    over = house.wait_over(operation)
+    over = deployment.wait_over(operation)
 
     assert over.state == "FAILED" and over.error is not None
     assert (over.error.reason, over.error.stage) == (reason, stage)
     assert over.error.details["hint"]
-    assert len(house.visits(stage, operation)) == 1  # what would fail again is not tried again
-    assert house.service.get_scene(operation.scene_id).state == "FAILED"
-    house.wait_for(lambda: house.left_over(operation) == [])
+    assert len(deployment.visits(stage, operation)) == 1  # what would fail again is not tried again
+    assert deployment.service.get_scene(operation.scene_id).state == "FAILED"
+    deployment.wait_for(lambda: deployment.left_over(operation) == [])
 
 
-def test_cancelled_in_the_queue_never_runs_and_cancelled_while_running_the_trainer_is_gone(busy_house):
-    house = busy_house
-    running, queued = house.post("training:sleep 600"), house.post()
-    trainer = house.wait_in("training", running)
+def test_cancelled_in_the_queue_never_runs_and_cancelled_while_running_the_trainer_is_gone(shared_deployment):
+    deployment = shared_deployment
+    running, queued = deployment.post("training:sleep 600"), deployment.post()
+    trainer = deployment.wait_in("training", running)
 
-    assert house.service.cancel_operation(queued.id).state == "CANCELLED"
-    assert house.left_over(queued) == []
-    house.service.cancel_operation(running.id)
+    assert deployment.service.cancel_operation(queued.id).state == "CANCELLED"
+    assert deployment.left_over(queued) == []
+    deployment.service.cancel_operation(running.id)
 
-    house.wait_for(lambda: not house.is_alive(trainer), _SOON_S)
-    assert house.wait_over(running).state == "CANCELLED"
-    assert house.wait_over(house.post()).state == "SUCCEEDED"
-    assert house.visits("capture", queued) == []
+    deployment.wait_for(lambda: not deployment.is_alive(trainer))  # it would sleep for ten minutes
+    assert deployment.wait_over(running).state == "CANCELLED"
+    assert deployment.wait_over(deployment.post()).state == "SUCCEEDED"
+    assert deployment.visits("capture", queued) == []
     for operation in (running, queued):
-        assert house.state(operation) == "CANCELLED"
-        assert house.service.get_scene(operation.scene_id).state == "FAILED"
-    house.wait_for(lambda: house.left_over(running, queued) == [])
+        assert deployment.state(operation) == "CANCELLED"
+        assert deployment.service.get_scene(operation.scene_id).state == "FAILED"
+    deployment.wait_for(lambda: deployment.left_over(running, queued) == [])
 
 
-def test_deleted_while_running_nothing_remains(busy_house):
-    house = busy_house
-    operation = house.post("training:sleep 600", request_id="deleted")
-    trainer = house.wait_in("training", operation)
+def test_deleted_while_running_nothing_remains(shared_deployment):
+    deployment = shared_deployment
+    operation = deployment.post("training:sleep 600", request_id="deleted")
+    trainer = deployment.wait_in("training", operation)
 
-    house.service.delete_scene(operation.scene_id)
+    deployment.service.delete_scene(operation.scene_id)
 
     with pytest.raises(NotFoundError):
-        house.service.get_scene(operation.scene_id)
-    assert house.wait_over(operation).state == "CANCELLED"
-    assert not house.is_alive(trainer)
-    house.wait_for(lambda: house.left_over(operation) == [])
-    assert house.service._store.blobs.ids("scenes").count(operation.scene_id) == 0
-    again = house.post(request_id="deleted")
-    assert again.id != operation.id and house.wait_over(again).state == "SUCCEEDED"
+        deployment.service.get_scene(operation.scene_id)
+    assert deployment.wait_over(operation).state == "CANCELLED"
+    assert not deployment.is_alive(trainer)
+    deployment.wait_for(lambda: deployment.left_over(operation) == [])
+    assert deployment.service._store.blobs.ids("scenes").count(operation.scene_id) == 0
+    again = deployment.post(request_id="deleted")
+    assert again.id != operation.id and deployment.wait_over(again).state == "SUCCEEDED"
 
 
-def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(busy_house):
-    house = busy_house
-    operation = house.post()
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    blobs, version = house.service._store.blobs, house.service.get_scene(operation.scene_id).version
+def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(shared_deployment):
+    deployment = shared_deployment
+    operation = deployment.post()
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    blobs, version = deployment.service._store.blobs, deployment.service.get_scene(operation.scene_id).version
     whole = read_scene(blobs.version(operation.scene_id, version) / "artefact")
     started = threading.Barrier(5)
 
@@ -136,44 +134,44 @@ def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(busy_house
     with ThreadPoolExecutor(4) as pool:
         readers = [pool.submit(read_until_gone) for _ in range(4)]
         started.wait()
-        house.service.delete_scene(operation.scene_id)
+        deployment.service.delete_scene(operation.scene_id)
         assert all(reader.result() >= 0 for reader in readers)
     assert whole.gaussians.means.shape == (5, 3) and np.isfinite(np.asarray(whole.gaussians.means)).all()
     with pytest.raises(NotFoundError):
-        house.service.get_scene(operation.scene_id)
+        deployment.service.get_scene(operation.scene_id)
 
 
-def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(busy_house):
-    house = busy_house
+def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(shared_deployment):
+    deployment = shared_deployment
     barrier = threading.Barrier(6)
 
     def post(_: int) -> str:
         barrier.wait()
-        return house.post("training:sleep 0.1", request_id="once").id
+        return deployment.post("training:sleep 0.1", request_id="once").id
 
     with ThreadPoolExecutor(6) as pool:
         ids = set(pool.map(post, range(6)))
-    operation = house.service.get_operation(ids.pop())
+    operation = deployment.service.get_operation(ids.pop())
     assert not ids
-    assert house.wait_over(operation).state == "SUCCEEDED"
-    assert house.post("training:sleep 0.1", request_id="once").id == operation.id
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert deployment.post("training:sleep 0.1", request_id="once").id == operation.id
     with pytest.raises(ConflictError):
-        house.post(request_id="once")
-    assert all(len(house.visits(stage, operation)) == 1 for stage in STAGES)
-    house.wait_for(lambda: house.left_over() == [])
+        deployment.post(request_id="once")
+    assert all(len(deployment.visits(stage, operation)) == 1 for stage in STAGES)
+    deployment.wait_for(lambda: deployment.left_over() == [])
 
 
-def test_higher_priorities_run_first_and_equal_ones_in_the_order_of_arrival(busy_house):
-    house = busy_house
-    blocker = house.post("training:sleep 600")
-    house.wait_in("training", blocker)
-    jobs = [house.post(priority=priority) for priority in (0, -5, 0, 9, 3)]
-    house.wait_for(lambda: not house.service._store.jobs.waiting())
+def test_higher_priorities_run_first_and_equal_ones_in_the_order_of_arrival(shared_deployment):
+    deployment = shared_deployment
+    blocker = deployment.post("training:sleep 600")
+    deployment.wait_in("training", blocker)
+    jobs = [deployment.post(priority=priority) for priority in (0, -5, 0, 9, 3)]
+    deployment.wait_for(lambda: not deployment.service._store.jobs.waiting())
 
-    house.service.cancel_operation(blocker.id)
+    deployment.service.cancel_operation(blocker.id)
     for operation in jobs:
-        assert house.wait_over(operation).state == "SUCCEEDED"
+        assert deployment.wait_over(operation).state == "SUCCEEDED"
 
     ours = [operation.id for operation in jobs]
-    order = [ours.index(visit.operation_id) for visit in house.visits("capture") if visit.operation_id in ours]
+    order = [ours.index(visit.operation_id) for visit in deployment.visits("capture") if visit.operation_id in ours]
     assert order == [3, 4, 0, 2, 1]

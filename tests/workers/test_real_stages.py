@@ -63,8 +63,8 @@ def _work(settings: Settings) -> subprocess.Popen[bytes]:
         "FASTSPLAT_MODELS": str(settings.models),
         "FASTSPLAT_TRAINING": training.model_dump_json(include={"iterations", "time_budget_s", "max_side"}),
     }
-    command = "from service.settings import load_settings; from workers.main import run; run(load_settings())"
-    return subprocess.Popen([sys.executable, "-c", command], env=environment, cwd=_ROOT, start_new_session=True)
+    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
+    return subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)
 
 
 def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, settings, tmp_path):

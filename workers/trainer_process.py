@@ -1,4 +1,4 @@
-"""A trainer process seen from its supervisor."""
+"""A trainer process, as its supervisor starts, reads and ends it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from fastsplat.workers.lifeline import PARENT_VARIABLE
+from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.settings import Settings
+from fastsplat.workers.process_group import PARENT_VARIABLE
 from fastsplat.workers.protocol import Event, Job, read_event
 
 # The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.
@@ -44,7 +46,7 @@ class TrainerProcess:
         """The next event, or None after `timeout` seconds without one.
 
         Raises:
-            EOFError: the process is over and has no more to say; `status` tells how it ended.
+            EOFError: the process has ended, and all its events were returned; `status` says how it ended.
         """
         try:
             event = self._events.get(timeout=timeout)
@@ -61,11 +63,11 @@ class TrainerProcess:
         return event
 
     def status(self) -> str:
-        """How the process ended, in words; call it after `next` said so."""
+        """How the process ended, in words; to be called once `next` has raised EOFError."""
         try:
             code = self._process.wait(timeout=_GRACE_S)
         except subprocess.TimeoutExpired:
-            return "it closed its pipe and hung"
+            return "it closed its pipe and did not end"
         if code >= 0:
             return f"it left with exit status {code}"
         name = signal.Signals(-code).name
@@ -92,8 +94,10 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    for name in list(environment):  # a trainer reads strangers' data, and needs neither database nor object store
-        if name == "FASTSPLAT_DATABASE_URL" or name.startswith("AWS_"):
+    # A trainer reads untrusted data, and needs neither the database nor the object store.
+    database_url = environment_variable(Settings, "database_url")
+    for name in list(environment):
+        if name == database_url or name.startswith("AWS_"):
             del environment[name]
     if job.settings.jobs.threads_per_job:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)

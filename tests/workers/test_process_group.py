@@ -8,8 +8,8 @@ import subprocess
 import sys
 import time
 
-from fastsplat.workers.lifeline import machine, process_state
-from tests.workers.house import House
+from fastsplat.workers.process_group import machine_id, process_state
+from tests.workers.deployment import Deployment
 
 _EVER = float("inf")
 
@@ -18,9 +18,9 @@ def test_a_process_is_running_then_stopped_then_over_though_nobody_has_reaped_it
     process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     assert process_state(process.pid, _EVER) in ("R", "S", "D")
     os.kill(process.pid, signal.SIGSTOP)
-    House.wait_for(lambda: process_state(process.pid, _EVER) == "T")
+    Deployment.wait_for(lambda: process_state(process.pid, _EVER) == "T")
     process.kill()
-    House.wait_for(lambda: process_state(process.pid, _EVER) == "")
+    Deployment.wait_for(lambda: process_state(process.pid, _EVER) == "")
     process.wait()
     assert process_state(process.pid, _EVER) == ""
 
@@ -32,5 +32,5 @@ def test_a_younger_process_of_the_same_id_is_another_one() -> None:
 
 
 def test_the_machine_is_the_same_for_all_processes_in_it() -> None:
-    command = [sys.executable, "-c", "from workers.lifeline import machine; print(machine())"]
-    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == machine()
+    command = [sys.executable, "-c", "from fastsplat.workers.process_group import machine_id; print(machine_id())"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == machine_id()

@@ -2,7 +2,7 @@
 
 A folder is stored as one object a file, below a prefix that no other attempt uses, and then one *manifest* object that
 names the prefix, the files, their sizes and digests. The folder exists once its manifest does: what breaks off leaves
-objects that nothing names, which the janitor removes. Keys, below the URL:
+objects that nothing names, which `remove_partial` removes. Keys, below the URL:
 
     <kind>/<id>/...  kind is `uploads` or `scenes`; scenes have one folder a version
     .../manifest.json                 written last
@@ -37,7 +37,7 @@ _STAMP = ".used"
 
 
 @dataclass(frozen=True)
-class ObjectBlobs(Blobs):
+class ObjectStoreBlobs(Blobs):
     """As `Blobs`, with uploads and scenes below `prefix` of `files`, an fsspec file system.
 
     `cache_bytes` bounds the copies of scenes on this machine; the least recently fetched leave first. All methods that
@@ -113,22 +113,22 @@ class ObjectBlobs(Blobs):
         self._drop(self._key("scenes", scene_id))
         super().drop_scene(scene_id)
 
-    def tidy(self, abandoned_s: float) -> None:
+    def remove_partial(self, expiry_s: float) -> None:
         """See `Blobs`; also parts that no manifest names."""
-        super().tidy(abandoned_s)
+        super().remove_partial(expiry_s)
         for path in (self.root / "incoming").glob("*"):
-            if time.time() - path.stat().st_mtime > abandoned_s:
+            if time.time() - path.stat().st_mtime > expiry_s:
                 remove(path)
         for kind in ("uploads", "scenes"):
             for parts, (age, folder) in self._parts(self._key(kind)).items():
-                if age > abandoned_s and (self._manifest(folder) or {}).get("parts") != parts:
+                if age > expiry_s and (self._manifest(folder) or {}).get("parts") != parts:
                     self._drop(f"{folder}/{parts}")
 
     def _put(self, source: Path, key: str) -> None:
         parts = f"{_PARTS}{uuid.uuid4().hex}"
         names = sorted(path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file())
         entries = {name: {"size": (source / name).stat().st_size, "sha256": _digest(source / name)} for name in names}
-        with _answers(absence=()):
+        with _store_errors(absence=()):
             for name in names:
                 self.files.put_file(str(source / name), f"{key}/{parts}/{name}")
             manifest = json.dumps({"parts": parts, "files": entries}).encode()
@@ -165,22 +165,22 @@ class ObjectBlobs(Blobs):
 
     def _get_file(self, key: str, path: Path, entry: dict[str, Any]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _answers():
+        with _store_errors():
             self.files.get_file(key, str(path))
         if path.stat().st_size != entry["size"] or _digest(path) != entry["sha256"]:
             raise ArtefactError(f"{key} was damaged in the object store or on the way")
 
     def _manifest(self, key: str) -> dict[str, Any] | None:
-        with _answers():
+        with _store_errors():
             try:
-                found: dict[str, Any] = json.loads(self.files.cat_file(f"{key}/{_MANIFEST}"))
+                manifest: dict[str, Any] = json.loads(self.files.cat_file(f"{key}/{_MANIFEST}"))
             except FileNotFoundError:
                 return None
-        return found
+        return manifest
 
     def _drop(self, key: str) -> None:
         # Manifests first: from there on it does not exist.
-        with _answers():
+        with _store_errors():
             names = self.files.find(key)
             for name in sorted(names, key=lambda name: not name.endswith(f"/{_MANIFEST}")):
                 try:
@@ -191,7 +191,7 @@ class ObjectBlobs(Blobs):
                 self.files.rm(key, recursive=True)
 
     def _list(self, key: str) -> list[str]:
-        with _answers():
+        with _store_errors():
             try:
                 return [str(name) for name in self.files.ls(key, detail=False)]
             except FileNotFoundError:
@@ -199,18 +199,18 @@ class ObjectBlobs(Blobs):
 
     def _parts(self, key: str) -> dict[str, tuple[float, str]]:
         """Age in seconds of the youngest object, and the key of the folder, of all parts below a key."""
-        found: dict[str, tuple[float, str]] = {}
-        with _answers():
+        youngest: dict[str, tuple[float, str]] = {}
+        with _store_errors():
             for name, entry in self.files.find(key, detail=True).items():
                 folder, mark, rest = name.partition(f"/{_PARTS}")
                 if mark:
                     parts = _PARTS + rest.split("/", 1)[0]
                     age = time.time() - _changed_at(entry)
-                    found[parts] = (min(age, found.get(parts, (age, ""))[0]), folder)
-        return found
+                    youngest[parts] = (min(age, youngest.get(parts, (age, ""))[0]), folder)
+        return youngest
 
     def _age(self, key: str) -> float:
-        with _answers():
+        with _store_errors():
             entries = self.files.find(key, detail=True).values()
         return time.time() - max(map(_changed_at, entries), default=0.0)
 
@@ -255,12 +255,12 @@ def open_blobs(root: Path, settings: ArtefactSettings) -> Blobs:
             field="artefacts.url",
             hint='Write it as s3://bucket/folder, and install "fastsplat[s3]"; or leave it empty for the data folder.',
         ) from error
-    return ObjectBlobs(root, files, str(prefix).rstrip("/"), settings.cache_bytes)
+    return ObjectStoreBlobs(root, files, str(prefix).rstrip("/"), settings.cache_bytes)
 
 
 @contextmanager
-def _answers(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Iterator[None]:
-    """What the store has against a request is an `ObjectStoreError`, but for what is not there."""
+def _store_errors(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Iterator[None]:
+    """Errors of the store's client become `ObjectStoreError`; `absence` passes through."""
     try:
         yield
     except absence:
@@ -270,7 +270,7 @@ def _answers(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Itera
 
 
 def _changed_at(entry: Mapping[str, Any]) -> float:
-    """Seconds since 1970, of an entry of a listing: every file system has its own word for it."""
+    """Seconds since 1970, of an entry of a listing; file systems name this field differently."""
     moment = next(
         entry[word] for word in ("LastModified", "last_modified", "mtime", "updated", "created") if word in entry
     )

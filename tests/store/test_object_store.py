@@ -12,7 +12,7 @@ import pytest
 
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.store.errors import ArtefactError, ObjectStoreError
-from fastsplat.service.store.objects import ObjectBlobs, open_blobs
+from fastsplat.service.store.object_store import ObjectStoreBlobs, open_blobs
 from fastsplat.service.store.settings import ArtefactSettings
 
 
@@ -30,13 +30,13 @@ def settings(request: pytest.FixtureRequest, tmp_path: Path) -> ArtefactSettings
 
 
 @pytest.fixture
-def here(settings, tmp_path) -> ObjectBlobs:
+def here(settings, tmp_path) -> ObjectStoreBlobs:
     """One machine."""
     return open_blobs(tmp_path / "here", settings)
 
 
 @pytest.fixture
-def there(settings, tmp_path) -> ObjectBlobs:
+def there(settings, tmp_path) -> ObjectStoreBlobs:
     """Another machine, with no folder in common."""
     return open_blobs(tmp_path / "there", settings)
 
@@ -54,7 +54,7 @@ def _content(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-def _objects(blobs: ObjectBlobs) -> list[str]:
+def _objects(blobs: ObjectStoreBlobs) -> list[str]:
     return [str(name) for name in blobs.files.find(blobs.prefix)]
 
 
@@ -113,9 +113,9 @@ def test_a_crash_between_two_parts_leaves_nothing_to_see_and_the_next_attempt_pu
     here.publish(_made(tmp_path / "second", "second"), "scene", "v1")
     folder = there.fetch_version("scene", "v1")
     assert folder is not None and (folder / "artefact" / "scene.json").read_text() == "second"
-    here.tidy(abandoned_s=3600)
+    here.remove_partial(expiry_s=3600)
     assert len(_objects(here)) == part + 4  # they might still be at work
-    here.tidy(abandoned_s=-1)
+    here.remove_partial(expiry_s=-1)
     assert len(_objects(here)) == 4
     assert there.fetch_version("scene", "v1") is not None
 

@@ -1,26 +1,25 @@
-"""What the faces do to scenes and operations: admit, look, list, cancel, delete."""
+"""Scenes and their operations in the database: create, look up, list, cancel, delete."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.common.errors import ConflictError, NotFoundError
 from fastsplat.service.common.states import OperationState, SceneState
-from fastsplat.service.store.errors import DatabaseError
+from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
 
 
-class Rows:
+class SceneRepository:
     """Scenes and operations in one database; every method is one transaction and safe from any thread.
 
     All of them raise `DatabaseError` when the database does not answer.
@@ -30,14 +29,14 @@ class Rows:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
-    def admit(
+    def create(
         self, job: NewJob, within: Callable[[Connection], None] = lambda connection: None
     ) -> tuple[OperationRecord, bool]:
-        """Make a scene and its queued operation, or find the one that this request id made before.
+        """Make a scene and its queued operation, or return the operation that this request id made before.
 
         Args:
             job: what to make.
-            within: called in the transaction once both are there; what it raises unmakes them.
+            within: called in the transaction once both are there; if it raises, neither is made.
 
         Returns:
             The operation, and whether it is new.
@@ -109,8 +108,8 @@ class Rows:
             raise no_scene(scene_id)
         return SceneRecord(**row)
 
-    def version(self, scene_id: str) -> tuple[SceneState, str, str]:
-        """State, version and operation id of a scene: all that a question needs, without its long lists.
+    def current_version(self, scene_id: str) -> tuple[SceneState, str, str]:
+        """State, version and operation id of a scene, without its long lists.
 
         Raises:
             NotFoundError: there is none of that id.
@@ -123,7 +122,7 @@ class Rows:
         state, version, operation_id = row
         return state, version, operation_id
 
-    def scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
+    def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
         """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty."""
         query = select(*_LISTED).order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
         if after is not None:
@@ -133,10 +132,10 @@ class Rows:
         with self._reading() as connection:
             return [SceneRecord(**row, cameras=()) for row in connection.execute(query).mappings()]
 
-    def operations(
+    def list_operations(
         self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
     ) -> Sequence[OperationRecord]:
-        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if given."""
+        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if any."""
         rows = operations.c
         query = select(operations).order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
         if state is not None:
@@ -166,7 +165,7 @@ class Rows:
             return _operation(connection, operation_id)
 
     def delete_scene(self, scene_id: str) -> OperationRecord:
-        """Forget a scene and stop its operation; the request id becomes free again.
+        """Delete a scene and stop its operation; the request id becomes free again.
 
         Returns:
             The operation as it now is: while RUNNING, its worker cleans up.
@@ -184,20 +183,8 @@ class Rows:
             return _operation(connection, record.operation_id)
 
 
-@contextmanager
-def transaction(engine: Engine) -> Iterator[Connection]:
-    """One transaction; what the database has against it is a `DatabaseError`, but for broken constraints."""
-    try:
-        with engine.begin() as connection:
-            yield connection
-    except IntegrityError:
-        raise
-    except SQLAlchemyError as error:
-        raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
-
-
 def no_scene(scene_id: str) -> NotFoundError:
-    """What a call for an unknown scene raises."""
+    """The error for an unknown scene."""
     return NotFoundError(f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are.")
 
 

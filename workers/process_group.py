@@ -1,4 +1,4 @@
-"""Processes that do not outlive the one that started them. Imports nothing heavy."""
+"""Processes that end with their parent, and what is known of a process by its id. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
-"""Tells a child whose life it shares."""
+"""Environment variable that names the parent whose end is a child's end too."""
 _PR_SET_PDEATHSIG = 1
 _MOST_DESCRIPTORS = 1024
 _START_TIME = 18  # field 22 of /proc/PID/stat, counted from the one after the state
@@ -18,17 +18,17 @@ _CLOCK_SLACK_S = 2.0
 
 
 def die_with_parent(parent_pid: int, how: signal.Signals = signal.SIGKILL) -> None:
-    """Have the kernel send `how` to this process once the thread that started it ends.
+    """Have the kernel send the signal `how` to this process once the thread that started it ends.
 
-    Exits at once if the parent is gone already: the kernel tells nothing of deaths before this call.
+    Exits at once if the parent is gone already: the kernel does not report a death before this call.
     """
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, int(how), 0, 0, 0)
     if os.getppid() != parent_pid:
         os._exit(1)
 
 
-def guard_group() -> None:
-    """Fork a guard that kills this process group, grandchildren too, once nobody holds the other end of stdin.
+def fork_group_guard() -> None:
+    """Fork a process that kills this process group, grandchildren included, once the other end of stdin is closed.
 
     The kernel's own signal reaches one process only, and a Python handler would wait for native code to return.
     """
@@ -42,18 +42,18 @@ def guard_group() -> None:
         os.killpg(0, signal.SIGKILL)
 
 
-def machine() -> str:
-    """Where process ids mean what they mean here: one boot of one machine, and one container of it."""
+def machine_id() -> str:
+    """Identity of one boot of one machine and one container of it: within it, a process id names one process."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return f"{socket.gethostname()} {boot} {os.readlink('/proc/self/ns/pid')}"
 
 
 def process_state(pid: int, before: float) -> str:
-    """State letter of a process in this `machine`: "T" is stopped, as by SIGSTOP; "" if it is over, "?" if hidden.
+    """State letter of a process in this `machine_id`: "T" is stopped, as by SIGSTOP; "" has ended, "?" is hidden.
 
     Args:
         pid: its id.
-        before: seconds since 1970; a process started later is another one that was given the same id.
+        before: seconds since 1970; a process that started later is another one with the same id.
     """
     try:
         state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()

@@ -1,4 +1,4 @@
-"""Rows of scene versions: which there are, what they were made of, and which one is current.
+"""Scene versions in the database: which there are, what they were made of, and which one is current.
 
 A scene without rows here was never edited: its trained version is the only one.
 """
@@ -11,45 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from sqlalchemy import (
-    JSON,
-    Column,
-    Connection,
-    Double,
-    Engine,
-    Integer,
-    String,
-    Table,
-    UniqueConstraint,
-    delete,
-    exists,
-    func,
-    insert,
-    select,
-    update,
-)
+from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.common.errors import ConflictError
+from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import SceneRecord
-from fastsplat.service.store.rows import no_scene, transaction
-from fastsplat.service.store.schema import metadata, scenes
-
-_versions = Table(
-    "scene_versions",
-    metadata,
-    Column("scene_id", String(40), primary_key=True),
-    Column("version", String(80), primary_key=True),
-    Column("number", Integer, nullable=False),
-    Column("parent", String(80), nullable=False, default=""),
-    Column("created_at", Double, nullable=False),
-    Column("request_id", String(200), nullable=True),
-    Column("request_digest", String(64), nullable=False, default=""),
-    Column("gaussians", Integer, nullable=False),
-    Column("dictionary", JSON, nullable=False),
-    Column("edits", JSON, nullable=False),
-    UniqueConstraint("scene_id", "request_id"),
-)
+from fastsplat.service.store.scene_repository import no_scene
+from fastsplat.service.store.schema import scene_versions, scenes
 
 
 @dataclass(frozen=True)
@@ -82,7 +51,7 @@ class NewVersion:
     edits: Sequence[Mapping[str, Any]]
 
 
-class VersionRows:
+class VersionRepository:
     """Versions in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
 
     def __init__(self, engine: Engine) -> None:
@@ -91,14 +60,14 @@ class VersionRows:
 
     def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
         """Every version of a READY scene, oldest first."""
-        query = select(_versions).where(_versions.c.scene_id == scene.id).order_by(_versions.c.number)
+        query = select(scene_versions).where(scene_versions.c.scene_id == scene.id).order_by(scene_versions.c.number)
         with self._reading() as connection:
-            found = [VersionRecord(**row) for row in connection.execute(query).mappings()]
-        return found or [_trained(scene)]
+            records = [VersionRecord(**row) for row in connection.execute(query).mappings()]
+        return records or [_trained(scene)]
 
     def known(self, scene_id: str, version: str) -> bool:
         """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
-        here = select(exists().where(_versions.c.scene_id == scene_id, _versions.c.version == version))
+        here = select(exists().where(scene_versions.c.scene_id == scene_id, scene_versions.c.version == version))
         with self._reading() as connection:
             return bool(connection.scalar(here))
 
@@ -110,7 +79,9 @@ class VersionRows:
         """
         if not request_id:
             return None
-        here = select(_versions).where(_versions.c.scene_id == scene_id, _versions.c.request_id == request_id)
+        here = select(scene_versions).where(
+            scene_versions.c.scene_id == scene_id, scene_versions.c.request_id == request_id
+        )
         with self._reading() as connection:
             row = connection.execute(here).mappings().first()
         if row is None:
@@ -141,13 +112,13 @@ class VersionRows:
         with self._writing() as connection:
             scene = _ready(connection, new.scene_id, expected=new.parent)
             count = connection.scalar(
-                select(func.count()).select_from(_versions).where(_versions.c.scene_id == new.scene_id)
+                select(func.count()).select_from(scene_versions).where(scene_versions.c.scene_id == new.scene_id)
             )
             if not count:
                 first = vars(_trained(scene))
-                connection.execute(insert(_versions).values(first))
+                connection.execute(insert(scene_versions).values(first))
             values = {**vars(new), "request_id": new.request_id or None, "number": (count or 1) + 1}
-            connection.execute(insert(_versions).values(**values, created_at=time.time()))
+            connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
             _point(connection, new.scene_id, new)
 
     def step_back(self, scene_id: str, expected: str) -> None:
@@ -159,7 +130,7 @@ class VersionRows:
         """
         with self._writing() as connection:
             _ready(connection, scene_id, expected=expected)
-            parents = select(_versions).where(_versions.c.scene_id == scene_id)
+            parents = select(scene_versions).where(scene_versions.c.scene_id == scene_id)
             by_version = {row["version"]: VersionRecord(**row) for row in connection.execute(parents).mappings()}
             current = by_version.get(expected)
             if current is None or not current.parent:
@@ -169,7 +140,7 @@ class VersionRows:
     def forget(self, scene_id: str) -> None:
         """Remove the versions of a scene that is gone."""
         with self._writing() as connection:
-            connection.execute(delete(_versions).where(_versions.c.scene_id == scene_id))
+            connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
 
 
 def _ready(connection: Connection, scene_id: str, expected: str) -> SceneRecord:

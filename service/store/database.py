@@ -1,14 +1,15 @@
-"""One way to open a database: SQLite tuned for several processes, anything else by its URL."""
+"""How databases are opened and used: SQLite set up for several processes, anything else by its URL."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.store.errors import DatabaseError
@@ -16,10 +17,10 @@ from fastsplat.service.store.migrations import migrate
 
 _BUSY_MS = 30_000
 
-IDLE_TRANSACTION_S = 30.0
-"""PostgreSQL ends a session that sits in an open transaction for so long: a frozen process lets go of its locks."""
+IDLE_TRANSACTION_TIMEOUT_S = 30.0
+"""PostgreSQL ends a session whose transaction is idle for so long, so that a suspended process loses its locks."""
 _POSTGRES: Mapping[str, Any] = {
-    # A server that vanished without a word is noticed within half a minute.
+    # A server that vanished without closing its connections is noticed within half a minute.
     "connect_timeout": 10, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 4,
     "tcp_user_timeout": 30_000,
 }  # fmt: skip
@@ -62,6 +63,23 @@ def open_engine(url: URL) -> Engine:
     return engine
 
 
+@contextmanager
+def transaction(engine: Engine) -> Iterator[Connection]:
+    """One transaction, committed at the end of the block.
+
+    Raises:
+        DatabaseError: the database does not answer, or refuses.
+        IntegrityError: a constraint does not hold.
+    """
+    try:
+        with engine.begin() as connection:
+            yield connection
+    except IntegrityError:
+        raise
+    except SQLAlchemyError as error:
+        raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
+
+
 def _tune_sqlite(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # we say BEGIN ourselves, below
     for pragma in (f"busy_timeout={_BUSY_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
@@ -70,7 +88,7 @@ def _tune_sqlite(connection: Any, record: Any) -> None:
 
 def _tune_postgres(connection: Any, record: Any) -> None:
     with connection.cursor() as cursor:
-        cursor.execute(f"SET idle_in_transaction_session_timeout = {int(IDLE_TRANSACTION_S * 1000)}")
+        cursor.execute(f"SET idle_in_transaction_session_timeout = {int(IDLE_TRANSACTION_TIMEOUT_S * 1000)}")
     connection.commit()
 
 

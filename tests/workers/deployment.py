@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import io
 import os
-import resource
 import signal
 import socket
 import sqlite3
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
@@ -28,23 +26,30 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store.engine import resolve_url
+from fastsplat.service.store.database import resolve_url
+from tests.workers.standby import APIS, WORKERS
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _WORKER = """
 import os
-import fastsplat.workers.sweep
-from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+import fastsplat.workers.heartbeat
+from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.main import run
+from fastsplat.workers.worker_process import run
 if {elsewhere}:
-    workers.sweep.machine = lambda: "another machine"
+    fastsplat.workers.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
 run(load_settings(), "fake_stages:FAKES")
+"""
+_API = """
+import sys
+from fastsplat.cli.main import main
+sys.argv = ["fastsplat", "api"]
+main()
 """
 
 
@@ -58,11 +63,11 @@ class Visit:
     pid: int
 
 
-class House:
+class Deployment:
     """One data folder with a service and the processes that a test starts."""
 
     def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
-        jobs = JobSettings(poll_s=0.1, beat_s=0.3, stale_s=2.0)
+        jobs = JobSettings(poll_interval_s=0.1, heartbeat_interval_s=0.3, stalled_worker_timeout_s=2.0)
         self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
@@ -82,7 +87,10 @@ class House:
             more: environment variables.
         """
         own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
-        return self._start([sys.executable, "-c", code + self.worker_code(elsewhere=elsewhere)], max_file, own)
+        code += self.worker_code(elsewhere=elsewhere)
+        worker = WORKERS.run(code, {**self.environment(), **own}, max_file)
+        self._processes.append(worker)
+        return worker
 
     @staticmethod
     def worker_code(*, elsewhere: bool = False) -> str:
@@ -91,13 +99,14 @@ class House:
 
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
-        api = self._start([sys.executable, "-m", "fastsplat.cli.main", "api"])
+        api = APIS.run(_API, self.environment())
+        self._processes.append(api)
         if wait:
             self.wait_for(lambda: _answers(f"{self.http}/livez"))
         return api
 
     def environment(self) -> dict[str, str]:
-        """What a process of this house needs to know."""
+        """What a process of this deployment needs to know."""
         jobs = self.settings.jobs
         return {
             **os.environ,
@@ -109,10 +118,7 @@ class House:
             "FASTSPLAT_HTTP_PORT": self.http.rsplit(":", 1)[1],
             "FASTSPLAT_GRPC_PORT": "0",
             "FASTSPLAT_METRICS_PORT": "0",
-            "FASTSPLAT_JOBS__MAX_STARTS": str(self.max_starts),
-            "FASTSPLAT_JOBS__POLL_S": str(jobs.poll_s),
-            "FASTSPLAT_JOBS__BEAT_S": str(jobs.beat_s),
-            "FASTSPLAT_JOBS__STALE_S": str(jobs.stale_s),
+            "FASTSPLAT_JOBS": jobs.model_copy(update={"max_starts": self.max_starts}).model_dump_json(),
             "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parent.parent)]),
         }
 
@@ -171,10 +177,10 @@ class House:
         attempts = [visit.attempt for visit in path]
         return {visit.stage for visit in path} == set(STAGES) and attempts == sorted(attempts)
 
-    def freeze(self, worker: subprocess.Popen[bytes]) -> None:
+    def suspend(self, worker: subprocess.Popen[bytes]) -> None:
         """Stop a worker between two transactions."""
 
-        def frozen() -> bool:
+        def is_suspended() -> bool:
             os.kill(worker.pid, signal.SIGSTOP)
             url = self.settings.database_url
             if _at_rest(url) if url else all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
@@ -182,18 +188,18 @@ class House:
             os.kill(worker.pid, signal.SIGCONT)
             return False
 
-        self.wait_for(frozen)
+        self.wait_for(is_suspended)
 
     @staticmethod
-    def wake(worker: subprocess.Popen[bytes]) -> None:
-        """Let a frozen worker go on."""
+    def resume(worker: subprocess.Popen[bytes]) -> None:
+        """Let a suspended worker go on."""
         os.kill(worker.pid, signal.SIGCONT)
 
     def left_over(self, *of: Operation) -> list[str]:
         """Everything on disk that belongs to jobs and uploads: of these, or of all."""
         folders = [self.settings.data_dir / name for name in ("jobs", "uploads")]
         names = sorted(path.name for folder in folders if folder.is_dir() for path in folder.iterdir())
-        records = [self.service._store.rows.operation(operation.id) for operation in of]
+        records = [self.service._store.scenes.operation(operation.id) for operation in of]
         wanted = {name for record in records for name in (record.id, record.upload_id)}
         return [name for name in names if not of or name in wanted]
 
@@ -223,21 +229,8 @@ class House:
         self.service.close()
 
     def start_command(self, command: list[str], **environment: str) -> subprocess.Popen[bytes]:
-        """Any command in this house."""
-        return self._start(command, environment=environment)
-
-    def _start(
-        self, command: list[str], max_file: int = 0, environment: dict[str, str] | None = None
-    ) -> subprocess.Popen[bytes]:
-        def limit() -> None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (max_file, max_file))
-
-        process = subprocess.Popen(
-            command,
-            env={**self.environment(), **(environment or {})},
-            start_new_session=True,
-            preexec_fn=limit if max_file else None,
-        )
+        """Any command in this deployment."""
+        process = subprocess.Popen(command, env={**self.environment(), **environment}, start_new_session=True)
         self._processes.append(process)
         return process
 

@@ -1,4 +1,4 @@
-"""The worker process: takes jobs until it is told to stop."""
+"""The worker process: takes jobs until SIGTERM or SIGINT."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def run(settings: Settings, stages: str = _STAGES) -> None:
         settings: where the data is, and how to work.
         stages: "module:name" of the `Stages` that trainers run.
     """
-    wanted = threading.Event()
+    stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: wanted.set())
+        signal.signal(number, lambda *_: stop_requested.set())
     worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, stages)
     start(worker)
     logger.info("worker %s is ready", worker.executor_id)
-    wanted.wait()
-    logger.info("worker %s is leaving", worker.executor_id)
+    stop_requested.wait()
+    logger.info("worker %s is stopping", worker.executor_id)
     stop(worker)
     logging.shutdown()
     os._exit(0)  # the engine's threads hold unfinished jobs, which must stay pending

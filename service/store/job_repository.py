@@ -1,0 +1,205 @@
+"""What workers do to operations. Every write carries the attempt that claimed the job: a late copy changes nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
+
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.records import OperationRecord, SceneSummary
+from fastsplat.service.store.scene_repository import as_operation
+from fastsplat.service.store.schema import operations, scenes
+
+_ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
+_UNFINISHED = ("QUEUED", "RUNNING")
+
+
+class FencedError(Exception):
+    """The claim is not the newest of its job any more, or the job is over; stop, and touch nothing of it."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to run a job until another worker claims it; `attempt` is the fencing token, and counts up."""
+
+    operation: OperationRecord
+    attempt: int
+
+
+class JobRepository:
+    """The queue; every method is one transaction, and raises `DatabaseError` when the database is away."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def waiting(self) -> Sequence[tuple[str, int]]:
+        """(id, priority) of queued operations that no job engine knows of yet, in the order to run them."""
+        query = select(operations.c.id, operations.c.priority).where(
+            operations.c.state == "QUEUED", operations.c.enqueued.is_(False)
+        )
+        order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
+        with self._reading() as connection:
+            return [(row.id, row.priority) for row in connection.execute(query.order_by(*order))]
+
+    def mark_enqueued(self, operation_id: str) -> None:
+        """Note that the job engine has the operation, durably."""
+        with self._writing() as connection:
+            connection.execute(update(operations).where(operations.c.id == operation_id).values(enqueued=True))
+
+    def claim(self, operation_id: str) -> Claim | None:
+        """Start an attempt: counts one start and fences earlier claims. None if the operation is over or deleted."""
+        with self._writing() as connection:
+            unfinished = update(operations).where(operations.c.id == operation_id, operations.c.state.in_(_UNFINISHED))
+            values = {
+                "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1,
+                "updated_at": time.time(),
+            }  # fmt: skip
+            if not connection.execute(unfinished.values(values)).rowcount:
+                return None
+            row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().one()
+            record = as_operation(row)
+            return Claim(record, record.attempt)
+
+    def release(self, claim: Claim) -> None:
+        """Give an unfinished job back; its start does not count. Does nothing when fenced."""
+        with self._writing() as connection:
+            values = {"starts": operations.c.starts - 1, "updated_at": time.time()}
+            connection.execute(_fenced(claim).values(values))
+
+    def report(self, claim: Claim, stages: Sequence[Mapping[str, Any]]) -> bool:
+        """Write progress. Returns whether the job is to be cancelled.
+
+        Raises:
+            FencedError: the claim is no longer the newest, or the operation is over.
+        """
+        with self._writing() as connection:
+            values = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
+            _execute_fenced(connection, claim, _fenced(claim).values(values))
+            query = select(operations.c.cancel_requested).where(operations.c.id == claim.operation.id)
+            return bool(connection.scalar(query))
+
+    def check(self, claim: Claim) -> bool:
+        """Look without writing. Returns whether the job is to be cancelled.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        query = select(operations.c.cancel_requested).where(
+            operations.c.id == claim.operation.id,
+            operations.c.attempt == claim.attempt,
+            operations.c.state == "RUNNING",
+        )
+        with self._reading() as connection:
+            cancel_requested = connection.scalar(query)
+        if cancel_requested is None:
+            raise FencedError(claim.operation.id)
+        return bool(cancel_requested)
+
+    def succeed(self, claim: Claim, summary: SceneSummary) -> None:
+        """Make the scene READY and end the operation as SUCCEEDED, both at once.
+
+        Raises:
+            FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
+        """
+        with self._writing() as connection:
+            done = _fenced(claim).where(operations.c.cancel_requested.is_(False))
+            _execute_fenced(connection, claim, done.values(state="SUCCEEDED", updated_at=time.time()))
+            values = {
+                "state": "READY", "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
+                "dictionary": [dict(row) for row in summary.dictionary],
+                "cameras": [dict(row) for row in summary.cameras], "quality": dict(summary.quality),
+            }  # fmt: skip
+            ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(values)
+            _execute_fenced(connection, claim, ready)
+
+    def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
+        """End the operation as FAILED with its durable reason.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        self._end(claim, "FAILED", dict(error))
+
+    def cancelled(self, claim: Claim) -> None:
+        """End the operation as CANCELLED.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        self._end(claim, "CANCELLED", None)
+
+    def over(self, operation_ids: Sequence[str]) -> frozenset[str]:
+        """Which of these operations have ended or do not exist."""
+        unfinished = select(operations.c.id).where(operations.c.state.in_(_UNFINISHED))
+        with self._reading() as connection:
+            return frozenset(operation_ids) - frozenset(connection.scalars(unfinished))
+
+    def delete_ended(self, before: float) -> None:
+        """Delete operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
+        without_scene = delete(operations).where(
+            operations.c.updated_at < before,
+            operations.c.state.in_(_ENDED),
+            ~exists().where(scenes.c.id == operations.c.scene_id),
+        )
+        with self._writing() as connection:
+            connection.execute(without_scene)
+
+    def uploads(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Uploads that a queued or running operation needs, and those whose operation has ended."""
+        with self._reading() as connection:
+            rows = connection.execute(select(operations.c.upload_id, operations.c.state)).all()
+        needed = frozenset(upload_id for upload_id, state in rows if state in _UNFINISHED)
+        return needed, frozenset(upload_id for upload_id, _ in rows) - needed
+
+    def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
+        """Which of these scenes do not exist (any more)."""
+        with self._reading() as connection:
+            return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+
+    def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
+        with self._writing() as connection:
+            values = {"state": state, "error": error, "updated_at": time.time()}
+            _execute_fenced(connection, claim, _fenced(claim).values(values))
+            ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
+            connection.execute(ended.values(state="FAILED"))
+
+
+class JobMetrics:
+    """Counts over all operations; every method is one reading transaction and raises `DatabaseError`."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def jobs_by_state(self) -> Mapping[str, int]:
+        """How many operations are in each state; all states are there."""
+        query = select(operations.c.state, func.count()).group_by(operations.c.state)
+        with self._reading() as connection:
+            counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
+        return {**dict.fromkeys((*_UNFINISHED, *_ENDED), 0), **counts}
+
+    def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
+        """(id, time of the last change, stages) of the operations that ended after `moment`."""
+        query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(
+            operations.c.updated_at > moment, operations.c.state.in_(_ENDED)
+        )
+        with self._reading() as connection:
+            return [(row.id, row.updated_at, row.stages) for row in connection.execute(query)]
+
+
+def _fenced(claim: Claim) -> Update:
+    return update(operations).where(
+        operations.c.id == claim.operation.id,
+        operations.c.attempt == claim.attempt,
+        operations.c.state == "RUNNING",
+    )
+
+
+def _execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
+    if not connection.execute(statement).rowcount:
+        raise FencedError(claim.operation.id)

@@ -1,0 +1,82 @@
+"""Schema migrations: a database of any earlier release becomes this release's; one of a later release is refused.
+
+alembic runs them. To change the schema, change the tables in `service.store.schema` and add a file to `versions`, named
+`vNNNN_what.py` by the next number, that does the same to a database of the number before it; SQLite needs
+`op.batch_alter_table` for anything but new tables, columns and indexes. A new column has a default or is nullable.
+Never change a file that was released. `tests/store/test_migrations.py` compares the files with the tables, column by
+column, and says what a file has forgotten.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from pathlib import Path
+
+from sqlalchemy import Connection, Engine, insert, inspect, text, update
+
+from fastsplat.service.common.errors import ConflictError
+from fastsplat.service.store.schema import operations, schema_version
+
+_SCRIPTS = Path(__file__).parent
+_BEFORE_ALEMBIC = "0001"
+"""The revision that every database without a revision has at least: what it lacks of the next, that adds."""
+_LOCK = 0x46535057  # any number, the same for all processes that open one PostgreSQL database
+
+_one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
+
+
+def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
+    """Bring a database to the newest schema: all of it, or nothing. Several processes may do so at once.
+
+    Args:
+        engine: its transactions must take the write lock at their start, as `open_engine`'s do.
+        scripts: the alembic folder; another one in tests.
+
+    Raises:
+        ConflictError: a later release wrote this database.
+        DBAPIError: the database does not answer.
+    """
+    newest = _newest(scripts)
+    with engine.execution_options(read_only=True).connect() as connection:
+        if _revision(connection) == newest:
+            return  # without the write lock, which somebody may hold for long
+    with _one_at_a_time, engine.begin() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        _upgrade(connection, scripts, newest)
+
+
+def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
+    from alembic import command  # a database that is of this release already does without
+    from alembic.config import Config
+
+    revision = _revision(connection)
+    if revision is not None and int(revision) > int(newest):
+        raise ConflictError(
+            f"the database is of version {int(revision)}, and this release knows versions up to {int(newest)}",
+            field="database_url",
+            hint="Start the release that wrote it, or a newer one; or restore a backup made before the upgrade.",
+        )
+    config = Config(attributes={"connection": connection})
+    config.set_main_option("script_location", str(scripts).replace("%", "%%"))
+    if revision is None and inspect(connection).has_table(operations.name):
+        command.stamp(config, _BEFORE_ALEMBIC)
+    command.upgrade(config, newest)
+    # Releases before alembic look here, and refuse a database of a later version.
+    version = {"version": int(newest)}
+    if not connection.execute(update(schema_version).values(version)).rowcount:
+        connection.execute(insert(schema_version).values(version))
+
+
+def _revision(connection: Connection) -> str | None:
+    """The revision that a database is of; None for a new one, and for one of a release before alembic."""
+    if not inspect(connection).has_table("alembic_version"):
+        return None
+    revision: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
+    return revision
+
+
+def _newest(scripts: Path) -> str:
+    names = [path.name for path in (scripts / "versions").glob("v*.py")]
+    return max(match[1] for name in names if (match := re.match(r"v(\d{4})_", name)))

@@ -1,0 +1,11 @@
+"""What alembic runs for every command: the migrations, within the transaction of `migrate`."""
+
+from __future__ import annotations
+
+from alembic import context
+
+from fastsplat.service.store.schema import metadata
+
+context.configure(connection=context.config.attributes["connection"], target_metadata=metadata)
+with context.begin_transaction():
+    context.run_migrations()

@@ -1,0 +1,69 @@
+"""All durable state of one data folder: rows in a database, blobs on disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import Engine
+
+from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.store.blobs import Blobs
+from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.job_repository import JobMetrics, JobRepository
+from fastsplat.service.store.key_repository import KeyRepository
+from fastsplat.service.store.object_store import open_blobs
+from fastsplat.service.store.quota_usage import QuotaUsage
+from fastsplat.service.store.scene_repository import SceneRepository
+from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.version_repository import VersionRepository
+from fastsplat.service.store.worker_repository import WorkerRepository
+
+
+@dataclass(frozen=True)
+class Store:
+    """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer."""
+
+    scenes: SceneRepository
+    versions: VersionRepository
+    jobs: JobRepository
+    workers: WorkerRepository
+    job_metrics: JobMetrics
+    keys: KeyRepository
+    quota_usage: QuotaUsage
+    blobs: Blobs
+    engine: Engine
+
+    def close(self) -> None:
+        """Close the connections."""
+        self.engine.dispose()
+
+
+def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None) -> Store:
+    """The store of a data folder; makes the folder and the tables on first use.
+
+    Raises:
+        InvalidInputError: a URL cannot be read.
+        ResourceError: the folder or the database cannot be used.
+    """
+    try:
+        data_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResourceError(
+            f"the data folder cannot be made: {error.strerror}",
+            field="data_dir",
+            hint="Point FASTSPLAT_DATA_DIR at a writable folder.",
+        ) from error
+    engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
+    blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
+    return Store(
+        scenes=SceneRepository(engine),
+        versions=VersionRepository(engine),
+        jobs=JobRepository(engine),
+        workers=WorkerRepository(engine),
+        job_metrics=JobMetrics(engine),
+        keys=KeyRepository(engine),
+        quota_usage=QuotaUsage(engine),
+        blobs=blobs,
+        engine=engine,
+    )

@@ -1,0 +1,102 @@
+"""Settings: variables are named by the fields that they set; one that sets nothing is refused, wherever it stands."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, Field
+
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.settings import ENV_PREFIX, SettingGroup, environment_variable
+from fastsplat.service.settings import JobSettings, Settings, load_settings
+
+ROOT = Path(__file__).parent.parent.parent
+_GROUPS = {
+    name: field.annotation
+    for name, field in Settings.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+}
+_DOCUMENTED = {name: group for name, group in _GROUPS.items() if issubclass(group, SettingGroup)}
+_NOT_SETTINGS = {"BIND", "PARENT_PID", "RASTER_THREADS", "RASTER_ISA", "TEST_DATA", "TEST_SEED"}
+
+
+@pytest.fixture(autouse=True)
+def _fresh() -> Iterator[None]:
+    load_settings.cache_clear()
+    yield
+    load_settings.cache_clear()
+
+
+def test_a_group_knows_under_which_name_it_is_set() -> None:
+    assert {name: group.section for name, group in _DOCUMENTED.items()} == {name: name for name in _DOCUMENTED}
+    assert "jobs" in _DOCUMENTED
+
+
+@pytest.mark.parametrize("field", JobSettings.model_fields)
+def test_the_variable_that_is_derived_from_a_field_sets_it(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(environment_variable(JobSettings, field), "7")
+    assert getattr(load_settings().jobs, field) == 7
+
+
+def test_variables_are_derived_from_fields_that_exist() -> None:
+    assert environment_variable(Settings, "http_port") == "FASTSPLAT_HTTP_PORT"
+    with pytest.raises(AttributeError, match="max_start"):
+        environment_variable(JobSettings, "max_start")
+
+
+@pytest.mark.parametrize("group", _DOCUMENTED.values(), ids=_DOCUMENTED)
+def test_every_field_of_a_group_is_documented_under_it(group: type[SettingGroup]) -> None:
+    assert all(field.description for field in group.model_fields.values())
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [("FASTSPLAT_JOBS__BEAT_S", "secret"), ("FASTSPLAT_JOBS__MAX_STARTS", "secret"), ("FASTSPLAT_HTTP_PORT", "secret")],
+)
+def test_a_variable_that_sets_nothing_is_refused_by_name_and_not_told(
+    variable: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(InvalidInputError) as caught:
+        load_settings()
+    assert caught.value.field == variable and variable in caught.value.message and caught.value.hint
+    assert value not in str(caught.value)
+
+
+def test_a_group_that_is_not_json_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FASTSPLAT_JOBS", "{secret")
+    with pytest.raises(InvalidInputError, match="jobs") as caught:
+        load_settings()
+    assert "secret" not in str(caught.value)
+
+
+def test_a_subclass_must_name_its_section() -> None:
+    with pytest.raises(TypeError, match="section"):
+
+        class _Nameless(SettingGroup):
+            value: int = Field(1)
+
+
+def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
+    """A renamed setting must not live on in an error's text, a document or a compose file."""
+    fields = set(Settings.model_fields) | {
+        f"{name}__{field}" for name, group in _GROUPS.items() for field in group.model_fields
+    }
+    variables = {field.upper() for field in fields} | _NOT_SETTINGS
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    texts = [
+        path for path in map(ROOT.joinpath, listed)
+        if path.suffix in (".py", ".md", ".yaml", ".toml", ".sh", ".cpp") or path.name in ("Makefile", "run")
+    ]  # fmt: skip
+    unknown = {}
+    for path in texts:
+        if not path.exists() or path == Path(__file__):
+            continue
+        for name in re.findall(rf"\b{ENV_PREFIX}([A-Z0-9_]+)", path.read_text()):
+            if name not in variables and not (name.endswith("_") and any(each.startswith(name) for each in variables)):
+                unknown.setdefault(f"{ENV_PREFIX}{name}", []).append(str(path.relative_to(ROOT)))
+    assert not unknown

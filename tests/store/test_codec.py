@@ -1,0 +1,47 @@
+"""JSON columns: what is written is read back as it was, also what earlier releases wrote."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.common.options import SceneOptions
+from fastsplat.service.store.codec import camera_from_json, camera_to_json, options_from_json, options_to_json
+
+_OPTIONS = st.builds(
+    SceneOptions,
+    labels=st.lists(st.text()).map(tuple),
+    time_budget_s=st.none() | st.floats(0, 1e6),
+    max_gaussians=st.none() | st.integers(1),
+    preset=st.sampled_from([None, "draft", "balanced", "best"]),
+    priority=st.integers(-100, 100),
+)
+
+
+@given(_OPTIONS)
+def test_options_come_back_as_they_were(options: SceneOptions) -> None:
+    assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
+
+
+def test_options_of_earlier_releases_can_be_read() -> None:
+    first = {"admitted": "x", "labels": ["mug"], "time_budget_s": None, "max_gaussians": 500}
+    assert options_from_json(first) == SceneOptions(labels=("mug",), max_gaussians=500)
+    assert options_from_json({**first, "preset": "best"}).preset == "best"
+
+
+_COORDINATE = st.floats(-1e6, 1e6)
+
+
+@given(st.tuples(_COORDINATE, _COORDINATE, _COORDINATE), st.tuples(_COORDINATE, _COORDINATE, _COORDINATE))
+def test_cameras_come_back_to_the_bit(rotation: tuple[float, ...], position: tuple[float, ...]) -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(rotation).as_matrix(), position
+    posed = PosedCamera(Camera(480, 360, 500.1, 499.9, 240.5, 179.5), pose, "a.png")
+    back = camera_from_json(json.loads(json.dumps(camera_to_json(posed))))
+    assert (back.camera, back.name) == (posed.camera, posed.name)
+    assert back.world_from_camera.tobytes() == posed.world_from_camera.tobytes()

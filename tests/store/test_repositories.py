@@ -1,0 +1,224 @@
+"""Repositories: jobs are created once, fenced by attempt, listed in a stable order."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.database import resolve_url
+from fastsplat.service.store.errors import DatabaseError
+from fastsplat.service.store.job_repository import FencedError
+from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.schema import metadata
+
+SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    store = open_store(tmp_path / "data")
+    yield store
+    store.close()
+
+
+def job(number: int, request_id: str = "", digest: str = "d") -> NewJob:
+    return NewJob(f"scene{number}", f"op{number}", "name", request_id, digest, f"up{number}", {"labels": []})
+
+
+def test_what_is_created_is_there_for_every_process_at_once(store, tmp_path):
+    store.scenes.create(job(1))
+    other = open_store(tmp_path / "data")
+    assert other.scenes.operation("op1").state == "QUEUED"
+    assert other.scenes.scene("scene1").state == "TRAINING"
+    other.close()
+
+
+def test_one_request_id_makes_one_operation_whoever_is_faster(store):
+    barrier = threading.Barrier(8)
+
+    def create(number: int) -> tuple[str, bool]:
+        barrier.wait()
+        record, new = store.scenes.create(job(number, "once"))
+        return record.id, new
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(create, range(8)))
+    assert len({operation_id for operation_id, _ in results}) == 1
+    assert sum(new for _, new in results) == 1
+    assert len(store.scenes.list_scenes(100)) == 1
+
+
+def test_one_request_id_for_other_content_is_a_conflict(store):
+    store.scenes.create(job(1, "once", "first"))
+    with pytest.raises(ConflictError, match="once"):
+        store.scenes.create(job(2, "once", "second"))
+    assert len(store.scenes.list_scenes(100)) == 1
+
+
+def test_without_a_request_id_every_request_is_new(store):
+    assert [store.scenes.create(job(number))[1] for number in range(3)] == [True, True, True]
+
+
+def test_unknown_ids_are_not_found(store):
+    with pytest.raises(NotFoundError):
+        store.scenes.operation("nothing")
+    for call in (store.scenes.scene, store.scenes.delete_scene):
+        with pytest.raises(NotFoundError):
+            call("nothing")
+
+
+def test_a_newer_claim_fences_every_write_of_the_older(store):
+    store.scenes.create(job(1))
+    old = store.jobs.claim("op1")
+    new = store.jobs.claim("op1")
+    assert old is not None and new is not None and new.attempt == old.attempt + 1
+    writes = [
+        lambda claim: store.jobs.report(claim, [{"stage": "capture"}]),
+        lambda claim: store.jobs.check(claim),
+        lambda claim: store.jobs.fail(claim, {"reason": "X"}),
+        lambda claim: store.jobs.cancelled(claim),
+        lambda claim: store.jobs.succeed(claim, SUMMARY),
+    ]
+    before = store.scenes.operation("op1")
+    for write in writes:
+        with pytest.raises(FencedError):
+            write(old)
+    store.jobs.release(old)
+    assert store.scenes.operation("op1") == before
+    store.jobs.succeed(new, SUMMARY)
+    scene = store.scenes.scene("scene1")
+    assert (scene.state, scene.version, scene.gaussians) == ("READY", "v1", 7)
+
+
+def test_what_is_over_cannot_be_claimed_or_stopped(store):
+    store.scenes.create(job(1))
+    claim = store.jobs.claim("op1")
+    store.jobs.succeed(claim, SUMMARY)
+    assert store.jobs.claim("op1") is None
+    assert store.scenes.cancel("op1").state == "SUCCEEDED"
+    assert store.scenes.scene("scene1").state == "READY"
+
+
+def test_a_cancellation_that_came_first_wins_over_success(store):
+    store.scenes.create(job(1))
+    claim = store.jobs.claim("op1")
+    assert store.scenes.cancel("op1").state == "RUNNING"
+    assert store.jobs.check(claim)
+    with pytest.raises(FencedError):
+        store.jobs.succeed(claim, SUMMARY)
+    store.jobs.cancelled(claim)
+    assert store.scenes.scene("scene1").state == "FAILED"
+
+
+def test_success_of_a_deleted_scene_shows_nothing(store):
+    store.scenes.create(job(1, "once"))
+    claim = store.jobs.claim("op1")
+    store.scenes.delete_scene("scene1")
+    with pytest.raises(FencedError):
+        store.jobs.succeed(claim, SUMMARY)
+    assert store.scenes.list_scenes(10) == []
+    assert store.scenes.create(job(2, "once", "other"))[1]  # the request id is free again
+
+
+def test_a_release_takes_the_start_back_but_not_the_fence(store):
+    store.scenes.create(job(1))
+    claim = store.jobs.claim("op1")
+    store.jobs.release(claim)
+    again = store.jobs.claim("op1")
+    assert (again.operation.starts, again.attempt) == (1, 2)
+
+
+def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
+    monkeypatch.setattr("fastsplat.service.store.scene_repository.time.time", lambda: 1000.0)
+    for number in range(7):
+        store.scenes.create(job(number))
+    seen, after = [], None
+    while page := store.scenes.list_scenes(3, after):
+        seen += [record.id for record in page]
+        after = (page[-1].created_at, page[-1].id)
+    assert sorted(seen) == [f"scene{number}" for number in range(7)]
+
+
+def test_stalled_workers_are_known_and_can_be_unregistered(store, monkeypatch):
+    clock = [1000.0]
+    monkeypatch.setattr("fastsplat.service.store.worker_repository.time.time", lambda: clock[0])
+
+    def stalled() -> list[str]:
+        return [worker.executor_id for worker in store.workers.list_workers() if worker.is_stalled(10, clock[0])]
+
+    store.workers.update_heartbeat("a", "host", 1)
+    store.workers.update_heartbeat("b", "host", 2)
+    assert store.workers.alive_on("host", 10) and not store.workers.alive_on("elsewhere", 10)
+    clock[0] = 1020.0
+    store.workers.update_heartbeat("b", "host", 2)
+    assert stalled() == ["a"]
+    store.workers.unregister("a")
+    assert stalled() == []
+    store.workers.mark_stopped("b")
+    assert stalled() == ["b"] and not store.workers.alive_on("host", 10)
+
+
+def test_many_threads_write_without_losing_anything(store):
+    store.scenes.create(job(1))
+    with ThreadPoolExecutor(16) as pool:
+        claims = list(pool.map(lambda _: store.jobs.claim("op1"), range(64)))
+    assert sorted(claim.attempt for claim in claims) == list(range(1, 65))
+
+
+def test_database_urls(tmp_path):
+    assert resolve_url(tmp_path, "", sqlite_name="x.sqlite").database == str(tmp_path / "x.sqlite")
+    assert resolve_url(tmp_path, "postgresql://u:p@h/d", sqlite_name="x").drivername == "postgresql+psycopg"
+    with pytest.raises(InvalidInputError) as caught:
+        resolve_url(tmp_path, "no url with secret", sqlite_name="x")
+    assert "secret" not in str(caught.value)
+
+
+def test_records_are_values(store):
+    record, _ = store.scenes.create(job(1))
+    assert replace(record) == store.scenes.operation("op1")
+
+
+_CALLS = {
+    "scenes.list_scenes": lambda store, claim: store.scenes.list_scenes(1),
+    "scenes.create": lambda store, claim: store.scenes.create(job(2)),
+    "versions.known": lambda store, claim: store.versions.known("scene1", "v1"),
+    "keys.all": lambda store, claim: store.keys.all(),
+    "quota_usage.of": lambda store, claim: store.quota_usage.of("key"),
+    "job_metrics.jobs_by_state": lambda store, claim: store.job_metrics.jobs_by_state(),
+    "jobs.waiting": lambda store, claim: store.jobs.waiting(),
+    "jobs.mark_enqueued": lambda store, claim: store.jobs.mark_enqueued("op1"),
+    "jobs.claim": lambda store, claim: store.jobs.claim("op1"),
+    "jobs.release": lambda store, claim: store.jobs.release(claim),
+    "jobs.report": lambda store, claim: store.jobs.report(claim, []),
+    "jobs.check": lambda store, claim: store.jobs.check(claim),
+    "jobs.succeed": lambda store, claim: store.jobs.succeed(claim, SUMMARY),
+    "jobs.fail": lambda store, claim: store.jobs.fail(claim, {}),
+    "jobs.cancelled": lambda store, claim: store.jobs.cancelled(claim),
+    "jobs.over": lambda store, claim: store.jobs.over(["op1"]),
+    "jobs.delete_ended": lambda store, claim: store.jobs.delete_ended(0.0),
+    "jobs.uploads": lambda store, claim: store.jobs.uploads(),
+    "jobs.unknown_scenes": lambda store, claim: store.jobs.unknown_scenes(["scene1"]),
+    "workers.update_heartbeat": lambda store, claim: store.workers.update_heartbeat("a", "host", 1),
+    "workers.list_workers": lambda store, claim: store.workers.list_workers(),
+    "workers.alive_on": lambda store, claim: store.workers.alive_on("host", 10.0),
+    "workers.mark_stopped": lambda store, claim: store.workers.mark_stopped("a"),
+    "workers.unregister": lambda store, claim: store.workers.unregister("a"),
+}
+
+
+@pytest.mark.parametrize("call", _CALLS.values(), ids=_CALLS)
+def test_a_database_that_does_not_answer_is_a_typed_error(store, call):
+    store.scenes.create(job(1))
+    claim = store.jobs.claim("op1")
+    with store.engine.begin() as connection:
+        metadata.drop_all(connection)
+    with pytest.raises(DatabaseError) as caught:
+        call(store, claim)
+    assert caught.value.hint and "SELECT" not in caught.value.message

@@ -1,0 +1,89 @@
+"""Rules for all code: lint, format, types, import contracts, length of files, names of modules and parameters."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+_MAX_LINES = 400
+_PRODUCT = ("api", "cli", "client", "demo", "service", "workers")
+
+_VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
+_VAGUE_PARAMETERS_IN = {
+    "api/rest/queries.py", "api/rest/routes.py", "client/fastsplat_client/client.py", "demo/report.py",
+    "service/calls/answers.py", "service/calls/cameras.py", "service/calls/service.py", "service/capture/build.py",
+    "service/capture/geometry.py", "service/capture/views.py", "service/evaluation/datasets/reading.py",
+    "service/evaluation/scene.py", "service/perception/labelling.py", "service/perception/models/sources.py",
+    "service/perception/runtime.py", "service/query/probability.py", "service/splatting/plan.py",
+    "service/splatting/semantics.py",
+}  # fmt: skip
+"""Files that still have such parameters."""
+
+_SHARED_MODULE_NAMES = {
+    "__init__", "__main__", "errors", "settings", "types",
+    # Backends, transports and commands mirror each other.
+    "access", "api", "cpu", "health", "keys", "messages", "models", "reference", "server", "upload",
+    # These are still to be told apart.
+    "boxes", "cameras", "events", "evidence", "files", "guard", "labels", "limits", "manifest", "masks", "names",
+    "objects", "pictures", "report", "resumable", "threads", "translate", "trial", "uploads", "views",
+}  # fmt: skip
+"""Names that several modules of the product may have."""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("ruff", "check", "."),
+        ("ruff", "format", "--check", "."),
+        ("mypy",),
+        ("lint-imports",),
+    ],
+    ids=lambda command: " ".join(command),
+)
+def test_tool_has_no_complaint(command: tuple[str, ...]) -> None:
+    tool = Path(sys.executable).parent / command[0]
+    result = subprocess.run([tool, *command[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_files_are_short() -> None:
+    sources = [path for path in _tracked() if path.suffix in (".py", ".cpp", ".hpp", ".js", ".html")]
+    lines = {str(path): (ROOT / path).read_text().count("\n") for path in sources}
+    assert lines
+    assert not {name: count for name, count in lines.items() if count > _MAX_LINES}
+
+
+def test_parameters_say_what_they_are() -> None:
+    vague = {str(path) for path in _product() if _parameters(path) & _VAGUE_PARAMETERS}
+    assert vague <= _VAGUE_PARAMETERS_IN
+
+
+def test_modules_can_be_told_apart_by_their_names() -> None:
+    homes = defaultdict(list)
+    for path in _product():
+        homes[path.stem].append(str(path))
+    shared = {name: paths for name, paths in homes.items() if len(paths) > 1}
+    assert not {name: paths for name, paths in shared.items() if name not in _SHARED_MODULE_NAMES}
+
+
+def _tracked() -> Iterator[Path]:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    paths = map(Path, listed.split("\n")[:-1])
+    return (path for path in paths if "_pb2" not in path.name and (ROOT / path).is_file())
+
+
+def _product() -> list[Path]:
+    return [path for path in _tracked() if path.suffix == ".py" and path.parts[0] in _PRODUCT]
+
+
+def _parameters(path: Path) -> set[str]:
+    functions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+    nodes = [node.args for node in ast.walk(ast.parse((ROOT / path).read_text())) if isinstance(node, functions)]
+    return {each.arg for node in nodes for each in (*node.posonlyargs, *node.args, *node.kwonlyargs)}

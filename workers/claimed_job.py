@@ -1,0 +1,194 @@
+"""One claimed job's durable state, in rows and files. Its calls wait while the database or the object store is away."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
+
+from fastsplat.service.common.options import SceneOptions
+from fastsplat.service.store import Store
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
+from fastsplat.service.store.job_repository import Claim, FencedError
+from fastsplat.service.store.records import SceneSummary
+
+logger = logging.getLogger(__name__)
+T = TypeVar("T")
+P = ParamSpec("P")
+_PATIENCE_S = 600.0
+_RETRY_S = 1.0
+
+
+@dataclass(frozen=True)
+class JobOutcome:
+    """How a job or one of its stages ended; `error` is the `OperationError` of a failed one as JSON, else None."""
+
+    state: Literal["done", "cancelled", "failed"]
+    error: Mapping[str, Any] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As the job engine records it, where another release of the worker may read it."""
+        return {"outcome": self.state, **({} if self.error is None else {"error": dict(self.error)})}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """Back from `to_json`."""
+        return cls(values["outcome"], values.get("error"))
+
+
+DONE = JobOutcome("done")
+CANCELLED = JobOutcome("cancelled")
+
+
+def failed(error: Mapping[str, Any]) -> JobOutcome:
+    """The outcome of a job that ended with an error."""
+    return JobOutcome("failed", error)
+
+
+def _patient(method: Callable[Concatenate[ClaimedJob, P], T]) -> Callable[Concatenate[ClaimedJob, P], T]:
+    """Repeat a call for up to ten minutes while the database or the object store does not answer."""
+
+    @wraps(method)
+    def call(self: ClaimedJob, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                return method(self, *args, **kwargs)
+            except (DatabaseError, ObjectStoreError):
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(_RETRY_S)
+
+    return call
+
+
+class ClaimedJob:
+    """A job and the newest claim of this worker to it.
+
+    Methods that write raise `FencedError` once another worker has claimed the job, or it is over. All but `report` and
+    `poll_cancelled` wait for up to ten minutes while the database or the object store does not answer, then raise
+    `DatabaseError` or `ObjectStoreError`.
+    """
+
+    def __init__(self, store: Store, claim: Claim) -> None:
+        self._jobs = store.jobs
+        self._blobs = store.blobs
+        self.claim = claim
+        self.id = claim.operation.id
+        self.scene_id = claim.operation.scene_id
+
+    @property
+    def starts(self) -> int:
+        """Starts so far that ended in a crash, this one included."""
+        return self.claim.operation.starts
+
+    @property
+    def options(self) -> SceneOptions:
+        """What the user chose."""
+        operation = self.claim.operation
+        return options_from_json({**operation.options, "priority": operation.priority})
+
+    @property
+    def folder(self) -> Path:
+        """The work folder, shared by all attempts."""
+        return self._blobs.job(self.id)
+
+    @property
+    def log(self) -> Path:
+        """File of the trainers' stderr."""
+        return self._blobs.log(self.id)
+
+    @_patient
+    def upload(self) -> Path:
+        """Folder of the validated upload, on this machine."""
+        operation = self.claim.operation
+        folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
+        return folder
+
+    def report(self, stages: Sequence[Mapping[str, Any]]) -> bool:
+        """Write progress. Returns whether the job is to be cancelled, as far as is known: does not wait."""
+        return self._at_once(lambda: self._jobs.report(self.claim, stages))
+
+    def poll_cancelled(self) -> bool:
+        """Whether the job is to be cancelled, as far as is known: does not wait."""
+        return self._at_once(lambda: self._jobs.check(self.claim))
+
+    @_patient
+    def is_cancelled(self) -> bool:
+        """Whether the job is to be cancelled."""
+        return self._jobs.check(self.claim)
+
+    @_patient
+    def claim_again(self) -> None:
+        """Begin another attempt of this worker."""
+        claim = self._jobs.claim(self.id)
+        if claim is None:
+            raise FencedError(self.id)
+        self.claim = claim
+
+    @_patient
+    def release(self) -> None:
+        """Give the job back unfinished; its start does not count."""
+        self._jobs.release(self.claim)
+
+    @_patient
+    def is_exported(self) -> bool:
+        """Whether the last stage's result is on this machine, or published."""
+        return (self.folder / "export").is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.id))
+
+    @_patient
+    def publish(self) -> SceneSummary:
+        """Move the last stage's result to the scene's folder, unless an earlier attempt did. Returns its summary.
+
+        Raises:
+            OSError: the disk is full.
+        """
+        version = self.id
+        target = self._blobs.fetch_version(self.scene_id, version)
+        if target is None:
+            target = self._blobs.publish(self.folder / "export", self.scene_id, version)
+        summary = json.loads((target / "summary.json").read_text())
+        seconds = json.loads((target / "stage.json").read_text())["seconds"]
+        summary["quality"]["stage_seconds"]["export"] = seconds
+        return SceneSummary(version=version, **summary)
+
+    @_patient
+    def succeed(self, summary: SceneSummary) -> None:
+        """Make the scene READY and the operation SUCCEEDED."""
+        self._jobs.succeed(self.claim, summary)
+
+    @_patient
+    def cancel(self) -> None:
+        """Make the operation CANCELLED."""
+        self._jobs.cancelled(self.claim)
+
+    @_patient
+    def fail(self, error: Mapping[str, Any]) -> None:
+        """Make the operation FAILED with an `OperationError` as JSON."""
+        self._jobs.fail(self.claim, error)
+
+    def clean_up(self, outcome: JobOutcome) -> None:
+        """Remove the files that an ended job does not need; what cannot be removed is left to the periodic cleanup."""
+        remove(self.folder)
+        if outcome.state != "failed":
+            remove(self.log)
+        with suppress(ObjectStoreError):
+            self._blobs.drop_upload(self.claim.operation.upload_id)
+            if outcome.state != "done":
+                self._blobs.drop_scene(self.scene_id)
+
+    def _at_once(self, look: Callable[[], bool]) -> bool:
+        # A database that restarts in the middle of a job costs some progress reports, not the job.
+        try:
+            return look()
+        except DatabaseError as error:
+            logger.warning("job %s: %s; will ask again", self.id, error.message)
+            return False
