@@ -16,8 +16,9 @@ from fastsplat.cli.keys import keys_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
 from fastsplat.service.common.errors import FastSplatError
+from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE
 
 Devices = Annotated[
     str,

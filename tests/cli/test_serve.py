@@ -25,7 +25,8 @@ sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) 
 """
 _STEADY = """
 import os, pathlib, signal, sys, time
-from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
+from fastsplat.service.common.process import die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE
 here = pathlib.Path(sys.argv[1]) / pathlib.Path(__file__).stem
 def leave(*_):
     here.with_suffix(".stopped").touch()

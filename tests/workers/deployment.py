@@ -34,7 +34,8 @@ _PATIENCE_S = 120.0
 _WORKER = """
 import os
 import fastsplat.workers.heartbeat
-from fastsplat.workers.process_group import PARENT_VARIABLE, die_with_parent
+from fastsplat.service.common.process import die_with_parent
+from fastsplat.workers.process_group import PARENT_VARIABLE
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from fastsplat.cli.logs import log_to_stderr
