@@ -28,11 +28,41 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+def _cpp_sources() -> list[Path]:
+    return sorted(path for path in (ROOT / "service").rglob("*") if path.suffix in (".cpp", ".h"))
+
+
+def test_cpp_is_formatted_and_fits_into_120_columns() -> None:
+    sources = _cpp_sources()
+    assert sources
+    tool = Path(sys.executable).parent / "clang-format"
+    result = subprocess.run(
+        [tool, "--dry-run", "-Werror", *sources], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    lines = [(path.name, n, line) for path in sources for n, line in enumerate(path.read_text().splitlines(), 1)]
+    assert not [f"{name}:{n}" for name, n, line in lines if len(line) > 120]
+
+
+def test_the_stub_of_the_extension_is_what_the_extension_says(tmp_path: Path) -> None:
+    """Otherwise `make stubs` writes it anew."""
+    stub = tmp_path / "_cpu.pyi"
+    module = "fastsplat.service.splatting.raster._cpu"
+    bin_dir = Path(sys.executable).parent
+    for command in (
+        (sys.executable, "-m", "nanobind.stubgen", "-q", "-m", module, "-o", stub),
+        (bin_dir / "ruff", "format", "-q", "--config", ROOT / "pyproject.toml", stub),
+    ):
+        result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stdout + result.stderr
+    assert stub.read_text() == (ROOT / "service/splatting/raster/_cpu.pyi").read_text()
+
+
 def test_files_can_be_read_in_one_sitting() -> None:
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split(
         "\n"
     )
-    sources = [ROOT / name for name in listed if name.endswith((".py", ".cpp", ".hpp", ".js", ".html"))]
+    sources = [ROOT / name for name in listed if name.endswith((".py", ".cpp", ".h", ".hpp", ".js", ".html"))]
     written = [path for path in sources if path.exists() and "_pb2" not in path.name]
     assert written
     too_long = {

@@ -27,7 +27,7 @@ from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.query.objects import find_objects
-from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
+from fastsplat.service.splatting.raster.kernels import kernel_options
 
 _RESULTS = Path(__file__).parents[1] / "results" / "query.json"
 _ASKED = "something to drink from"
@@ -137,7 +137,8 @@ def _machine() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     model = models[0] if models else platform.machine()
-    return f"{model}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
+    options = kernel_options()
+    return f"{model}, {os.cpu_count()} CPUs, {options.isa}, {options.threads} threads"
 
 
 if __name__ == "__main__":

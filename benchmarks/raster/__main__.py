@@ -17,7 +17,7 @@ import torch
 
 from benchmarks.raster.measure import Row, label_row, raster_row, step_row
 from benchmarks.raster.scenes import garden
-from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.splatting.raster.kernels import instruction_sets
 
 _RESULTS = Path(__file__).parents[1] / "results" / "raster.json"
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from benchmarks.raster.scenes import Scene
+from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.losses import ImageTarget, image_loss, semantic_loss
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.kernels import kernels, running_with
 
-# Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
-# channel.
+# Arithmetic vector instructions per visit of a block, from rasterize_forward.cpp and rasterize_backward.cpp: exponent,
+# 2^x, blending; per channel.
 _FORWARD = (16, 1)
 _BACKWARD = (30, 2)
 
@@ -42,22 +42,6 @@ class Row:
     label_map_ms: float | None = None
 
 
-@contextmanager
-def running_with(isa: str, threads: int) -> Iterator[None]:
-    """Kernels and threads of the calls inside."""
-    names = {"FASTSPLAT_RASTER_ISA": isa, "FASTSPLAT_RASTER_THREADS": str(threads)}
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(names)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, rounds: int = 15) -> Row:
     """Forward, and backward from a gradient of the image, through autograd as a caller sees it."""
     parts = [getattr(scene.splats, name) for name in ("means", "quats", "scales", "opacities", "features")]
@@ -65,21 +49,23 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
     camera, channels = scene.camera, parts[4].shape[1]
     grad = torch.randn(camera.height, camera.width, channels, generator=torch.Generator().manual_seed(0))
     forwards, backwards, stages = [], [], []
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         for _ in range(rounds + 3):
             for tensor in tensors:
                 tensor.grad = None
             start = time.perf_counter()
-            rendering, frame = cpu.rasterize_with_frame(Splats(*tensors), scene.viewmat, camera, None, RasterSettings())
+            rendering, context = cpu.rasterize_with_context(
+                Splats(*tensors), scene.viewmat, camera, None, RasterSettings()
+            )
             middle = time.perf_counter()
             if backward:
                 rendering.image.backward(grad)
             end = time.perf_counter()
             forwards.append((middle - start) * 1e3)
             backwards.append((end - middle) * 1e3)
-            stages.append(dict(frame.milliseconds))
-        useful = frame.census()
-        rate, lanes = cpu.kernels.peak(threads, isa)
+            stages.append(context.milliseconds)
+        useful = kernels.count_contributing(context)
+        rate, lanes = kernels.peak_fma(threads, isa)
     forward_ms, backward_ms = statistics.median(forwards[3:]), statistics.median(backwards[3:])
     operations = _FORWARD[0] + _FORWARD[1] * (channels + 1)
     operations += (_BACKWARD[0] + _BACKWARD[1] * (channels + 1)) if backward else 0
@@ -104,7 +90,7 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
 def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int = 15) -> Row:
     """One whole training step: activations, harmonics, rasterizer, both losses, backward, Adam on every parameter."""
     step = training_step(scene, labels)
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         for _ in range(3):
             step()
         times = [_timed(step) for _ in range(rounds)]
@@ -133,7 +119,7 @@ def label_row(scene: Scene, isa: str, threads: int, classes: int = 18, rounds: i
     def draw() -> None:
         label_map(scene.splats, scene.viewmat, camera, weight, bias, alpha_min=0.5)
 
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         for _ in range(3):
             draw()
         times = [_timed(draw) for _ in range(rounds)]
@@ -169,15 +155,15 @@ def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callab
         "means": splats.means.clone(),
         "quats": splats.quats.clone(),
         "log_scales": splats.scales.log(),
-        "logits": torch.logit(splats.opacities),
+        "logit_opacities": torch.logit(splats.opacities),
         "sh": torch.rand(count, 4, 3, generator=g) - 0.5,
         "codes": torch.randn(count, code, generator=g),
         "weight": torch.randn(labels + 1, code, generator=g),
         "bias": torch.zeros(labels + 1),
     }
     parameters = {name: value.to(device) for name, value in parameters.items()}
-    first = {name: torch.zeros_like(value) for name, value in parameters.items()}
-    second = {name: torch.zeros_like(value) for name, value in parameters.items()}
+    exp_avg = {name: torch.zeros_like(value) for name, value in parameters.items()}
+    exp_avg_sq = {name: torch.zeros_like(value) for name, value in parameters.items()}
     target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g).to(device))
     truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32).to(device)
     class_weights = torch.ones(labels + 1, device=device)
@@ -188,7 +174,7 @@ def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callab
         p: dict[str, Tensor] = {name: value.detach().requires_grad_() for name, value in parameters.items()}
         colours = sh_to_rgb(p["means"], p["sh"], position.float(), 1, backend=backend)
         features = torch.cat((colours, p["codes"]), dim=1)
-        drawn = Splats(p["means"], p["quats"], p["log_scales"].exp(), torch.sigmoid(p["logits"]), features)
+        drawn = splats_of(p, features)
         rgb, codes = torch.split(rasterize(drawn, scene.viewmat, camera, backend=backend).image, [3, code], dim=2)
         loss = image_loss(rgb, target, 0.2)
         loss = loss + semantic_loss(codes, p["weight"], p["bias"], truth, class_weights)
@@ -197,6 +183,6 @@ def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callab
         for name, value in parameters.items():
             grad = p[name].grad
             assert grad is not None
-            adam_update(value, grad, first[name], second[name], rate=1e-7, step=done[0], backend=backend)
+            adam_update(value, grad, exp_avg[name], exp_avg_sq[name], lr=1e-7, step=done[0], backend=backend)
 
     return step

@@ -45,9 +45,9 @@ from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.query import SceneIndex, embed_labels
 from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.evidence import views_evidence
+from fastsplat.service.splatting.label_evidence import views_evidence
 from fastsplat.service.splatting.train import train
-from fastsplat.service.splatting.views import load_views
+from fastsplat.service.splatting.training_views import load_views
 
 _RESULTS = Path("benchmarks/results/semantics.json")
 _SURFACES = ("table", "floor", "wall")

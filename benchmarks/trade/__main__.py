@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.trade.draw import draw
 from benchmarks.trade.rows import BASE, Row, all_rows
-from fastsplat.service.splatting.raster.cpu import instruction_set
+from fastsplat.service.splatting.raster.kernels import kernel_options
 
 _RESULTS = Path(__file__).parents[1] / "results"
 _LONGEST_ROW_S = 900
@@ -105,9 +105,8 @@ def machine(threads: int) -> str:
     """What figures were measured on."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return (
-        f"{models[0] if models else platform.machine()}, {os.cpu_count()} CPUs, {instruction_set()}, {threads} threads"
-    )
+    model = models[0] if models else platform.machine()
+    return f"{model}, {os.cpu_count()} CPUs, {kernel_options().isa}, {threads} threads"
 
 
 def _line(row: dict[str, Any]) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks.training.data import load_posed_folder
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
+from fastsplat.service.splatting.raster.kernels import kernel_options
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 
@@ -98,7 +98,8 @@ def _machine() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     model = models[0] if models else platform.machine()
-    return f"{model}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
+    options = kernel_options()
+    return f"{model}, {os.cpu_count()} CPUs, {options.isa}, {options.threads} threads"
 
 
 def _command() -> str:

@@ -28,7 +28,8 @@ class LabelField:
 def label_field(scene: Scene) -> LabelField:
     """The scene's labels: by its codes (softmax of W·code + b) or by its evidence (Dirichlet posterior), as
     `scene.label_mode` says."""
-    if scene.label_mode == "codes" or scene.evidence is None:
+    evidence = scene.answering_evidence
+    if evidence is None:
         return LabelField(*codes_field(scene.gaussians.codes, scene.head))
-    found = posterior(scene.evidence, len(scene.dictionary) + 1)
+    found = posterior(evidence, len(scene.dictionary) + 1)
     return LabelField(found.classes, found.confidence)

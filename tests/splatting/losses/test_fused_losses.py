@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 import torch
 from torch import Tensor
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
-from fastsplat.service.splatting.raster.cpu import instruction_sets
-
-
-@pytest.fixture(params=instruction_sets())
-def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
+from fastsplat.service.splatting.losses import ImageTarget, chunked, functional, image_loss, semantic_loss, torch_losses
+from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 
 
 @pytest.fixture(params=(*instruction_sets(), "chunked"))
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """Every implementation of the semantic loss in float32; `chunked` is what a GPU runs."""
     if request.param == "chunked":
-        monkeypatch.setattr(api, "_fused", lambda *_: False)
+        monkeypatch.setattr(functional, "_fused", lambda *_: False)
         monkeypatch.setattr(chunked, "_LOGITS", 50_000)
+        yield request.param
     else:
-        monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
+        with running_with(isa=request.param):
+            yield request.param
 
 
 def relative(value: Tensor, truth: Tensor) -> float:
@@ -49,7 +46,7 @@ def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: floa
     loss = image_loss(ours, ImageTarget(target, mask), weight)
     (3.0 * loss).backward()
     truth = image.double().requires_grad_()
-    wanted = reference.image_loss(truth, target.double(), weight, mask)
+    wanted = torch_losses.image_loss(truth, target.double(), weight, mask)
     (3.0 * wanted).backward()
     assert ours.grad is not None and truth.grad is not None
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=2e-5, abs=1e-7)
@@ -93,7 +90,7 @@ def test_semantic_loss_and_gradients(way: str, classes: int, size: int) -> None:
     loss = semantic_loss(*ours, *case[3:])
     (2.0 * loss).backward()
     truth = [part.double().requires_grad_() for part in case[:3]]
-    wanted = reference.semantic_loss(*truth, case[3], case[4].double())
+    wanted = torch_losses.semantic_loss(*truth, case[3], case[4].double())
     (2.0 * wanted).backward()
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=1e-5, abs=1e-9)
     for mine, theirs in zip(ours, truth, strict=True):
@@ -131,7 +128,7 @@ def test_huge_logits_stay_finite(way: str, size: float) -> None:
     loss.backward()
     assert bool(torch.isfinite(loss.detach()))
     assert all(part.grad is not None and bool(torch.isfinite(part.grad).all()) for part in inputs)
-    plain = reference.semantic_loss(*inputs, labels, weights)
+    plain = torch_losses.semantic_loss(*inputs, labels, weights)
     assert float(loss.detach()) == pytest.approx(float(plain.detach()), rel=1e-4)
 
 
@@ -148,8 +145,8 @@ def test_labels_outside_the_classes_are_refused() -> None:
         semantic_loss(codes, weight, bias[:3], labels, weights)
 
 
-@pytest.mark.parametrize("threads", ["2", "3", "7"])
-def test_bits_do_not_depend_on_threads(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("threads", [2, 3, 7])
+def test_bits_do_not_depend_on_threads(threads: int) -> None:
     image, target, _ = pictures(130, 90)
     codes, weight, bias, labels, weights = semantic_case(12, 6, 130, 90)
 
@@ -161,8 +158,9 @@ def test_bits_do_not_depend_on_threads(threads: str, monkeypatch: pytest.MonkeyP
         grads = [part.grad for part in parts if part.grad is not None]
         return [first.detach(), second.detach(), *grads]
 
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", "1")
-    alone = everything()
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", threads)
-    for mine, theirs in zip(everything(), alone, strict=True):
+    with running_with(threads=1):
+        alone = everything()
+    with running_with(threads=threads):
+        together = everything()
+    for mine, theirs in zip(together, alone, strict=True):
         assert torch.equal(mine, theirs)

@@ -7,15 +7,12 @@ import torch
 
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster import harmonics, sh_to_rgb
-from fastsplat.service.splatting.raster.cpu import instruction_sets
 
 DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 
 
 @DEGREES
-@pytest.mark.parametrize("isa", instruction_sets())
-def test_colours_and_gradients(degree: int, isa: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", isa)
+def test_colors_and_gradients(degree: int, isa: str) -> None:
     g = torch.Generator().manual_seed(degree)
     means, sh = torch.randn(500, 3, generator=g), torch.randn(500, 16, 3, generator=g)
     camera, up = torch.tensor([0.3, -0.2, 0.1]), torch.randn(500, 3, generator=g)
