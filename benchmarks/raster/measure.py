@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.raster.scenes import Scene
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.losses import ImageTarget, image_loss, semantic_loss
+from fastsplat.service.splatting.losses import image_loss, semantic_loss
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster import Backend, RasterSettings, Splats, cpu, label_map, rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.kernels import kernels, running_with
@@ -164,7 +164,7 @@ def training_step(scene: Scene, labels: int, backend: Backend = "cpu") -> Callab
     parameters = {name: value.to(device) for name, value in parameters.items()}
     exp_avg = {name: torch.zeros_like(value) for name, value in parameters.items()}
     exp_avg_sq = {name: torch.zeros_like(value) for name, value in parameters.items()}
-    target = ImageTarget(torch.rand(camera.height, camera.width, 3, generator=g).to(device))
+    target = torch.rand(camera.height, camera.width, 3, generator=g).to(device)
     truth = torch.randint(0, labels + 1, (camera.height, camera.width), generator=g, dtype=torch.int32).to(device)
     class_weights = torch.ones(labels + 1, device=device)
     position = -scene.viewmat[:3, :3].T @ scene.viewmat[:3, 3]

@@ -6,9 +6,6 @@ Of what torch computes, the semantic loss in float32 (a GPU's) never builds the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import torch
 from torch import Tensor
 
@@ -16,60 +13,32 @@ from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.losses import torch_losses
 
 
-@dataclass(frozen=True)
-class ImageTarget:
-    """A training image at one resolution, with what of its SSIM never changes.
-
-    Attributes:
-        image: [H, W, 3], 0..1.
-        valid: bool [H, W] or None; pixels that are False do not count.
-    """
-
-    image: Tensor
-    valid: Tensor | None = None
-
-    @cached_property
-    def moments(self) -> tuple[Tensor, Tensor]:
-        """Windowed mean and variance of a float32 image on the CPU, each [H, W, 3]."""
-        from fastsplat.service.splatting.losses import fused
-
-        return fused.target_moments(self.image)
-
-
-def image_loss(image: Tensor, target: Tensor | ImageTarget, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
+def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
     """(1 − λ)·|image − target| + λ·(1 − SSIM), mean over valid pixels and channels; 0 if none is valid.
 
     SSIM uses the 11×11 Gaussian window (σ 1.5), zero padding, C1 = 0.01², C2 = 0.03². The gradient flows to `image`.
 
     Args:
         image: [H, W, 3], 0..1.
-        target: [H, W, 3] of the same dtype, or an `ImageTarget`, whose moments are computed once.
+        target: [H, W, 3], 0..1, of the same dtype.
         ssim_weight: λ, 0..1.
-        valid: bool [H, W]; not with an `ImageTarget`, which brings its own.
+        valid: bool [H, W], or None where every pixel counts.
 
     Raises:
         InvalidInputError: shapes that do not fit.
     """
-    if isinstance(target, Tensor):
-        target = ImageTarget(target, valid)
-    elif valid is not None:
-        raise InvalidInputError("both an ImageTarget and a valid mask", field="valid")
-    if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.image.shape:
+    if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.shape:
         raise InvalidInputError(
-            f"image {tuple(image.shape)}, target {tuple(target.image.shape)}; both must be [H, W, 3]", field="image"
+            f"image {tuple(image.shape)}, target {tuple(target.shape)}; both must be [H, W, 3]", field="image"
         )
-    if target.valid is not None and target.valid.shape != image.shape[:2]:
-        raise InvalidInputError(f"valid {tuple(target.valid.shape)} for {tuple(image.shape)}", field="valid")
-    if not _fused(image, target.image):
-        return torch_losses.image_loss(image, target.image, ssim_weight, target.valid)
+    if valid is not None and valid.shape != image.shape[:2]:
+        raise InvalidInputError(f"valid {tuple(valid.shape)} for {tuple(image.shape)}", field="valid")
+    if not _fused(image, target):
+        return torch_losses.image_loss(image, target, ssim_weight, valid)
     from fastsplat.service.splatting.losses import fused
 
-    if not target.image.is_contiguous():
-        target = ImageTarget(target.image.contiguous(), target.valid)
-    valid = None if target.valid is None else target.valid.to(torch.bool).contiguous()
-    loss: Tensor = fused.ImageLoss.apply(  # type: ignore[no-untyped-call]
-        image.contiguous(), target.image, *target.moments, valid, ssim_weight
-    )
+    valid = None if valid is None else valid.to(torch.bool).contiguous()
+    loss: Tensor = fused.ImageLoss.apply(image.contiguous(), target.contiguous(), valid, ssim_weight)  # type: ignore[no-untyped-call]
     return loss
 
 

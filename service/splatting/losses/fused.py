@@ -13,34 +13,18 @@ MAX_CODE_SIZE: int = kernels.MAX_CODE_SIZE
 """Numbers of a code that `SemanticLoss` takes."""
 
 
-def target_moments(target: Tensor) -> tuple[Tensor, Tensor]:
-    """Windowed mean and variance of a target [H, W, 3], float32."""
-    mean, variance = torch.empty_like(target), torch.empty_like(target)
-    options = kernel_options()
-    kernels.target_moments(
-        target=target.numpy(),
-        mean=mean.numpy(),
-        variance=variance.numpy(),
-        threads=options.threads,
-        isa=options.isa,
-    )
-    return mean, variance
-
-
 class ImageLoss(torch.autograd.Function):
-    """(image, target, mean, variance, valid | None, ssim_weight) -> scalar; all float32 and contiguous."""
+    """(image, target, valid | None, ssim_weight) -> scalar; all float32 and contiguous."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         """Computes the gradient along with the value."""
-        image, target, mean, variance, valid, ssim_weight = inputs
+        image, target, valid, ssim_weight = inputs
         grad = torch.empty_like(image) if ctx.needs_input_grad[0] else None
         options = kernel_options()
         loss = kernels.image_loss(
             image=image.detach().numpy(),
             target=target.numpy(),
-            mean=mean.numpy(),
-            variance=variance.numpy(),
             valid=None if valid is None else valid.view(torch.uint8).numpy(),
             ssim_weight=float(ssim_weight),
             grad=None if grad is None else grad.numpy(),
@@ -56,7 +40,7 @@ class ImageLoss(torch.autograd.Function):
     def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
         """Scales the stored gradient."""
         (grad,) = ctx.saved_tensors
-        return grad * grads[0], None, None, None, None, None
+        return grad * grads[0], None, None, None
 
 
 class SemanticLoss(torch.autograd.Function):

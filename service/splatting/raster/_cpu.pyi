@@ -184,20 +184,10 @@ def prepare(
 
 MAX_CODE_SIZE: int = 64
 
-def target_moments(
-    *,
-    target: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu", writable=False)],
-    mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu")],
-    variance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu")],
-    threads: int,
-    isa: str,
-) -> None: ...
 def image_loss(
     *,
     image: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu", writable=False)],
     target: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu", writable=False)],
-    mean: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu")],
-    variance: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu")],
     valid: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order="C", device="cpu", writable=False)] | None,
     ssim_weight: float,
     grad: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu")] | None,

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.splatting.losses import ImageTarget, chunked, functional, image_loss, semantic_loss, torch_losses
+from fastsplat.service.splatting.losses import chunked, functional, image_loss, semantic_loss, torch_losses
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 
 
@@ -36,14 +36,14 @@ def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Te
     return image, target, torch.rand(height, width, generator=g) > 0.3
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (37, 61), (64, 48)])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (11, 17), (37, 61), (64, 48)])
 @pytest.mark.parametrize("weight", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("masked", [False, True])
 def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: float, masked: bool) -> None:
     image, target, valid = pictures(height, width)
     mask = valid if masked else None
     ours = image.clone().requires_grad_()
-    loss = image_loss(ours, ImageTarget(target, mask), weight)
+    loss = image_loss(ours, target, weight, mask)
     (3.0 * loss).backward()
     truth = image.double().requires_grad_()
     wanted = torch_losses.image_loss(truth, target.double(), weight, mask)
@@ -53,15 +53,22 @@ def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: floa
     assert float((ours.grad - truth.grad).norm()) <= 3e-5 * float(truth.grad.norm()) + 1e-9
 
 
-def test_a_plain_target_and_a_prepared_one_agree() -> None:
+def test_pictures_that_do_not_fit_are_refused() -> None:
     image, target, valid = pictures(20, 30)
-    prepared = ImageTarget(target, valid)
-    assert torch.equal(image_loss(image, target, 0.2, valid), image_loss(image, prepared, 0.2))
-    assert prepared.moments[0] is prepared.moments[0]
-    with pytest.raises(InvalidInputError):
-        image_loss(image, prepared, 0.2, valid)
-    with pytest.raises(InvalidInputError):
-        image_loss(image, target[:5], 0.2)
+    for bad in (
+        (image, target[:5], 0.2, None),
+        (image, target, 0.2, valid[:5]),
+        (image[..., :2], target[..., :2], 0.2),
+    ):
+        with pytest.raises(InvalidInputError):
+            image_loss(*bad)
+
+
+def test_layouts_other_than_the_kernels_are_copied_not_misread() -> None:
+    image, target, valid = pictures(20, 30)
+    flipped = image.flip(1).contiguous().flip(1)
+    columns = target.permute(1, 0, 2).contiguous().permute(1, 0, 2)
+    assert torch.equal(image_loss(flipped, columns, 0.2, valid), image_loss(image, target, 0.2, valid))
 
 
 def test_equal_images_have_no_loss_and_no_valid_pixel_means_zero(isa: str) -> None:

@@ -48,11 +48,6 @@ class ScratchPool {
 ScratchPool& image_pool = *new ScratchPool;
 ScratchPool& task_pool = *new ScratchPool;
 
-int64_t ssim_scratch(int64_t row) {
-  const int64_t stride = (row + 15) / 16 * 16;
-  return 3 * (SSIM_ROWS + 10) * stride + 3 * (stride + 128);
-}
-
 ImageLossJob make_job(const Image& target) {
   ImageLossJob job{};
   job.height = (int32_t)target.shape(0);
@@ -70,31 +65,14 @@ void for_bands(int threads, const ImageLossJob& job, const Kernel& kernel) {
   parallel_for(threads, (job.height + SSIM_ROWS - 1) / SSIM_ROWS, task, nullptr);
 }
 
-void target_moments(const Image& target, const ImageOut& mean, const ImageOut& variance, int threads,
-                    const std::string& isa) {
-  ImageLossJob job = make_job(target);
-  expect(mean, target.size(), "mean");
-  expect(variance, target.size(), "variance");
-  job.mean = mean.data();
-  job.variance = variance.data();
-  const Kernels& kernels = kernels_for(isa);
-  nb::gil_scoped_release release;
-  for_bands(threads, job, [&](int32_t band, float* scratch) { kernels.target_moments(job, band, scratch); });
-}
-
-double image_loss(const Image& image, const Image& target, const ImageOut& mean, const ImageOut& variance,
-                  const std::optional<Array<const uint8_t, -1, -1>>& valid, double ssim_weight,
-                  const std::optional<ImageOut>& grad, int threads, const std::string& isa) {
+double image_loss(const Image& image, const Image& target, const std::optional<Array<const uint8_t, -1, -1>>& valid,
+                  double ssim_weight, const std::optional<ImageOut>& grad, int threads, const std::string& isa) {
   ImageLossJob job = make_job(target);
   expect(image, target.size(), "image");
-  expect(mean, target.size(), "mean");
-  expect(variance, target.size(), "variance");
   if (grad) expect(*grad, target.size(), "grad");
   const size_t pixels = target.size() / 3;
   if (valid) expect(*valid, pixels, "valid");
   job.image = image.data();
-  job.mean = mean.data();
-  job.variance = variance.data();
   job.valid = valid ? valid->data() : nullptr;
   job.ssim_weight = ssim_weight;
   const Kernels& kernels = kernels_for(isa);
@@ -180,10 +158,8 @@ double cross_entropy(const Codes& codes, const Array<const float, -1, -1>& weigh
 void bind_losses(nb::module_& m) {
   using nb::arg;
   m.attr("MAX_CODE_SIZE") = MAX_CODE_SIZE;
-  m.def("target_moments", &target_moments, nb::kw_only(), arg("target"), arg("mean"), arg("variance"), arg("threads"),
-        arg("isa"));
-  m.def("image_loss", &image_loss, nb::kw_only(), arg("image"), arg("target"), arg("mean"), arg("variance"),
-        arg("valid").none(), arg("ssim_weight"), arg("grad").none(), arg("threads"), arg("isa"));
+  m.def("image_loss", &image_loss, nb::kw_only(), arg("image"), arg("target"), arg("valid").none(), arg("ssim_weight"),
+        arg("grad").none(), arg("threads"), arg("isa"));
   m.def("cross_entropy", &cross_entropy, nb::kw_only(), arg("codes"), arg("weight"), arg("bias"), arg("labels"),
         arg("class_weights"), arg("d_codes"), arg("d_weight"), arg("d_bias"), arg("threads"), arg("isa"));
 }

@@ -13,7 +13,6 @@ void accumulate_weights(const TileJob&, int32_t);
 void projection_backward(const ProjectionBackwardJob&, int64_t, int64_t, int64_t, int64_t);
 void spherical_harmonics(const SphericalHarmonicsJob&, int64_t, int64_t);
 void spherical_harmonics_backward(const SphericalHarmonicsJob&, int64_t, int64_t);
-void target_moments(const ImageLossJob&, int32_t, float*);
 double image_loss(const ImageLossJob&, int32_t, float*);
 void image_gradient(const ImageLossJob&, int32_t, float*);
 void cross_entropy(const CrossEntropyJob&, int64_t, float*);
@@ -33,7 +32,6 @@ extern const Kernels kernels = {
     projection_backward,
     spherical_harmonics,
     spherical_harmonics_backward,
-    target_moments,
     image_loss,
     image_gradient,
     cross_entropy,

@@ -105,13 +105,17 @@ struct SphericalHarmonicsJob {
   float *d_means, *d_sh;
 };
 
-constexpr int SSIM_ROWS = 32;  // image rows a task
+constexpr int SSIM_ROWS = 32;        // image rows a task
+constexpr int SSIM_TAPS = 11;        // of the window in each direction
+constexpr int64_t SSIM_MARGIN = 64;  // floats beside a row that is blurred
+
+// Floats of scratch memory of a task, for rows of `row` floats.
+constexpr int64_t ssim_scratch(int64_t row) { return 6 * ((row + 15) / 16 * 16 + 2 * SSIM_MARGIN); }
 
 struct ImageLossJob {
   int32_t height;
   int64_t row;  // floats of an image row: 3 · width
   const float *image, *target;
-  float *mean, *variance;                // of the target
   const uint8_t* valid;                  // [height, width] or null
   float *d_mean, *d_square, *d_product;  // maps the gradient is blurred from
   float* grad;
@@ -175,7 +179,6 @@ struct Kernels {
   void (*spherical_harmonics)(const SphericalHarmonicsJob&, int64_t begin, int64_t end);
   void (*spherical_harmonics_backward)(const SphericalHarmonicsJob&, int64_t begin, int64_t end);
   // Bands of SSIM_ROWS rows; scratch holds ssim_scratch(row) floats.
-  void (*target_moments)(const ImageLossJob&, int32_t band, float* scratch);
   double (*image_loss)(const ImageLossJob&, int32_t band, float* scratch);
   void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
   void (*cross_entropy)(const CrossEntropyJob&, int64_t task, float* scratch);
