@@ -90,8 +90,9 @@ class CodeBlend:
 class EvidenceBlend:
     """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part.
 
-    What no view has seen has no say. Of two labels that are equally probable the lower id wins. Many labels are
-    blended in pieces, only those of the Gaussians in view, and all in bands of rows: memory beside the result grows
+    Gaussians that no labeled view has seen do not count. Of two labels that are equally probable the lower id wins.
+    Many labels are blended in pieces, only those of the Gaussians in view, and all in bands of rows: memory beside the
+        result grows
     neither with the dictionary nor with the image.
 
     Args:
@@ -163,7 +164,7 @@ class _Canvas:
     """A view while labels are drawn into it, in bands of rows.
 
     Attributes:
-        image: [H, W, C], channels that are kept.
+        image: [H, W, C], the leading channels.
         alpha: [H, W].
         classes: int32 [H, W], the label whose probability is largest so far, 0 where none is above 0.
         culled_non_finite: see `LabelMap`.
@@ -183,23 +184,23 @@ class _Canvas:
         channels = leading.shape[1]
         radii = torch.zeros(len(leading), dtype=torch.int32)
         self.image = leading.new_empty(*self.alpha.shape, channels)
-        for band, seen in self._bands(torch.cat([leading, table], dim=1)):
-            self.image[band], self.alpha[band] = seen.image[..., :channels], seen.alpha
-            self._lead(band, names, seen.image[..., channels:])
-            radii, self.culled_non_finite = seen.radii, seen.culled_non_finite
+        for band, rendering in self._bands(torch.cat([leading, table], dim=1)):
+            self.image[band], self.alpha[band] = rendering.image[..., :channels], rendering.alpha
+            self._update(band, names, rendering.image[..., channels:])
+            radii, self.culled_non_finite = rendering.radii, rendering.culled_non_finite
         return radii
 
     def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> None:
         """Draws the labels `names` [K] with probabilities `table` [G, K]."""
-        for band, seen in self._bands(table):
-            self._lead(band, names, seen.image)
+        for band, rendering in self._bands(table):
+            self._update(band, names, rendering.image)
 
     def _bands(self, features: Tensor) -> Iterator[tuple[slice, Rendering]]:
         splats = replace(self._splats, features=features)
         return rasterize_bands(splats, self._viewmat, self._camera, max_values=_BAND_VALUES, backend=self._backend)
 
-    def _lead(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
-        """Lets each label lead where its share [rows, W, K] is larger than all before."""
+    def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
+        """Sets the class to the label whose share [rows, W, K] is larger than all before."""
         if not len(names):
             return
         column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise

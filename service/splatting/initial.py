@@ -41,7 +41,7 @@ class StartPoints:
 def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
     """The length that position steps are measured in, scene units.
 
-    As in 3DGS, 1.1 times the largest distance of a camera from their centre; but at least 0.3 times the median
+    As in 3DGS, 1.1 times the largest distance of a camera from their center; but at least 0.3 times the median
     distance from the cameras to the points, because one camera, or a tripod, has no spread.
     """
     positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)

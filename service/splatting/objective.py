@@ -62,7 +62,7 @@ def loss_terms(
     """The weighted terms whose sum is the loss of a step, by name.
 
     Args:
-        rendering: of `render_frame`, with codes if `class_weights` are given.
+        rendering: of `render_frame`, with codes unless `class_weights` is None.
         splats, parameters: what was rendered.
         frame: what it is compared with.
         target: float32 [H, W, 3], the frame's image.

@@ -1,4 +1,4 @@
-"""What is told and kept of a run beside its loop: progress, loss and PSNR so far, checkpoints."""
+"""The recorder of a run: reports progress, loss and PSNR, and has checkpoints saved."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _MEAN_OF = 50
 
 
 class Recorder:
-    """Reports a run and has its checkpoints saved. It changes nothing of the run.
+    """Reports a run and has its checkpoints saved; changes nothing of it.
 
     The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`. What else wants to
     follow a run, to publish previews for instance, needs the same three moments: `after_step` sees the whole state.
 
     Args:
         settings: the run's.
-        progress: hears of metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr and
-            seconds_left, each once it is known.
+        progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr
+            and seconds_left, each once it is known.
         held_out: views whose PSNR is measured; without any, that of training images is.
         random_points: start points that were placed at random.
         save: writes a checkpoint of a state after so many seconds; None for no checkpoints.

@@ -1,6 +1,7 @@
-"""Regions of several views that cover the same Gaussians, found without a matrix of regions × regions or × Gaussians.
+"""Groups of regions of several views that cover the same Gaussians, without a matrix of regions × regions or ×
+Gaussians.
 
-What is held: one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), and one number for
+In memory are one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), and one number for
 each Gaussian and view and for each region and view (4 bytes). Overlaps are computed for a few regions at a time.
 """
 
@@ -139,10 +140,10 @@ def _overlaps(sums: Iterable[LabelSums], counts: Sequence[int]) -> _Overlaps:
         gaussians = len(view_sums.starts) - 1
         rows = np.repeat(np.arange(gaussians), np.diff(view_sums.starts.numpy()))
         labels, weights = view_sums.labels.numpy(), view_sums.sums.numpy()
-        seen = np.bincount(rows, weights, gaussians).astype(np.float32)
-        filled = seen.astype(np.float64) if filled is None else filled + seen
-        visible.append(seen > _SEEN_PX)
-        inside = (weights > _INSIDE * seen[rows]) & (labels >= 1) & (labels <= count) & visible[-1][rows]
+        pixels = np.bincount(rows, weights, gaussians).astype(np.float32)
+        filled = pixels.astype(np.float64) if filled is None else filled + pixels
+        visible.append(pixels > _SEEN_PX)
+        inside = (weights > _INSIDE * pixels[rows]) & (labels >= 1) & (labels <= count) & visible[-1][rows]
         order = np.argsort(labels[inside], kind="stable")
         indices.append(rows[inside][order].astype(np.int32))
         sizes.append(np.bincount(labels[inside], minlength=count + 1)[1:].astype(np.int64))

@@ -28,9 +28,9 @@ def code_size(labels: int, setting: Literal["auto"] | int) -> int:
     """Numbers a Gaussian carries for its meaning; 0 for a scene without labels.
 
     A pixel on the edge between two things blends their codes, and with short codes the blend lands in the cell of a
-    third ("ghost label"). For n classes (labels and undetected), optimised unit codes keep every pair's midpoint
+    third ("ghost label"). For n classes (labels and undetected), optimized unit codes keep every pair's midpoint
     0.15 or more away from any third class from these sizes on: n = 3: 2, 5: 4, 9: 5, 12: 6, 18: 8, 25: 10, 33: 11.
-    `min(n − 1, ⌊2√n⌋)` follows that; it stops at 13, which with colour fills 16 channels.
+    `min(n − 1, ⌊2√n⌋)` follows that; it stops at 13, which with color fills 16 channels.
     """
     if labels == 0:
         return 0

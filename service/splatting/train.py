@@ -62,7 +62,7 @@ def train(
         capture: views with poses, and points (few or none are made up for by random ones).
         labelling: one label map per view; an empty dictionary trains without semantics (codes of size 0).
         settings: how long, how large and how fine.
-        progress: hears of metrics loss, psnr (held-out views, or the last training view when none is held out),
+        progress: called with metrics loss, psnr (held-out views, or the last training view when none is held out),
             gaussians, iterations_per_second, seconds_left; may raise `CancelledError`, which ends the run at once.
         checkpoint_dir: where the run's state is kept; a checkpoint there is continued, to the bit when the run is
             bounded by iterations alone.
@@ -108,6 +108,7 @@ def train(
             extent=run.extent,
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
         )
+        del views  # the trainer replaces its own at the consensus
         trainer.run()
         trained = _finished(run, trainer, recorder, settings)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)

@@ -89,7 +89,7 @@ def label_map(
     channels, size = splats.features.shape[1], weight.shape[1]
     if channels > kernels.MAX_GROUP:
         bands = rasterize_bands(splats, viewmat, camera, _BAND_VALUES, settings)
-        return classify.joined([classify.label_map(seen, weight, bias, alpha_min, relevancy) for _, seen in bands])
+        return classify.joined([classify.label_map(band, weight, bias, alpha_min, relevancy) for _, band in bands])
     parts = [_float32(part.detach()) for part in _parts(splats)]
     context, _ = _prepare(parts, viewmat, camera, settings)
     shape = (camera.height, camera.width)

@@ -189,7 +189,7 @@ def _determinant(factor: Tensor, eps2d: float) -> Tensor:
 def _footprints(
     a: Tensor, b: Tensor, c: Tensor, det: Tensor, centers: Tensor, reach: Tensor, camera: Camera
 ) -> tuple[Tensor, Tensor]:
-    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel centre."""
+    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel center."""
     largest = 0.5 * (a + c) + (0.25 * (a - c) ** 2 + b * b).sqrt()
     radii = (reach * largest).sqrt().clamp(max=_MAX_RADIUS).ceil().clamp(min=1.0)
     visible = torch.isfinite(radii) & torch.isfinite(centers).all(dim=1) & (det > 0) & torch.isfinite(det)
@@ -218,7 +218,7 @@ def _check_isects(
 
 
 def _pixel_chunks(camera: Camera, gaussians: int) -> list[Tensor]:
-    """Pixel centres, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
+    """Pixel centers, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
     y, x = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centers = torch.stack((x, y), dim=-1).reshape(-1, 2).double() + 0.5
     return list(torch.split(centers, max(1, _CHUNK // max(1, gaussians))))

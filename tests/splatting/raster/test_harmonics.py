@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 
 from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.scene.types import MAX_SH_DEGREE, SH_C0, SH_COUNTS
 from fastsplat.service.splatting.raster import harmonics, sh_to_rgb
+from fastsplat.service.splatting.raster.kernels import kernels
+from fastsplat.service.splatting.settings import TrainingSettings
 
 DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 
@@ -58,3 +63,10 @@ def test_unused_coefficients_do_not_matter_and_short_ones_are_refused() -> None:
         sh_to_rgb(means, sh[:, :4], torch.zeros(3), 2)
     with pytest.raises(InvalidInputError):
         sh_to_rgb(means, sh, torch.zeros(3), 4)
+
+
+def test_python_and_kernels_know_the_same_degrees() -> None:
+    assert kernels.MAX_SH_DEGREE == MAX_SH_DEGREE == len(TrainingSettings().sh_from)
+    assert SH_COUNTS[-1] == (MAX_SH_DEGREE + 1) ** 2
+    directions = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
+    assert float(harmonics.basis(directions, 0)) == SH_C0 == pytest.approx(0.5 / math.sqrt(math.pi))

@@ -118,6 +118,8 @@ static void backward_degree(const SphericalHarmonicsJob& job, int64_t begin, int
   }
 }
 
+static_assert(MAX_SH_DEGREE == 3, "a degree more needs its functions here");
+
 void spherical_harmonics(const SphericalHarmonicsJob& job, int64_t begin, int64_t end) {
   if (job.degree == 0) return forward_degree<0>(job, begin, end);
   if (job.degree == 1) return forward_degree<1>(job, begin, end);
