@@ -10,6 +10,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.types import SH_C0
@@ -27,7 +28,7 @@ from fastsplat.service.splatting.schedule import (
     sh_degree,
 )
 from fastsplat.service.splatting.semantics import code_size, ghost_share, separated_codes, start_codes, start_head
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.state import new_state
 from fastsplat.service.splatting.training_views import load_views, split_views, training_size
 
@@ -257,3 +258,8 @@ def test_start_widths_agree_with_every_distance_measured(count: int) -> None:
 def test_codes_have_at_least_one_number(size: int) -> None:
     with pytest.raises(ValueError, match="code_size"):
         TrainingSettings(code_size=size)
+
+
+@pytest.mark.parametrize("model", [TrainingSettings, LearningRates])
+def test_every_setting_is_documented_on_its_field(model: type[BaseModel]) -> None:
+    assert not [name for name, field in model.model_fields.items() if not field.description]
