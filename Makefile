@@ -8,7 +8,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
+.PHONY: help setup lock models demo test lint protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -32,9 +32,14 @@ test: setup  ## every check: lint, types, architecture, laws
 
 lint: setup  ## format and lint in place
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
+	$(BIN)/clang-format -i $(CPP)
 
 lock: setup  ## write constraints.txt from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed "s/+cpu$$//" > constraints.txt
+
+stubs: setup  ## regenerate the types of the C++ extension
+	$(BIN)/python -m nanobind.stubgen -q -m fastsplat.service.splatting.raster._cpu -o service/splatting/raster/_cpu.pyi
+	$(BIN)/ruff format -q service/splatting/raster/_cpu.pyi
 
 protos: setup  ## regenerate the wire contract's Python
 	$(BIN)/python protos/generate.py

@@ -66,9 +66,10 @@ def command() -> str:
 
 def machine() -> str:
     """Processor, number of CPUs, and the rasterizer's instruction set and threads."""
-    from fastsplat.service.splatting.raster.cpu import instruction_set, thread_count
+    from fastsplat.service.splatting.raster.kernels import kernel_options
 
-    return f"{processor()}, {os.cpu_count()} CPUs, {instruction_set()}, {thread_count()} threads"
+    options = kernel_options()
+    return f"{processor()}, {os.cpu_count()} CPUs, {options.isa}, {options.threads} threads"
 
 
 def peak_megabytes() -> float:

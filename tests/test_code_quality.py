@@ -54,7 +54,7 @@ def test_tool_has_no_complaint(command: tuple[str, ...]) -> None:
 
 
 def test_files_are_short() -> None:
-    sources = [path for path in _tracked() if path.suffix in (".py", ".cpp", ".hpp", ".js", ".html")]
+    sources = [path for path in _tracked() if path.suffix in (".py", ".cpp", ".h", ".js", ".html")]
     lines = {str(path): (ROOT / path).read_text().count("\n") for path in sources}
     assert lines
     assert not {name: count for name, count in lines.items() if count > _MAX_LINES}
@@ -71,6 +71,36 @@ def test_modules_can_be_told_apart_by_their_names() -> None:
         homes[path.stem].append(str(path))
     shared = {name: paths for name, paths in homes.items() if len(paths) > 1}
     assert not {name: paths for name, paths in shared.items() if name not in _SHARED_MODULE_NAMES}
+
+
+def _cpp_sources() -> list[Path]:
+    return sorted(path for path in (ROOT / "service").rglob("*") if path.suffix in (".cpp", ".h"))
+
+
+def test_cpp_is_formatted_and_fits_into_120_columns() -> None:
+    sources = _cpp_sources()
+    assert sources
+    tool = Path(sys.executable).parent / "clang-format"
+    result = subprocess.run(
+        [tool, "--dry-run", "-Werror", *sources], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    lines = [(path.name, n, line) for path in sources for n, line in enumerate(path.read_text().splitlines(), 1)]
+    assert not [f"{name}:{n}" for name, n, line in lines if len(line) > 120]
+
+
+def test_the_stub_of_the_extension_is_what_the_extension_says(tmp_path: Path) -> None:
+    """Otherwise `make stubs` writes it anew."""
+    stub = tmp_path / "_cpu.pyi"
+    module = "fastsplat.service.splatting.raster._cpu"
+    bin_dir = Path(sys.executable).parent
+    for command in (
+        (sys.executable, "-m", "nanobind.stubgen", "-q", "-m", module, "-o", stub),
+        (bin_dir / "ruff", "format", "-q", "--config", ROOT / "pyproject.toml", stub),
+    ):
+        result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stdout + result.stderr
+    assert stub.read_text() == (ROOT / "service/splatting/raster/_cpu.pyi").read_text()
 
 
 def _tracked() -> Iterator[Path]:

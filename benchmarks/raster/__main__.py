@@ -22,7 +22,7 @@ from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.raster.garden import garden, garden_file
 from benchmarks.raster.product_step import step_row
 from benchmarks.raster.raster_rows import Row, label_row, raster_row
-from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.splatting.raster.kernels import instruction_sets
 
 _OUT = RESULTS / "raster.json"
 

@@ -9,13 +9,14 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.raster.garden import Scene
-from benchmarks.raster.raster_rows import Row, running_with
+from benchmarks.raster.raster_rows import Row
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.train import train
 
@@ -28,7 +29,7 @@ _STILL = LearningRates(
 
 def step_row(scene: Scene, isa: str, threads: int, labels: int = 20, rounds: int = 15) -> Row:
     """A row of the table: the mean of 3 · rounds steps."""
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         milliseconds = step_milliseconds(scene, labels, 3 * rounds)
     camera = scene.camera
     return Row(

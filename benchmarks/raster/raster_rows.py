@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
 
 from benchmarks.raster.garden import Scene
 from fastsplat.service.splatting.raster import RasterSettings, Splats, cpu, label_map
+from fastsplat.service.splatting.raster.kernels import kernels, running_with
 
-# Arithmetic vector instructions per visit of a block, from forward.cpp and backward.cpp: exponent, 2^x, blending; per
-# channel.
+# Arithmetic vector instructions per visit of a block, from rasterize_forward.cpp and rasterize_backward.cpp: exponent,
+# 2^x, blending; per channel.
 _FORWARD = (16, 1)
 _BACKWARD = (30, 2)
 
@@ -39,22 +38,6 @@ class Row:
     label_map_ms: float | None = None
 
 
-@contextmanager
-def running_with(isa: str, threads: int) -> Iterator[None]:
-    """Kernels and threads of the calls inside."""
-    names = {"FASTSPLAT_RASTER_ISA": isa, "FASTSPLAT_RASTER_THREADS": str(threads)}
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(names)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, rounds: int = 15) -> Row:
     """Forward, and backward from a gradient of the image, through autograd as a caller sees it."""
     parts = [getattr(scene.splats, name) for name in ("means", "quats", "scales", "opacities", "features")]
@@ -62,21 +45,23 @@ def raster_row(scene: Scene, isa: str, threads: int, *, backward: bool = True, r
     camera, channels = scene.camera, parts[4].shape[1]
     grad = torch.randn(camera.height, camera.width, channels, generator=torch.Generator().manual_seed(0))
     forwards, backwards, stages = [], [], []
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         for _ in range(rounds + 3):
             for tensor in tensors:
                 tensor.grad = None
             start = time.perf_counter()
-            rendering, frame = cpu.rasterize_with_frame(Splats(*tensors), scene.viewmat, camera, None, RasterSettings())
+            rendering, context = cpu.rasterize_with_context(
+                Splats(*tensors), scene.viewmat, camera, None, RasterSettings()
+            )
             middle = time.perf_counter()
             if backward:
                 rendering.image.backward(grad)
             end = time.perf_counter()
             forwards.append((middle - start) * 1e3)
             backwards.append((end - middle) * 1e3)
-            stages.append(dict(frame.milliseconds))
-        useful = frame.census()
-        rate, lanes = cpu.kernels.peak(threads, isa)
+            stages.append(context.milliseconds)
+        useful = kernels.count_contributing(context)
+        rate, lanes = kernels.peak_fma(threads, isa)
     forward_ms, backward_ms = statistics.median(forwards[3:]), statistics.median(backwards[3:])
     operations = _FORWARD[0] + _FORWARD[1] * (channels + 1)
     operations += (_BACKWARD[0] + _BACKWARD[1] * (channels + 1)) if backward else 0
@@ -107,7 +92,7 @@ def label_row(scene: Scene, isa: str, threads: int, classes: int = 18, rounds: i
     def draw() -> None:
         label_map(scene.splats, scene.viewmat, camera, weight, bias, alpha_min=0.5)
 
-    with running_with(isa, threads):
+    with running_with(isa=isa, threads=threads):
         for _ in range(3):
             draw()
         times = [_timed(draw) for _ in range(rounds)]

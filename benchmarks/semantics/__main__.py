@@ -46,8 +46,8 @@ from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import CodeSemantics, Scene, read_scene, semantics_of, write_scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.evidence import views_evidence
-from fastsplat.service.splatting.views import load_views
+from fastsplat.service.splatting.training_views import load_views
+from fastsplat.service.splatting.view_evidence import views_evidence
 
 _OUT = RESULTS / "semantics.json"
 _SURFACES = ("table", "floor", "wall")

@@ -19,7 +19,7 @@ from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.views import split_views
+from fastsplat.service.splatting.training_views import split_views
 
 HELD_OUT_EVERY = 5
 SCRATCH = Path(tempfile.gettempdir()) / "fastsplat-trade"

@@ -25,7 +25,8 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene, write_scene
-from fastsplat.service.splatting.raster import RasterSettings, Splats, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import RasterSettings, label_map, rasterize, sh_to_rgb
 from fastsplat.service.splatting.train import train
 
 if TYPE_CHECKING:
@@ -103,14 +104,7 @@ def _drawn(scene: Scene, query: dict[str, float]) -> Pictures:
     stride = int(query.get("stride", 1))
     settings = replace(RasterSettings(), **{name: value for name, value in query.items() if name != "stride"})
     gaussians = scene.gaussians
-    means = torch.tensor(gaussians.means)
-    splats = Splats(
-        means,
-        torch.tensor(gaussians.quats),
-        torch.tensor(gaussians.log_scales).exp(),
-        torch.tensor(gaussians.logit_opacities).sigmoid(),
-        torch.tensor(gaussians.codes),
-    )
+    splats = splats_of(gaussians, torch.tensor(gaussians.codes))
     sh, weight, bias = torch.tensor(gaussians.sh), torch.tensor(scene.head.weight), torch.tensor(scene.head.bias)
 
     def viewed(posed: PosedCamera) -> tuple[torch.Tensor, PosedCamera]:
@@ -131,7 +125,7 @@ def _drawn(scene: Scene, query: dict[str, float]) -> Pictures:
     def colors(posed: PosedCamera) -> NDArray[Any]:
         viewmat, small = viewed(posed)
         origin = torch.tensor(posed.world_from_camera[:3, 3], dtype=torch.float32)
-        rgb = sh_to_rgb(means, sh, origin, gaussians.sh_degree)
+        rgb = sh_to_rgb(splats.means, sh, origin, gaussians.sh_degree)
         image = rasterize(replace(splats, features=rgb), viewmat, small.camera, settings=settings).image
         return enlarged((image.clamp(0, 1) * 255).round().byte().numpy(), posed, cv2.INTER_LINEAR)
 

@@ -18,7 +18,7 @@ class SceneOptions:
             within 10 %; what is given up for it is in the scene's quality. None: the preset's or server's optimisation
             time, however long the rest takes.
         max_gaussians: hard budget, or None for the preset's or the server's default.
-        preset: how much to spend (`service.splatting.presets`), or None for the server's settings.
+        preset: how much to spend (`service.planning.presets`), or None for the server's settings.
         priority: higher ones are trained first.
     """
 

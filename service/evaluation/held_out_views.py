@@ -18,8 +18,9 @@ from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
-from fastsplat.service.splatting.raster import Backend, Splats, rasterize, sh_to_rgb
-from fastsplat.service.splatting.views import load_views
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, rasterize, sh_to_rgb
+from fastsplat.service.splatting.training_views import load_views
 
 
 @dataclass(frozen=True)
@@ -107,13 +108,7 @@ def render_view(
     means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
     origin = torch.from_numpy(posed.world_from_camera[:3, 3].astype(np.float32))
     colors = sh_to_rgb(means, torch.from_numpy(gaussians.sh), origin, gaussians.sh_degree, backend=backend)
-    splats = Splats(
-        means,
-        torch.from_numpy(gaussians.quats),
-        torch.exp(torch.from_numpy(gaussians.log_scales)),
-        torch.sigmoid(torch.from_numpy(gaussians.logit_opacities)),
-        torch.cat([colors, torch.from_numpy(gaussians.codes)], dim=1),
-    )
+    splats = splats_of(gaussians, torch.cat([colors, torch.from_numpy(gaussians.codes)], dim=1))
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
     image = rasterize(splats, viewmat, posed.camera, backend=backend).image.float()
     logits = image[..., 3:] @ torch.from_numpy(head.weight).T + torch.from_numpy(head.bias)

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.densify import planned_count
+from fastsplat.service.splatting.pruning import EVALUATIONS, MAX_EVAL_VIEWS
 from fastsplat.service.splatting.schedule import image_level, image_scales
 from fastsplat.service.splatting.semantics import code_size
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.thrift import JUDGES, MEASURES
-from fastsplat.service.splatting.views import split_views
+from fastsplat.service.splatting.training_views import split_views
 
 _SHARES = 40  # points at which the cost of a step is taken along a run
 _STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
@@ -212,10 +212,10 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
     measured, pruning = 0.4 * step, 0.0
     evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
-    if settings.surplus_loss_db and held_out:
+    if settings.max_psnr_drop_db and held_out:
         small = round(width * height * image_scales(settings)[0] ** 2)
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
-        pruning = weighed + MEASURES * min(held_out, JUDGES) * measured
+        pruning = weighed + EVALUATIONS * min(held_out, MAX_EVAL_VIEWS) * measured
     return held_out * measured + pruning + evidence
 
 

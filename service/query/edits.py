@@ -22,7 +22,7 @@ from fastsplat.service.common.camera import check_rigid
 from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.label_evidence import rows_of
-from fastsplat.service.scene.types import F32, Gaussians, Scene
+from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -31,7 +31,6 @@ F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Action = Literal["recolour", "remove", "move", "duplicate"]
 
-_SH_C0 = 0.28209479177387814  # Y_00
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
 _DARK = 0.1
 _DIRECTIONS = 64
@@ -181,11 +180,11 @@ def _recolour(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     target = np.asarray(edit.colour, dtype=np.float64)
     luminance = part.sh.astype(np.float64) @ _LUMINANCE  # [K, B], coefficients
     weights = masses(part.log_scales, part.logit_opacities)
-    base = 0.5 + _SH_C0 * luminance[:, 0]
+    base = 0.5 + SH_C0 * luminance[:, 0]
     mean = float(np.average(base, weights=weights))
     gain = target / max(mean, _DARK)
     sh = luminance[:, :, None] * gain
-    sh[:, 0] = (target + (base - mean)[:, None] * gain - 0.5) / _SH_C0
+    sh[:, 0] = (target + (base - mean)[:, None] * gain - 0.5) / SH_C0
     return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
 
 

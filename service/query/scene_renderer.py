@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -12,7 +14,8 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat.service.splatting.blending import label_blend
-from fastsplat.service.splatting.raster import LabelMap, Rendering, Splats, rasterize, sh_to_rgb
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
 
 
 class Renderer:
@@ -22,10 +25,8 @@ class Renderer:
         gaussians = scene.gaussians
         self._settings = settings
         self._device = torch.device("cuda" if settings.backend == "cuda" else "cpu")
-        self._means = self._tensor(gaussians.means)
-        self._quats = self._tensor(gaussians.quats)
-        self._scales = self._tensor(gaussians.log_scales).exp_()
-        self._opacities = self._tensor(gaussians.logit_opacities).sigmoid_()
+        self._splats = splats_of(gaussians, device=self._device)
+        self._means = self._splats.means
         self._sh = self._tensor(gaussians.sh)
         self._degree = gaussians.sh_degree
         self._classes = len(scene.dictionary) + 1
@@ -68,7 +69,7 @@ class Renderer:
         )
 
     def _label(self, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:
-        splats = Splats(self._means, self._quats, self._scales, self._opacities, features)
+        splats = replace(self._splats, features=features)
         with torch.no_grad():
             return self._labels.render(
                 splats,
@@ -80,7 +81,7 @@ class Renderer:
             )
 
     def _rasterize(self, posed: PosedCamera, features: Tensor) -> Rendering:
-        splats = Splats(self._means, self._quats, self._scales, self._opacities, features)
+        splats = replace(self._splats, features=features)
         with torch.no_grad():
             return rasterize(splats, self._viewmat(posed), posed.camera, backend=self._settings.backend)
 

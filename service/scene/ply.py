@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
-from fastsplat.service.scene.types import F32, Gaussians
+from fastsplat.service.scene.types import F32, SH_COUNTS, Gaussians
 
 _MAX_HEADER_BYTES = 64 << 10
 _CHUNK_ROWS = 1 << 16
@@ -19,7 +19,8 @@ _TYPES = {
     "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "float": "<f4", "float32": "<f4",
     "double": "<f8", "float64": "<f8",
 }  # fmt: skip
-_REST_OF_DEGREE = {0: 1, 9: 4, 24: 9, 45: 16}
+_COUNT_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
+"""Coefficients of a color by the number of f_rest properties."""
 
 
 def write_ply(
@@ -180,14 +181,14 @@ def _check_properties(path: Path, layout: np.dtype[np.void]) -> tuple[int, int]:
     names = layout.names or ()
     rest = sum(name.startswith("f_rest_") for name in names)
     codes = sum(name.startswith("code_") for name in names)
-    if rest not in _REST_OF_DEGREE:
-        raise _bad(path, f"has {rest} f_rest properties, expected 0, 9, 24 or 45")
-    for name in _property_names(_REST_OF_DEGREE[rest], codes):
+    if rest not in _COUNT_OF_REST:
+        raise _bad(path, f"has {rest} f_rest properties, expected {', '.join(map(str, _COUNT_OF_REST))}")
+    for name in _property_names(_COUNT_OF_REST[rest], codes):
         if name in ("nx", "ny", "nz"):
             continue
         if name not in names or layout[name] != np.dtype("<f4"):
             raise _bad(path, f"has no float property {name}, which every Gaussian needs")
-    return _REST_OF_DEGREE[rest], codes
+    return _COUNT_OF_REST[rest], codes
 
 
 def _bad(path: Path, what: str) -> InvalidInputError:

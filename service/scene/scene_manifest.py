@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.common.errors import FastSplatError, InvalidInputError
 from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
-from fastsplat.service.scene.types import LabelMode
+from fastsplat.service.scene.types import SH_COUNTS, LabelMode
 
 SCHEMA = 3
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
@@ -59,9 +60,17 @@ class Manifest:
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
     """`scene.json`, sealed by a digest of itself and of `cameras.json`.
 
+    Numbers of training and quality that are not finite are left out, because no training is worth losing over a figure;
+    their names then stand in quality as `left_out`.
+
     Raises:
-        InvalidInputError: training or quality holds what JSON cannot (NaN, an object, ...).
+        InvalidInputError: training or quality holds what JSON cannot (an object, ...).
     """
+    left_out: list[str] = []
+    training = _finite(manifest.training, "training", left_out)
+    quality = _finite(manifest.quality, "quality", left_out)
+    if left_out:
+        quality["left_out"] = sorted(left_out)
     body: dict[str, Any] = {
         "format": _FORMAT,
         "schema": SCHEMA,
@@ -69,8 +78,8 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "text_encoder": {"name": manifest.text_encoder[0], "sha256": manifest.text_encoder[1]},
         "label_templates": list(manifest.label_templates),
         "scale": manifest.scale,
-        "training": dict(manifest.training),
-        "quality": dict(manifest.quality),
+        "training": training,
+        "quality": quality,
         "sizes": {
             "gaussians": manifest.gaussians,
             "sh": manifest.sh,
@@ -91,7 +100,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         raise InvalidInputError(
             f"training or quality cannot be written as JSON: {error}",
             field="training/quality",
-            hint="Leave out what was not measured instead of writing NaN.",
+            hint="Write numbers, texts, lists and mappings only.",
         ) from error
 
 
@@ -192,9 +201,15 @@ class _Encoder(_Strict):
     sha256: str
 
 
+def _sh_count(count: int) -> int:
+    if count not in SH_COUNTS:
+        raise ValueError(f"{count} harmonics, expected one of {SH_COUNTS}")
+    return count
+
+
 class _Sizes(_Strict):
     gaussians: Annotated[int, Field(ge=0)]
-    sh: Literal[1, 4, 9, 16]
+    sh: Annotated[int, AfterValidator(_sh_count)]
     code: Annotated[int, Field(ge=0)]
     embedding: Annotated[int, Field(ge=0)]
 
@@ -232,6 +247,22 @@ class _CameraRow(_Strict):
     cx: float
     cy: float
     world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+
+def _finite(value: Any, name: str, left_out: list[str]) -> Any:
+    """A copy with numpy's numbers as Python's, where numbers that are not finite are left out
+    of mappings (None in sequences); their dotted names are added to `left_out`."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        left_out.append(name)
+        return None
+    if isinstance(value, Mapping):
+        parts = {key: _finite(part, f"{name}.{key}", left_out) for key, part in value.items()}
+        return {key: part for key, part in parts.items() if part is not None or value[key] is None}
+    if isinstance(value, (list, tuple)):
+        return [_finite(part, f"{name}.{index}", left_out) for index, part in enumerate(value)]
+    return value
 
 
 def _upgraded(body: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -15,6 +15,15 @@ from fastsplat.service.common.dictionary import Dictionary
 
 F32 = NDArray[np.float32]
 
+MAX_SH_DEGREE = 3
+"""Of the spherical harmonics of a color; kernels and file formats know no higher one."""
+
+SH_COUNTS = tuple((degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1))
+"""Coefficients of a color by degree: 1, 4, 9, 16."""
+
+SH_C0 = 0.28209479177387814
+"""Y_00, the constant real spherical harmonic: ½ √(1/π)."""
+
 
 @dataclass(frozen=True)
 class Gaussians:
@@ -41,7 +50,7 @@ class Gaussians:
         count = len(self.means)
         assert self.means.shape == (count, 3) and self.quats.shape == (count, 4)
         assert self.log_scales.shape == (count, 3) and self.logit_opacities.shape == (count,)
-        assert self.sh.ndim == 3 and self.sh.shape[0] == count and self.sh.shape[1] in (1, 4, 9, 16)
+        assert self.sh.ndim == 3 and self.sh.shape[0] == count and self.sh.shape[1] in SH_COUNTS
         assert self.sh.shape[2] == 3 and self.codes.ndim == 2 and self.codes.shape[0] == count
 
     def __len__(self) -> int:
@@ -49,7 +58,7 @@ class Gaussians:
 
     @property
     def sh_degree(self) -> int:
-        """0..3."""
+        """0..`MAX_SH_DEGREE`."""
         return math.isqrt(self.sh.shape[1]) - 1
 
 

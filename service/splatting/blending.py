@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
@@ -13,16 +14,17 @@ from torch import Tensor
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
-from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize
+from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize_bands
 
 _CHANNELS = 32
-"""Of one rasterization: twice the channels take a fifth more time, up to about here."""
+"""Labels of one rasterization: twice the channels take a fifth more time, up to about here."""
 
-_IMAGE_VALUES = 16 << 20
+_BAND_VALUES = 8 << 20
+"""Numbers of label probabilities in memory at a time."""
 
 
 class LabelBlend(Protocol):
-    """Where the labels of pixels come from."""
+    """Draws label maps of a scene."""
 
     def render(
         self,
@@ -34,8 +36,7 @@ class LabelBlend(Protocol):
         relevancy: F32 | None,
         backend: Backend,
     ) -> LabelMap:
-        """Labels and, if [N + 1] `relevancy` is given, its expectation times alpha; `splats.features` come back as
-        `image`."""
+        """Labels and, with [N + 1] `relevancy`, its expectation times alpha; `splats.features` come back as `image`."""
 
 
 def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
@@ -71,7 +72,7 @@ class CodeBlend:
         backend: Backend,
     ) -> LabelMap:
         """See `LabelBlend`."""
-        found = label_map(
+        labels = label_map(
             replace(splats, features=torch.cat([splats.features, self._codes], dim=1)),
             viewmat,
             camera,
@@ -81,16 +82,18 @@ class CodeBlend:
             relevancy=None if relevancy is None else torch.tensor(relevancy, device=self._weight.device),
             backend=backend,
         )
-        if found.relevancy is None:
-            return found
-        return replace(found, relevancy=found.relevancy * found.alpha)
+        if labels.relevancy is None:
+            return labels
+        return replace(labels, relevancy=labels.relevancy * labels.alpha)
 
 
 class EvidenceBlend:
     """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part.
 
-    What no view has seen has no say. Of two labels that are equally probable the lower id wins. Many labels are
-    blended in pieces, and only those of the Gaussians in view: memory does not grow with the dictionary.
+    Gaussians that no labeled view has seen do not count. Of two labels that are equally probable the lower id wins.
+    Many labels are blended in pieces, only those of the Gaussians in view, and all in bands of rows: memory beside the
+        result grows
+    neither with the dictionary nor with the image.
 
     Args:
         evidence: of G Gaussians.
@@ -99,13 +102,13 @@ class EvidenceBlend:
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
-        found = posterior(evidence, classes)
+        mean = posterior(evidence, classes)
         rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
         order = np.argsort(evidence.labels, kind="stable")
         self._count = len(evidence)
         self._rows = rows[order]
         self._labels = evidence.labels[order]
-        self._shares = (found.probability - found.rest[rows])[order]
+        self._shares = (mean.probability - mean.rest[rows])[order]
         self._device = device
         names = np.unique(self._labels)
         self._few = (names, self._table(names)) if len(names) <= _CHANNELS else None
@@ -121,56 +124,88 @@ class EvidenceBlend:
         backend: Backend,
     ) -> LabelMap:
         """See `LabelBlend`."""
-
-        def blended(features: Tensor) -> Rendering:
-            return rasterize(replace(splats, features=features), viewmat, camera, backend=backend)
-
-        leading = [splats.features, splats.means.new_zeros(self._count, 1)]
+        expected = splats.means.new_zeros(self._count, 0)
         if relevancy is not None:
-            expected = np.bincount(self._rows, self._shares * relevancy[self._labels], self._count)
-            leading[1] = torch.tensor(expected, dtype=splats.means.dtype, device=self._device)[:, None]
-        first = torch.cat([*leading, self._few[1]] if self._few else leading, dim=1)
-        seen = blended(first)
+            sums = np.bincount(self._rows, self._shares * relevancy[self._labels], self._count)
+            expected = torch.tensor(sums, dtype=splats.means.dtype, device=self._device)[:, None]
+        names, table = self._few or (np.zeros(0, np.uint16), splats.means.new_zeros(self._count, 0))
+        canvas = _Canvas(splats, viewmat, camera, backend)
+        radii = canvas.draw_first(torch.cat([splats.features, expected], dim=1), names, table)
+        if not self._few:
+            for piece in self._in_view(radii):
+                canvas.draw_labels(piece, self._table(piece))
         own = splats.features.shape[1]
-        best = torch.zeros_like(seen.alpha)
-        classes = torch.zeros_like(seen.alpha, dtype=torch.int32)
-        if self._few:
-            best, classes = _leader(seen.image[..., own + 1 :], self._few[0], best, classes)
-        else:
-            for names in self._in_view(seen.radii, camera):
-                best, classes = _leader(blended(self._table(names)).image, names, best, classes)
         return LabelMap(
-            classes=torch.where(seen.alpha >= alpha_min, classes, 0),
-            alpha=seen.alpha,
-            relevancy=None if relevancy is None else seen.image[..., own],
-            image=seen.image[..., :own],
-            culled_non_finite=seen.culled_non_finite,
+            classes=torch.where(canvas.alpha >= alpha_min, canvas.classes, 0),
+            alpha=canvas.alpha,
+            relevancy=None if relevancy is None else canvas.image[..., own],
+            image=canvas.image[..., :own],
+            culled_non_finite=canvas.culled_non_finite,
         )
 
-    def _in_view(self, radii: Tensor, camera: Camera) -> list[NDArray[np.uint16]]:
-        """The labels of visible Gaussians, ascending, in pieces whose image stays within `_IMAGE_VALUES`."""
+    def _in_view(self, radii: Tensor) -> list[NDArray[np.uint16]]:
+        """The labels of visible Gaussians, ascending, in pieces of one rasterization."""
         visible = np.asarray(radii.cpu().numpy()) > 0
         names = np.unique(self._labels[visible[self._rows]])
-        size = min(_CHANNELS, max(1, _IMAGE_VALUES // (camera.width * camera.height)))
-        return [names[start : start + size] for start in range(0, len(names), size)]
+        return [names[start : start + _CHANNELS] for start in range(0, len(names), _CHANNELS)]
 
     def _table(self, names: NDArray[np.uint16]) -> Tensor:
         """float32 [G, K]: the probability of these consecutive labels."""
         table = np.zeros((self._count, len(names)), np.float32)
         if len(names):
-            chosen = slice(*np.searchsorted(self._labels, [names[0], int(names[-1]) + 1]))
-            columns = np.searchsorted(names, self._labels[chosen])
-            known = names[np.minimum(columns, len(names) - 1)] == self._labels[chosen]
-            table[self._rows[chosen][known], columns[known]] = self._shares[chosen][known]
+            entries = slice(*np.searchsorted(self._labels, [names[0], int(names[-1]) + 1]))
+            columns = np.searchsorted(names, self._labels[entries])
+            known = names[np.minimum(columns, len(names) - 1)] == self._labels[entries]
+            table[self._rows[entries][known], columns[known]] = self._shares[entries][known]
         return torch.tensor(table, device=self._device)
 
 
-def _leader(shares: Tensor, names: NDArray[np.uint16], best: Tensor, classes: Tensor) -> tuple[Tensor, Tensor]:
-    """The larger of `best` [H, W] and the largest share [H, W, K], and whose it is."""
-    if not len(names):
-        return best, classes
-    column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise
-    share = shares.gather(2, column)[..., 0]
-    named = torch.tensor(names.astype(np.int32), device=shares.device)[column[..., 0]]
-    larger = share > best
-    return torch.where(larger, share, best), torch.where(larger, named, classes)
+class _Canvas:
+    """A view while labels are drawn into it, in bands of rows.
+
+    Attributes:
+        image: [H, W, C], the leading channels.
+        alpha: [H, W].
+        classes: int32 [H, W], the label whose probability is largest so far, 0 where none is above 0.
+        culled_non_finite: see `LabelMap`.
+    """
+
+    def __init__(self, splats: Splats, viewmat: Tensor, camera: Camera, backend: Backend) -> None:
+        shape = (camera.height, camera.width)
+        self._splats, self._viewmat, self._camera, self._backend = splats, viewmat, camera, backend
+        self._best = splats.means.new_zeros(shape)
+        self.image = splats.means.new_zeros(*shape, 0)
+        self.alpha = splats.means.new_zeros(shape)
+        self.classes = torch.zeros(shape, dtype=torch.int32, device=splats.means.device)
+        self.culled_non_finite = 0
+
+    def draw_first(self, leading: Tensor, names: NDArray[np.uint16], table: Tensor) -> Tensor:
+        """Draws alpha, `leading` [G, C] as the image, and labels as `draw_labels`; returns the radii, int32 [G]."""
+        channels = leading.shape[1]
+        radii = torch.zeros(len(leading), dtype=torch.int32)
+        self.image = leading.new_empty(*self.alpha.shape, channels)
+        for band, rendering in self._bands(torch.cat([leading, table], dim=1)):
+            self.image[band], self.alpha[band] = rendering.image[..., :channels], rendering.alpha
+            self._update(band, names, rendering.image[..., channels:])
+            radii, self.culled_non_finite = rendering.radii, rendering.culled_non_finite
+        return radii
+
+    def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> None:
+        """Draws the labels `names` [K] with probabilities `table` [G, K]."""
+        for band, rendering in self._bands(table):
+            self._update(band, names, rendering.image)
+
+    def _bands(self, features: Tensor) -> Iterator[tuple[slice, Rendering]]:
+        splats = replace(self._splats, features=features)
+        return rasterize_bands(splats, self._viewmat, self._camera, max_values=_BAND_VALUES, backend=self._backend)
+
+    def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
+        """Sets the class to the label whose share [rows, W, K] is larger than all before."""
+        if not len(names):
+            return
+        column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise
+        share = shares.gather(2, column)[..., 0]
+        named = torch.tensor(names.astype(np.int32), device=shares.device)[column[..., 0]]
+        larger = share > self._best[band]
+        self._best[band] = torch.where(larger, share, self._best[band])
+        self.classes[band] = torch.where(larger, named, self.classes[band])

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import safetensors
 import safetensors.torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.common.errors import ConflictError
+from fastsplat.service.perception.types import Regions
+from fastsplat.service.splatting.training_views import TrainingView
 
 _NAME = "training.safetensors"
-_VERSION = 1
+_VERSION = 2
+"""1 knew neither images nor label maps, and had other names for the moments."""
+
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -23,9 +34,9 @@ class Checkpoint:
     """Everything the next iteration depends on; random numbers are drawn afresh from (seed, iteration).
 
     Attributes:
-        iteration: completed optimisation steps.
-        elapsed_s: seconds of optimisation behind them.
-        tensors: parameters and optimizer moments by name.
+        iteration: completed optimization steps.
+        elapsed_s: seconds of optimization behind them.
+        tensors: parameters, moments and label maps by name.
     """
 
     iteration: int
@@ -60,7 +71,7 @@ def write_checkpoint(checkpoint: Checkpoint, folder: Path, fingerprint: str) -> 
 
 
 def read_checkpoint(folder: Path, fingerprint: str) -> Checkpoint | None:
-    """The checkpoint in `folder`, or None when there is none.
+    """The checkpoint in `folder`, or None when there is none, or one of an older format only, which the log then says.
 
     Raises:
         ConflictError: the file belongs to a run with other settings or inputs, or cannot be read.
@@ -75,12 +86,49 @@ def read_checkpoint(folder: Path, fingerprint: str) -> Checkpoint | None:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
     except (safetensors.SafetensorError, OSError) as error:
         raise ConflictError(f"the checkpoint cannot be read: {error}", field=_NAME, hint=hint) from error
-    if metadata.get("version") != str(_VERSION) or metadata.get("fingerprint") != fingerprint:
+    version = metadata.get("version", "")
+    if version.isdecimal() and int(version) < _VERSION:
+        _log.warning("%s has format %s and is not continued: training starts anew", path, version)
+        return None
+    if version != str(_VERSION) or metadata.get("fingerprint") != fingerprint:
         raise ConflictError("the checkpoint belongs to another training run", field=_NAME, hint=hint)
     return Checkpoint(int(metadata["iteration"]), float.fromhex(metadata["elapsed_s"]), tensors)
 
 
-def fingerprint_of(settings: dict[str, object], names: tuple[str, ...], labels: tuple[str, ...], points: bytes) -> str:
-    """Hex digest of what must agree between a run and its continuation."""
-    text = json.dumps([settings, names, labels], sort_keys=True)
-    return hashlib.sha256(text.encode() + points).hexdigest()
+def fingerprint_of(
+    settings: Mapping[str, Any],
+    labels: Sequence[str],
+    views: Sequence[TrainingView],
+    regions: Sequence[Regions],
+    arrays: Iterable[NDArray[Any]],
+) -> str:
+    """Hex digest of what must agree between a run and its continuation.
+
+    Args:
+        settings: of the run, JSON-ready, and whatever else changes it.
+        labels: names of the dictionary.
+        views: all that are loaded: their names, cameras, poses, images, masks and label maps enter at training size.
+        regions: of the training views.
+        arrays: the start points, e.g.
+    """
+    head = [settings, list(labels), [(view.name, asdict(view.frames[-1].camera)) for view in views]]
+    digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
+    for view in views:
+        frame = view.frames[-1]
+        for tensor in (view.viewmat, frame.rgb, frame.valid, frame.labels):
+            _update(digest, None if tensor is None else tensor.cpu().numpy())
+    for own in regions:
+        _update(digest, own.ids)
+        digest.update(json.dumps(own.votes, default=float).encode())
+    for array in arrays:
+        _update(digest, array)
+    return digest.hexdigest()
+
+
+def _update(digest: Any, array: NDArray[Any] | None) -> None:
+    """Adds type, shape and bytes, so that no two sequences of arrays look alike."""
+    if array is None:
+        digest.update(b"none;")
+        return
+    digest.update(f"{array.dtype.str}{array.shape};".encode())
+    digest.update(np.ascontiguousarray(array).data)

@@ -1,4 +1,4 @@
-"""Where Gaussians are needed: the arithmetic of 3DGS-MCMC's relocation (Kheradmand et al. 2024, eq. 9)."""
+"""Where Gaussians are moved and added: pure operations on a run's state (3DGS-MCMC, Kheradmand et al. 2024)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ import math
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales
+from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState
+
 MAX_COPIES = 16
 """No Gaussian is cut into more parts than this at once; the sums below lose precision beyond."""
 
 
 def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
-    """Opacity and scale of each of `copies` equal parts that together look like the Gaussian they replace.
+    """Opacity and scale of each of `copies` equal parts that, all at one place, composite to about the Gaussian they
+    replace (eq. 9 of 3DGS-MCMC).
 
     Args:
         opacities: [G], 0..1.
@@ -31,14 +35,76 @@ def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[T
     return part.to(opacities.dtype), (scales.double() * (opacity / total)[:, None]).to(scales.dtype)
 
 
-def planned_count(run_share: float, start: int, budget: int, grow_from: float, grow_until: float) -> int:
-    """How many Gaussians a run should have by now: geometric growth from `start` to `budget` over the given shares."""
-    if start >= budget or run_share >= grow_until:
+def planned_count(progress: float, start: int, budget: int, grow_from: float, grow_until: float) -> int:
+    """Gaussians that a run should have at `progress`: geometric growth from `start` to `budget` between the other
+    two."""
+    if start >= budget or progress >= grow_until:
         return budget
-    if run_share <= grow_from:
+    if progress <= grow_from:
         return start
-    share = (run_share - grow_from) / (grow_until - grow_from)
+    share = (progress - grow_from) / (grow_until - grow_from)
     return min(budget, round(start * math.exp(share * math.log(budget / start))))
+
+
+@torch.no_grad()
+def relocate_and_grow(
+    state: SplatState, need: Tensor, target: int, dead_opacity: float, generator: torch.Generator
+) -> int:
+    """Moves dead Gaussians to where they are needed, adds new ones until there are `target`, and returns how many were
+    placed.
+
+    Sources are drawn from the living with probability ∝ `need` [G]. Each is split into itself and its copies, whose
+    opacities and scales would composite to the source if they stayed at its center. But the copies are scattered within
+    the source's own extent, or they would never part; so the image changes a little, and the next steps repair it.
+    Adam's moments of everything that was touched restart from zero. `generator` is the CPU's, so that a seed means the
+    same draws on every device.
+    """
+    parameters = state.parameters
+    opacities = activate_opacities(parameters["logit_opacities"])
+    dead = torch.nonzero(opacities <= dead_opacity)[:, 0]
+    need = torch.where(opacities > dead_opacity, need, 0).double()
+    added = max(0, target - state.count)
+    placed = len(dead) + added
+    if placed == 0 or not float(need.sum()) > 0:
+        return 0
+    sources = torch.multinomial(need.cpu(), placed, replacement=True, generator=generator).to(need.device)
+    copies = torch.bincount(sources, minlength=state.count) + 1
+    parts = torch.unique(sources)
+    scales = activate_scales(parameters["log_scales"][parts])
+    opacity, scale = split_in_place(opacities[parts], scales, copies[parts])
+    parameters["logit_opacities"][parts] = torch.logit(opacity.clamp(dead_opacity * 1.01 + 1e-6, 1 - 1e-6))
+    parameters["log_scales"][parts] = torch.log(scale)
+    for name in GAUSSIAN_PARAMETERS:
+        copy = parameters[name].detach()[sources]
+        if name == "means":
+            copy = _scattered(state, sources, generator)
+        parameters[name][dead] = copy[: len(dead)]
+        for moments in (state.exp_avg, state.exp_avg_sq):
+            moments[name][parts] = 0
+            moments[name][dead] = 0
+        if added:
+            value = torch.cat([parameters[name].detach(), copy[len(dead) :]])
+            parameters[name] = value.requires_grad_()
+            for moments in (state.exp_avg, state.exp_avg_sq):
+                moments[name] = torch.cat([moments[name], torch.zeros_like(value[len(moments[name]) :])])
+    return placed
+
+
+def _scattered(state: SplatState, sources: Tensor, generator: torch.Generator) -> Tensor:
+    """[len(sources), 3]: centers drawn from the sources' own Gaussians."""
+    scales = activate_scales(state.parameters["log_scales"][sources])
+    offset = torch.randn(len(sources), 3, generator=generator).to(scales.device) * scales
+    return state.parameters["means"][sources] + rotate(state.parameters["quats"][sources], offset)
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """`vectors` [G, 3] rotated by `quats` [G, 4] (w x y z, any length). In torch, because the parameters may be on a
+    GPU, which scipy's rotations cannot reach."""
+    unit = torch.nn.functional.normalize(quats, dim=1)
+    w, axis = unit[:, :1], unit[:, 1:]
+    across = 2 * torch.linalg.cross(axis, vectors)
+    rotated: Tensor = vectors + w * across + torch.linalg.cross(axis, across)
+    return rotated
 
 
 def _coefficients() -> Tensor:

@@ -1,4 +1,4 @@
-"""Where the first Gaussians stand: on the capture's points, or at random where the cameras look."""
+"""The Gaussians that a run starts with: on the capture's points, or at random places where the cameras look."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.splatting.views import TrainingView
+from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.splatting.training_views import TrainingView
 
-_SH_DC = 0.28209479177387814  # Y_0, the constant spherical harmonic
 _ENOUGH_POINTS = 100
 _RANDOM_POINTS = 5_000
 _START_OPACITY = 0.1
@@ -23,7 +25,7 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class StartPoints:
-    """Positions and colours to start from.
+    """Positions and colors to start from.
 
     Attributes:
         points: float32 [P, 3], world frame.
@@ -36,37 +38,26 @@ class StartPoints:
     random: int
 
 
-@dataclass(frozen=True)
-class StartGaussians:
-    """Unactivated parameters: see `service.scene.types.Gaussians` for shapes and units; `sh_dc` is [G, 3]."""
-
-    means: F32
-    quats: F32
-    log_scales: F32
-    logit_opacities: F32
-    sh_dc: F32
-
-
 def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
     """The length that position steps are measured in, scene units.
 
-    As in 3DGS, 1.1 times the largest distance of a camera from their centre; but at least 0.3 times the median
+    As in 3DGS, 1.1 times the largest distance of a camera from their center; but at least 0.3 times the median
     distance from the cameras to the points, because one camera, or a tripod, has no spread.
     """
     positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
-    centre = positions.mean(axis=0)
-    spread = 1.1 * float(np.linalg.norm(positions - centre, axis=1).max())
-    depth = float(np.median(np.linalg.norm(points.astype(np.float64) - centre, axis=1))) if len(points) else 0.0
+    center = positions.mean(axis=0)
+    spread = 1.1 * float(np.linalg.norm(positions - center, axis=1).max())
+    depth = float(np.median(np.linalg.norm(points.astype(np.float64) - center, axis=1))) if len(points) else 0.0
     return max(spread, 0.3 * depth, 1e-6)
 
 
 def start_points(
     points: F32, colors: NDArray[np.uint8], views: tuple[TrainingView, ...], budget: int, seed: int
 ) -> StartPoints:
-    """At most `budget` coloured points to start from.
+    """At most `budget` colored points to start from.
 
     A capture with fewer than 100 points gets 5,000 more at random: inside the cameras' common field of view, at
-    depths around the place that they look at, coloured by the pixel they were cast from.
+    depths around the place that they look at, colored by the pixel they were cast from.
 
     Raises:
         InvalidInputError: a coordinate is NaN, infinite or beyond 1e18.
@@ -86,36 +77,41 @@ def start_points(
         extra, extra_shade = _random_points(views, min(_RANDOM_POINTS, budget), random)
         points, shade, added = np.concatenate([points, extra]), np.concatenate([shade, extra_shade]), len(extra)
     if len(points) > budget:
-        kept = np.sort(random.choice(len(points), budget, replace=False))
-        added = int((kept >= len(points) - added).sum())
-        points, shade = points[kept], shade[kept]
+        sample = np.sort(random.choice(len(points), budget, replace=False))
+        added = int((sample >= len(points) - added).sum())
+        points, shade = points[sample], shade[sample]
     return StartPoints(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(shade, np.float32), added)
 
 
-def start_gaussians(start: StartPoints, extent: float) -> StartGaussians:
-    """Round Gaussians on the points: as wide as the root mean square distance to the 3 nearest others (3DGS)."""
+def start_gaussians(start: StartPoints, extent: float, max_sh_degree: int) -> dict[str, Tensor]:
+    """Round, faint Gaussians on the points, as wide as the root mean square distance to the 3 nearest others (3DGS).
+
+    Returns the parameters of `SplatState` that belong to Gaussians, codes excepted.
+    """
     count = len(start.points)
-    neighbours = min(3, count - 1)
-    if neighbours > 0:
-        width = np.sqrt(_squared_distances(start.points, neighbours).mean(axis=1))
+    neighbors = min(3, count - 1)
+    if neighbors > 0:
+        width = np.sqrt(_squared_distances(start.points, neighbors).mean(axis=1))
     else:
         width = np.full(count, 0.1 * extent)
     width = np.clip(width, 1e-5 * extent, 0.3 * extent)
-    return StartGaussians(
-        means=start.points,
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.repeat(np.log(width).astype(np.float32)[:, None], 3, axis=1),
-        logit_opacities=np.full(count, np.log(_START_OPACITY / (1 - _START_OPACITY)), np.float32),
-        sh_dc=((start.colors - 0.5) / _SH_DC).astype(np.float32),
-    )
+    logit = np.log(_START_OPACITY / (1 - _START_OPACITY))
+    return {
+        "means": torch.from_numpy(start.points),
+        "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        "log_scales": torch.from_numpy(np.log(width).astype(np.float32))[:, None].repeat(1, 3),
+        "logit_opacities": torch.from_numpy(np.full(count, logit, np.float32)),
+        "sh_dc": torch.from_numpy(((start.colors - 0.5) / SH_C0).astype(np.float32))[:, None, :],
+        "sh_rest": torch.zeros(count, (max_sh_degree + 1) ** 2 - 1, 3),
+    }
 
 
-def _squared_distances(points: F32, neighbours: int) -> NDArray[np.float64]:
-    """[P, neighbours]: squared distances to the nearest other points, exact, ascending."""
+def _squared_distances(points: F32, neighbors: int) -> NDArray[np.float64]:
+    """[P, neighbors]: squared distances to the nearest other points, exact, ascending."""
     # OpenCV is loaded anyway; scipy's tree would bring 26 MiB of modules into the trainer.
     tree = cv2.flann.Index(points, {"algorithm": _SINGLE_TREE, "leaf_max_size": 10})
-    found = tree.knnSearch(points, neighbours + 1, params={"checks": -1, "eps": 0.0, "sorted": True})[1]
-    return np.asarray(found)[:, 1:].astype(np.float64)
+    distances = tree.knnSearch(points, neighbors + 1, params={"checks": -1, "eps": 0.0, "sorted": True})[1]
+    return np.asarray(distances)[:, 1:].astype(np.float64)
 
 
 def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -132,23 +128,23 @@ def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray
 
 
 def _random_points(views: tuple[TrainingView, ...], count: int, random: np.random.Generator) -> tuple[F32, F32]:
-    """Casts rays from random pixels and keeps the points that most cameras see."""
+    """[count, 3] points and colors: rays are cast from random pixels, and the points that most cameras see remain."""
     distance = _viewing_distance(views)
-    chosen = random.integers(len(views), size=4 * count)
+    source = random.integers(len(views), size=4 * count)
     inverse_depth = random.uniform(1 / 2.5, 1 / 0.4, size=4 * count) / distance
     uv = random.uniform(size=(4 * count, 2))
     points = np.zeros((4 * count, 3), np.float32)
     shade = np.zeros((4 * count, 3), np.float32)
     for index, view in enumerate(views):
-        rows = np.flatnonzero(chosen == index)
+        rows = np.flatnonzero(source == index)
         frame, viewmat = view.frames[-1], view.viewmat.numpy().astype(np.float64)
         camera = frame.camera
         x, y = uv[rows, 0] * camera.width, uv[rows, 1] * camera.height
         ray = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
         points[rows] = (ray / inverse_depth[rows, None] - viewmat[:3, 3]) @ viewmat[:3, :3]
         shade[rows] = frame.rgb.numpy()[y.astype(np.int64), x.astype(np.int64)].astype(np.float32) / 255
-    seen = np.sum([project(points, view)[1] for view in views], axis=0)
-    best = np.sort(np.argsort(-np.minimum(seen, 1 + len(views) // 3), kind="stable")[:count])
+    cameras = np.sum([project(points, view)[1] for view in views], axis=0)
+    best = np.sort(np.argsort(-np.minimum(cameras, 1 + len(views) // 3), kind="stable")[:count])
     return points[best], shade[best]
 
 

@@ -1,4 +1,7 @@
-"""Adam: on the CPU in one pass over memory, by the kernels' own threads; elsewhere by torch."""
+"""Adam: on the CPU in one pass over memory, by the kernels' own threads; elsewhere by torch.
+
+`torch.optim.Adam` is not used because its several passes over memory take longer than a training step's rasterization.
+"""
 
 from __future__ import annotations
 
@@ -11,63 +14,63 @@ from fastsplat.service.splatting.raster import Backend
 
 @torch.no_grad()
 def adam_update(
-    value: Tensor,
+    param: Tensor,
     grad: Tensor,
-    first: Tensor,
-    second: Tensor,
+    exp_avg: Tensor,
+    exp_avg_sq: Tensor,
     *,
-    rate: float,
+    lr: float,
     step: int,
     betas: tuple[float, float] = (0.9, 0.999),
-    epsilon: float = 1e-15,
+    eps: float = 1e-15,
     backend: Backend = "cpu",
 ) -> None:
     """One step of Adam (Kingma & Ba 2015) on one tensor, in place; what `torch.optim.Adam` computes.
 
     Args:
-        value: float32, contiguous, any shape; updated.
+        param: float32, contiguous, any shape; updated.
         grad: same shape.
-        first: running mean of the gradient, same shape; updated.
-        second: running mean of its square, same shape; updated.
-        rate: learning rate.
+        exp_avg: running mean of the gradient, same shape; updated.
+        exp_avg_sq: running mean of its square, same shape; updated.
+        lr: learning rate.
         step: number of this step, from 1.
         betas: decay of the two means.
-        epsilon: added to the root of `second`.
+        eps: added to the root of `exp_avg_sq`.
         backend: `cpu` uses the kernels and wants CPU tensors, the others torch on the tensors' device.
 
     Raises:
         InvalidInputError: another dtype, device or layout, shapes that differ, or a step below 1.
     """
-    parts = {"value": value, "first": first, "second": second}
+    parts = {"param": param, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}
     for name, tensor in parts.items():
         if tensor.dtype != torch.float32 or not tensor.is_contiguous():
             raise InvalidInputError(f"{name} must be contiguous float32", field=name)
-        if tensor.device != value.device or (backend == "cpu" and tensor.device.type != "cpu"):
+        if tensor.device != param.device or (backend == "cpu" and tensor.device.type != "cpu"):
             raise InvalidInputError(f"{name} is on {tensor.device} (backend {backend})", field=name)
-    if not value.shape == grad.shape == first.shape == second.shape:
-        raise InvalidInputError("value, grad, first and second differ in shape", field="grad")
+    if not param.shape == grad.shape == exp_avg.shape == exp_avg_sq.shape:
+        raise InvalidInputError("param, grad, exp_avg and exp_avg_sq differ in shape", field="grad")
     if step < 1:
         raise InvalidInputError(f"step {step}", field="step", hint="Steps count from 1.")
+    grad = grad.to(torch.float32)
     if backend != "cpu":
-        _by_torch(value, grad.to(torch.float32), first, second, rate, step, betas, epsilon)
+        exp_avg.mul_(betas[0]).add_(grad, alpha=1 - betas[0])
+        exp_avg_sq.mul_(betas[1]).addcmul_(grad, grad, value=1 - betas[1])
+        denom = exp_avg_sq.sqrt().div_((1 - betas[1] ** step) ** 0.5).add_(eps)
+        param.addcdiv_(exp_avg, denom, value=-lr / (1 - betas[0] ** step))
         return
-    from fastsplat.service.splatting.raster.cpu import instruction_set, kernels, thread_count
+    from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 
-    arrays = [value.detach().numpy(), grad.to(torch.float32).contiguous().numpy(), first.numpy(), second.numpy()]
-    kernels.adam(*arrays, rate, *betas, epsilon, step, thread_count(), instruction_set())
-
-
-def _by_torch(
-    value: Tensor,
-    grad: Tensor,
-    first: Tensor,
-    second: Tensor,
-    rate: float,
-    step: int,
-    betas: tuple[float, float],
-    epsilon: float,
-) -> None:
-    first.mul_(betas[0]).add_(grad, alpha=1 - betas[0])
-    second.mul_(betas[1]).addcmul_(grad, grad, value=1 - betas[1])
-    divisor = second.sqrt().div_((1 - betas[1] ** step) ** 0.5).add_(epsilon)
-    value.addcdiv_(first, divisor, value=-rate / (1 - betas[0] ** step))
+    options = kernel_options()
+    kernels.adam(
+        param=param.detach().numpy(),
+        grad=grad.contiguous().numpy(),
+        exp_avg=exp_avg.numpy(),
+        exp_avg_sq=exp_avg_sq.numpy(),
+        lr=lr,
+        beta1=betas[0],
+        beta2=betas[1],
+        eps=eps,
+        step=step,
+        threads=options.threads,
+        isa=options.isa,
+    )

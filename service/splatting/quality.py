@@ -1,18 +1,25 @@
-"""How near a picture is to the truth: PSNR and SSIM over valid pixels."""
+"""How near renderings are to photos: PSNR and SSIM over valid pixels, of one image and over views."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.training_views import TrainingView
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of [H, W, 3] pictures in 0..1 over `valid` pixels [H, W].
+    """Peak signal-to-noise ratio in dB of [H, W, 3] images in 0..1 over `valid` pixels [H, W].
 
-    The picture is clamped to 0..1 first. inf when equal, NaN when no pixel is valid.
+    The image is clamped to 0..1 first. inf when equal, NaN when no pixel is valid.
     """
     error = (image.clamp(0, 1) - target) ** 2
     mse = float((error if valid is None else error[valid]).double().mean())
@@ -20,7 +27,7 @@ def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
 
 
 def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Structural similarity (Wang et al. 2004) of [H, W, 3] pictures in 0..1, mean over `valid` pixels [H, W].
+    """Structural similarity (Wang et al. 2004) of [H, W, 3] images in 0..1, mean over `valid` pixels [H, W].
 
     Window and padding are those of the training loss (and of 3DGS): 11×11, σ = 1.5, zeros outside. NaN when no pixel
     is valid.
@@ -28,3 +35,32 @@ def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
     if valid is not None and not bool(valid.any()):
         return math.nan
     return 1 - float(image_loss(image.clamp(0, 1), target, 1.0, valid))
+
+
+@torch.no_grad()
+def measure_views(
+    parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
+) -> dict[str, float]:
+    """psnr and ssim of the scene's colors, each the mean over the views where it is finite; absent if it is in none.
+
+    A view without a valid pixel has no figure, and one that is reproduced exactly (a black photo of nothing) has no
+    finite PSNR.
+
+    Args:
+        parameters: see `SplatState`; all harmonics are used.
+        views: compared at their largest size.
+        backend: which rasterizer.
+    """
+    degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
+    splats = splats_of(parameters)
+    figures: dict[str, list[float]] = {"psnr": [], "ssim": []}
+    for view in views:
+        frame = view.frames[-1]
+        if not frame.has_content:
+            continue
+        image = render_frame(parameters, splats, view, frame, degree=degree, backend=backend).image
+        target = frame.target()
+        figures["psnr"].append(psnr(image, target, frame.valid))
+        figures["ssim"].append(ssim(image, target, frame.valid))
+    finite = {name: [value for value in values if math.isfinite(value)] for name, values in figures.items()}
+    return {name: float(np.mean(values)) for name, values in finite.items() if values}

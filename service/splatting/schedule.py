@@ -1,4 +1,4 @@
-"""Every schedule of a run, as a function of the share of it that is over; so time and step bounds need one code."""
+"""Every schedule of a run, as a function of its progress 0..1; so bounds in time and in steps need one code."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import math
 from fastsplat.service.splatting.settings import TrainingSettings
 
 
-def run_share(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:
+def run_progress(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:
     """0 at the start, 1 when the first of the two bounds is reached."""
-    share = iteration / settings.iterations
+    progress = iteration / settings.iterations
     if settings.time_budget_s is not None:
-        share = max(share, elapsed_s / settings.time_budget_s)
-    return min(share, 1.0)
+        progress = max(progress, elapsed_s / settings.time_budget_s)
+    return min(progress, 1.0)
 
 
 def image_scales(settings: TrainingSettings) -> tuple[float, ...]:
@@ -21,25 +21,25 @@ def image_scales(settings: TrainingSettings) -> tuple[float, ...]:
     return (1.0,) if start == 1 else (start, math.sqrt(start), 1.0)
 
 
-def image_level(share: float, settings: TrainingSettings) -> int:
+def image_level(progress: float, settings: TrainingSettings) -> int:
     """Index into `image_scales`: the first two sizes each last half of the time until `full_size_from`."""
     levels = len(image_scales(settings))
-    if share >= settings.full_size_from:
+    if progress >= settings.full_size_from:
         return levels - 1
-    return min(int(share / settings.full_size_from * (levels - 1)), levels - 1)
+    return min(int(progress / settings.full_size_from * (levels - 1)), levels - 1)
 
 
-def sh_degree(share: float, settings: TrainingSettings) -> int:
+def sh_degree(progress: float, settings: TrainingSettings) -> int:
     """Spherical-harmonics degree in use."""
-    return min(settings.max_sh_degree, sum(share >= start for start in settings.sh_from))
+    return min(settings.max_sh_degree, sum(progress >= start for start in settings.sh_from))
 
 
-def learning_rates(share: float, extent: float, settings: TrainingSettings) -> dict[str, float]:
-    """Adam's step size for each parameter of `SplatState`."""
+def learning_rates(progress: float, extent: float, settings: TrainingSettings) -> dict[str, float]:
+    """Adam's learning rate of each parameter of `SplatState`."""
     rates = settings.rates
-    decay = rates.final_share**share
+    decay = rates.final_share**progress
     return {
-        "means": extent * rates.means * (rates.means_final / rates.means) ** share,
+        "means": extent * rates.means * (rates.means_final / rates.means) ** progress,
         "quats": rates.quats * decay,
         "log_scales": rates.log_scales * decay,
         "logit_opacities": rates.logit_opacities * decay,

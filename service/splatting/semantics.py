@@ -1,4 +1,5 @@
-"""The semantic side of training: how many numbers a code has, where codes and W start, what a class weighs."""
+"""Semantic codes in training: how many numbers they have, where they and the affine map W start, what a class
+weighs."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from torch import Tensor
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.splatting.initial import F32, project
 from fastsplat.service.splatting.losses import semantic_loss
-from fastsplat.service.splatting.views import TrainingView
+from fastsplat.service.splatting.training_views import TrainingView
 
 _MAX_AUTO_SIZE = 13
 _HEAD_SCALE = 6.0
@@ -23,18 +24,18 @@ _GHOST_PAIRS = 2_000
 _STARTS, _STEPS = 6, 100
 
 
-def code_size(labels: int, wanted: Literal["auto"] | int) -> int:
+def code_size(labels: int, setting: Literal["auto"] | int) -> int:
     """Numbers a Gaussian carries for its meaning; 0 for a scene without labels.
 
     A pixel on the edge between two things blends their codes, and with short codes the blend lands in the cell of a
-    third ("ghost label"). For n classes (labels and undetected), optimised unit codes keep every pair's midpoint
+    third ("ghost label"). For n classes (labels and undetected), optimized unit codes keep every pair's midpoint
     0.15 or more away from any third class from these sizes on: n = 3: 2, 5: 4, 9: 5, 12: 6, 18: 8, 25: 10, 33: 11.
-    `min(n − 1, ⌊2√n⌋)` follows that; it stops at 13, which with colour fills 16 channels.
+    `min(n − 1, ⌊2√n⌋)` follows that; it stops at 13, which with color fills 16 channels.
     """
     if labels == 0:
         return 0
-    if wanted != "auto":
-        return wanted
+    if setting != "auto":
+        return setting
     classes = labels + 1
     return min(classes - 1, math.isqrt(4 * classes), _MAX_AUTO_SIZE)
 
@@ -51,7 +52,7 @@ def separated_codes(classes: int, size: int, seed: int) -> Tensor:
     if classes == 1 or size == 0 or classes > _PAIRS_UP_TO:
         codes = starts[0] / np.maximum(np.linalg.norm(starts[0], axis=1, keepdims=True), 1e-12)
     else:
-        codes = min((_spread(start) for start in starts), key=lambda found: found[0])[1]
+        codes = min((_spread(start) for start in starts), key=lambda result: result[0])[1]
     return torch.from_numpy(codes.astype(np.float32))
 
 
@@ -84,7 +85,7 @@ def start_head(codes: Tensor) -> tuple[Tensor, Tensor]:
 def start_codes(points: F32, views: tuple[TrainingView, ...], class_codes: Tensor) -> Tensor:
     """float32 [P, D]: each point starts on the code of the label that most views show at its projection.
 
-    Occlusion is not tested; undetected counts only where no view shows a label. Held-out views have no say.
+    Occlusion is not tested; undetected counts only where no view shows a label. `views` must not hold held-out ones.
     """
     votes = np.zeros((len(points), len(class_codes)), np.int32)
     for view in views:
@@ -122,7 +123,7 @@ def label_loss(
 def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:
     """Share of pairs of present labels between whose mean codes a third class wins, 0..1; 0 with fewer than 2.
 
-    Beyond 2,000 pairs a random 2,000 of them are looked at.
+    Of more than 2,000 pairs, a random 2,000 are tested.
 
     Args:
         codes: [G, D]. opacities: [G], weigh the mean. weight: [N + 1, D]. bias: [N + 1].

@@ -1,4 +1,4 @@
-"""What the splatting room hands on, and how it fails."""
+"""Results and errors of training."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, Semant
 
 
 class TrainingDivergedError(FastSplatError):
-    """The optimisation left the finite numbers; nothing of it was stored."""
+    """The optimization left the finite numbers; nothing of it was stored."""
 
     kind = Kind.INTERNAL
     reason = "TRAINING_DIVERGED"
@@ -18,15 +18,15 @@ class TrainingDivergedError(FastSplatError):
 
 @dataclass(frozen=True)
 class TrainedSplats:
-    """The result of the paper's single phase.
+    """A trained scene.
 
     Attributes:
         gaussians: in Morton order of their means; the order is final.
         head: the affine map W that was trained with the codes.
-        quality: psnr, ssim (means over held-out views, absent when none was held out), held_out (count), loss (mean
-            of the last 50 steps), iterations, gaussians, surplus_gaussians (left out because they hardly matter),
-            sh_degree, train_seconds, ghost_share, random_points (Gaussians that started at random places because the
-            capture has too few points).
+        quality: finite figures: psnr, ssim (means over the held-out views that have them; absent where none has),
+            held_out (count), loss (mean of the last 50 steps), iterations, gaussians, pruned_gaussians (left out
+            because held-out views hardly miss them), sh_degree, train_seconds, ghost_share, evidence_seconds,
+            random_points (Gaussians that started at random places because the capture has too few points).
         held_out: names of the views that never entered a loss.
         evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
     """
@@ -39,5 +39,5 @@ class TrainedSplats:
 
     @property
     def label_mode(self) -> LabelMode:
-        """Which of codes and evidence answers."""
+        """Whether codes or evidence say which label a Gaussian has."""
         return "codes" if self.evidence is None else "evidence"

@@ -39,7 +39,7 @@ wishes = st.builds(
     max_sh_degree=st.integers(0, 3),
     iterations=st.integers(1, 30_000),
     label_mode=st.sampled_from(["codes", "evidence", "auto"]),
-    surplus_loss_db=st.sampled_from([0.0, 0.05]),
+    max_psnr_drop_db=st.sampled_from([0.0, 0.05]),
 )
 
 

@@ -1,7 +1,8 @@
-"""A stand-in for gsplat where there is no GPU: its calling convention around the reference backend."""
+"""Instruction sets, and a stand-in for gsplat where there is no GPU: its calling convention around `reference`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Splats, cuda, rasterize
+from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 
 
 class _Gsplat:
@@ -50,6 +52,13 @@ class _Gsplat:
         radii = torch.stack([out.radii[:, None].expand(-1, 2) for out in drawn])
         pairs = torch.zeros(int((radii > 0).sum()), dtype=torch.int64)
         return pictures, torch.stack([out.alpha for out in drawn])[..., None], {"radii": radii, "flatten_ids": pairs}
+
+
+@pytest.fixture(params=instruction_sets())
+def isa(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Each instruction set of this machine; the test runs with it."""
+    with running_with(isa=request.param):
+        yield request.param
 
 
 @pytest.fixture

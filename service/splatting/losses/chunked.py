@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.losses.reference import LOGIT_LIMIT
+from fastsplat.service.splatting.losses.torch_losses import LOGIT_LIMIT
 
 _LOGITS = 1 << 24
 
@@ -34,8 +34,8 @@ class SemanticLoss(torch.autograd.Function):
                 torch.addmm(bias, codes[piece], weight.T).nan_to_num_(-LOGIT_LIMIT).clamp_(-LOGIT_LIMIT, LOGIT_LIMIT)
             )
             log_p = torch.log_softmax(logits, dim=1)
-            chosen = log_p.gather(1, picked)[:, 0]
-            loss += (share * torch.where(share > 0, -chosen, 0.0)).sum()
+            log_p_label = log_p.gather(1, picked)[:, 0]
+            loss += (share * torch.where(share > 0, -log_p_label, 0.0)).sum()
             slope = log_p.exp_()
             slope.scatter_add_(1, picked, slope.new_full((1, 1), -1.0).expand(len(slope), 1))
             slope.mul_(share[:, None])

@@ -1,8 +1,14 @@
 """Project, composite, differentiate, label: one interface, three backends."""
 
-from fastsplat.service.splatting.raster.api import blend_sums, rasterize, rasterize_batch, sh_to_rgb
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.labels import label_map, label_sums
+from fastsplat.service.splatting.raster.rendering import (
+    accumulate_weights,
+    label_map,
+    label_sums,
+    rasterize,
+    rasterize_bands,
+    sh_to_rgb,
+)
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 __all__ = [
@@ -12,11 +18,11 @@ __all__ = [
     "RasterSettings",
     "Rendering",
     "Splats",
-    "blend_sums",
+    "accumulate_weights",
     "device_of",
     "label_map",
     "label_sums",
     "rasterize",
-    "rasterize_batch",
+    "rasterize_bands",
     "sh_to_rgb",
 ]

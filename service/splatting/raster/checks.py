@@ -1,4 +1,4 @@
-"""What every operation asks of its arguments, and the module behind a backend's name."""
+"""What every operation asks of its arguments, errors that backends share, and the module behind a backend's name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
 
 _MAX_SIDE = 16384
@@ -41,11 +41,27 @@ def device_of(backend: Backend) -> torch.device:
     return torch.device(module.DEVICE)
 
 
+def finite_rows(splats: Splats) -> Tensor:
+    """bool [G]: no input of the row is NaN or infinite."""
+    parts = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.features)
+    return torch.stack([torch.isfinite(part.detach()).all(dim=1) for part in parts]).all(dim=0)
+
+
+def isect_limit_error(max_isects: int) -> ResourceError:
+    """What every backend raises when a view needs more Gaussian-tile intersections than its settings allow."""
+    return ResourceError(
+        f"this view needs more than {max_isects} Gaussian-tile intersections (max_isects)",
+        field="max_isects",
+        limit=f"{max_isects} intersections (max_isects)",
+        hint="Render a smaller image, remove oversized Gaussians, or raise max_isects (about 100 bytes each).",
+    )
+
+
 def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:
     """Raises InvalidInputError for shapes or cut-offs that do not fit, a non-finite viewmat, or too large an image."""
     count = splats.means.shape[0] if splats.means.ndim else -1
-    wanted = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
-    for name, shape in wanted.items():
+    shapes = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    for name, shape in shapes.items():
         tensor: Tensor = getattr(splats, name)
         if tensor.shape != shape:
             raise InvalidInputError(f"{name} of shape {tuple(tensor.shape)}, expected {shape}", field=name)
@@ -59,14 +75,14 @@ def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: Raster
         raise InvalidInputError(
             f"an image of {camera.width}×{camera.height} pixels", field="camera", limit=f"{_MAX_SIDE} pixels a side"
         )
-    good = (
+    possible = (
         0.0 < settings.alpha_min < 1.0
         and settings.alpha_min < settings.alpha_max < 1.0
         and 0.0 < settings.transmittance_min < 1.0
         and 0.0 < settings.near < settings.far
         and settings.eps2d > 0.0
     )
-    if not good:
+    if not possible:
         raise InvalidInputError(
             f"cut-offs that cannot work: {settings}",
             field="settings",

@@ -1,8 +1,8 @@
-"""Plain torch twins of the label kernels: what `reference` computes in float64 and `cuda` on the GPU."""
+"""Labels from renderings in plain torch: `reference` computes them in float64, `cuda` on the GPU."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from torch import Tensor
@@ -46,14 +46,44 @@ def label_map(
     )
 
 
-def label_sums(labels: Tensor, gaussians: int, sums_of: Callable[[Tensor], Tensor]) -> LabelSums:
-    """From `sums_of`: one-hot values [H, W, V] -> [G, V]; asked for a few of the labels that occur at a time."""
+def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Rendering]]:
+    """The rendering in bands of rows with at most `max_values` numbers of the image each, at least one row."""
+    height, width, channels = rendering.image.shape
+    rows = max(1, max_values // max(1, width * channels))
+    for start in range(0, height, rows):
+        band = slice(start, min(start + rows, height))
+        median = None if rendering.median_depth is None else rendering.median_depth[band]
+        part = Rendering(
+            image=rendering.image[band],
+            alpha=rendering.alpha[band],
+            depth=rendering.depth[band],
+            median_depth=median,
+            radii=rendering.radii,
+            culled_non_finite=rendering.culled_non_finite,
+        )
+        yield band, part
+
+
+def joined(maps: Sequence[LabelMap]) -> LabelMap:
+    """One label map of several, one below the other."""
+    relevancies = [part.relevancy for part in maps if part.relevancy is not None]
+    return LabelMap(
+        classes=torch.cat([part.classes for part in maps]),
+        alpha=torch.cat([part.alpha for part in maps]),
+        relevancy=torch.cat(relevancies) if relevancies else None,
+        image=torch.cat([part.image for part in maps]),
+        culled_non_finite=maps[0].culled_non_finite,
+    )
+
+
+def label_sums(labels: Tensor, gaussians: int, accumulate: Callable[[Tensor], Tensor]) -> LabelSums:
+    """From `accumulate`: one-hot values [H, W, V] -> [G, V]; called for a few of the labels that occur at a time."""
     present = torch.unique(labels)
     present = present[present >= 0]
     rows, columns, values = [], [], []
     for start in range(0, len(present), _LABELS):
         some = present[start : start + _LABELS]
-        sums = sums_of((labels[..., None] == some).float()).double()
+        sums = accumulate((labels[..., None] == some).float()).double()
         row, column = torch.nonzero(sums > 0, as_tuple=True)
         rows.append(row)
         columns.append(some[column])

@@ -1,97 +1,77 @@
 """The C++ backend: torch.autograd around kernels that read and write torch's memory in place.
 
-Environment: FASTSPLAT_RASTER_THREADS (default: the CPUs this process may use) and FASTSPLAT_RASTER_ISA (avx512, avx2 or
-baseline; default: the best this machine has). The threads are the kernels' own; results do not depend on their number.
+Threads and instruction set: see `service.splatting.raster.kernels`. A view keeps those that it was prepared with.
 """
 
 from __future__ import annotations
 
-import os
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
-from fastsplat.service.splatting.raster import classify
-from fastsplat.service.splatting.raster.reference import pair_bound_error
+from fastsplat.service.common.errors import CancelledError, InvalidInputError
+from fastsplat.service.splatting.raster import classify, harmonics
+from fastsplat.service.splatting.raster.checks import isect_limit_error
+from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
-try:
-    from fastsplat.service.splatting.raster import _cpu
-except ImportError as error:  # pragma: no cover - only in a checkout that was not built
-    raise ModelUnavailableError(
-        "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
-    ) from error
+P = ParamSpec("P")
+T = TypeVar("T")
 
-_cpu.watch(check_cancelled)
-
-kernels = _cpu
-"""The compiled module, for the losses and the optimiser as well."""
-
-
-def thread_count() -> int:
-    """Threads of the next call."""
-    text = os.environ.get("FASTSPLAT_RASTER_THREADS", "")
-    if not text:
-        return min(64, len(os.sched_getaffinity(0)))
-    if not text.isdigit() or not 1 <= int(text) <= 256:
-        raise InvalidInputError(
-            f"FASTSPLAT_RASTER_THREADS={text!r}", field="FASTSPLAT_RASTER_THREADS", limit="1..256 threads"
-        )
-    return int(text)
-
-
-def instruction_set() -> str:
-    """Kernels of the next call, one of `instruction_sets()`."""
-    name = os.environ.get("FASTSPLAT_RASTER_ISA", "")
-    if name and name not in kernels.isas():
-        raise InvalidInputError(
-            f"FASTSPLAT_RASTER_ISA={name!r} cannot run here",
-            field="FASTSPLAT_RASTER_ISA",
-            hint=f"Choose one of {', '.join(kernels.isas())}, or leave it unset.",
-        )
-    return name or str(kernels.isas()[0])
-
-
-def instruction_sets() -> tuple[str, ...]:
-    """What this machine can run, best first."""
-    return tuple(kernels.isas())
+_BAND_VALUES = 16 << 20
+"""Numbers of an image that exists only to be classified."""
 
 
 def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`. Computes in float32 (doubles once per Gaussian)."""
-    return rasterize_with_frame(splats, viewmat, camera, background, settings)[0]
+    return rasterize_with_context(splats, viewmat, camera, background, settings)[0]
 
 
-def rasterize_with_frame(
+def rasterize_with_context(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
-) -> tuple[Rendering, Any]:
-    """As `rasterize`, and the kernels' own record of the call: visible, pairs, milliseconds of each stage."""
+) -> tuple[Rendering, kernels.RenderContext]:
+    """As `rasterize`, and the kernels' own record of the call: visible, isects, milliseconds of each stage."""
     dtype = splats.means.dtype
     parts = [_float32(part) for part in _parts(splats)]
     back = torch.zeros(parts[4].shape[1]) if background is None else _float32(background)
-    info: dict[str, Any] = {}
-    image, alpha, depth, median, radii = _Rasterize.apply(*parts, back, viewmat, camera, settings, info)  # type: ignore[no-untyped-call]
+    record: dict[str, kernels.RenderContext] = {}
+    image, alpha, depth, median, radii = _Rasterize.apply(*parts, back, viewmat, camera, settings, record)  # type: ignore[no-untyped-call]
     if dtype != torch.float32:
         image, alpha, depth, median = (part.to(dtype) for part in (image, alpha, depth, median))
-    frame = info["frame"]
-    return Rendering(image, alpha, depth, median, radii, int(frame.culled_non_finite)), frame
+    context = record["context"]
+    return Rendering(image, alpha, depth, median, radii, context.non_finite), context
 
 
-def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
-    """See `service.splatting.raster.blend_sums`."""
+def rasterize_bands(
+    splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
+) -> Iterator[tuple[slice, Rendering]]:
+    """See `service.splatting.raster.rasterize_bands`; at least one row of tiles each."""
+    dtype = splats.means.dtype
     parts = [_float32(part.detach()) for part in _parts(splats)]
-    frame, _ = _prepare(parts, viewmat, camera, settings)
+    context, radii = _prepare(parts, viewmat, camera, settings)
+    channels, tile = parts[4].shape[1], kernels.TILE_HEIGHT
+    rows = max(1, max_values // max(1, camera.width * channels * tile)) * tile
+    for start in range(0, camera.height, rows):
+        band = slice(start, min(start + rows, camera.height))
+        outputs = _composite(context, torch.zeros(channels), band, camera.width, settings)
+        image, alpha, depth, median = (part.to(dtype) for part in outputs)
+        yield band, Rendering(image, alpha, depth, median, radii, context.non_finite)
+
+
+def accumulate_weights(
+    splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
+) -> Tensor:
+    """See `service.splatting.raster.accumulate_weights`."""
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    context, _ = _prepare(parts, viewmat, camera, settings)
     sums = torch.zeros(len(parts[0]), values.shape[-1])
     if sums.numel():
-        _guard(
-            settings, frame.blend, _float32(values.detach()).numpy(), sums.numpy(), thread_count(), instruction_set()
-        )
+        _call(context.accumulate_weights, settings)(values=_float32(values.detach()).numpy(), sums=sums.numpy())
     return sums.to(splats.means.dtype)
 
 
@@ -106,34 +86,29 @@ def label_map(
     settings: RasterSettings,
 ) -> LabelMap:
     """See `service.splatting.raster.label_map`."""
-    parts = [_float32(part.detach()) for part in _parts(splats)]
-    channels, size = parts[4].shape[1], weight.shape[1]
+    channels, size = splats.features.shape[1], weight.shape[1]
     if channels > kernels.MAX_GROUP:
-        seen = rasterize(Splats(*parts), viewmat.detach(), camera, None, settings)
-        return classify.label_map(seen, weight, bias, alpha_min, relevancy)
-    frame, _ = _prepare(parts, viewmat, camera, settings)
+        bands = rasterize_bands(splats, viewmat, camera, _BAND_VALUES, settings)
+        return classify.joined([classify.label_map(band, weight, bias, alpha_min, relevancy) for _, band in bands])
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    context, _ = _prepare(parts, viewmat, camera, settings)
     shape = (camera.height, camera.width)
     classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
     expected = None if relevancy is None else torch.empty(shape)
     image = torch.empty(*shape, channels - size)
-    optional = [None if part is None else _float32(part.detach()).numpy() for part in (relevancy, expected)]
-    _guard(
-        settings,
-        frame.label_map,
-        _float32(weight.detach()).numpy(),
-        _float32(bias.detach()).numpy(),
-        optional[0],
-        alpha_min,
-        classes.numpy(),
-        alpha.numpy(),
-        optional[1],
-        image.numpy(),
-        thread_count(),
-        instruction_set(),
+    _call(context.label_map, settings)(
+        weight=_float32(weight.detach()).numpy(),
+        bias=_float32(bias.detach()).numpy(),
+        relevancy=None if relevancy is None else _float32(relevancy.detach()).numpy(),
+        alpha_min=alpha_min,
+        classes=classes.numpy(),
+        alpha=alpha.numpy(),
+        expected=None if expected is None else expected.numpy(),
+        image=image.numpy(),
     )
     dtype = splats.means.dtype
     expected = None if expected is None else expected.to(dtype)
-    return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), int(frame.culled_non_finite))
+    return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), context.non_finite)
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
@@ -141,20 +116,23 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
     parts = [_float32(part.detach()) for part in _parts(splats)]
     if labels.device.type != "cpu":
         raise InvalidInputError(f"the cpu backend got labels on {labels.device}", field="labels")
-    frame, _ = _prepare(parts, viewmat, camera, settings)
+    context, _ = _prepare(parts, viewmat, camera, settings)
     starts = torch.empty(len(parts[0]) + 1, dtype=torch.int64)
-    wanted = labels.clamp(min=-1).to(torch.int32).contiguous().numpy()
-    count = _guard(
-        settings, frame.label_sums, wanted, settings.max_pairs, starts.numpy(), thread_count(), instruction_set()
+    count = _call(context.label_sums, settings)(
+        labels=labels.clamp(min=-1).to(torch.int32).contiguous().numpy(),
+        max_entries=settings.max_isects,
+        starts=starts.numpy(),
     )
-    found, sums = torch.empty(count, dtype=torch.int32), torch.empty(count, dtype=torch.float64)
-    frame.label_entries(starts.numpy(), found.numpy(), sums.numpy())
-    return LabelSums(starts, found, sums)
+    names, sums = torch.empty(count, dtype=torch.int32), torch.empty(count, dtype=torch.float64)
+    context.label_entries(starts=starts.numpy(), labels=names.numpy(), sums=sums.numpy())
+    return LabelSums(starts, names, sums)
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
-    """See `service.splatting.raster.sh_to_rgb`; float32."""
-    rgb: Tensor = _Harmonics.apply(_float32(means), _float32(sh), _float32(camera_position.detach()), degree)  # type: ignore[no-untyped-call]
+    """See `service.splatting.raster.sh_to_rgb`; what is not float32, or needs a gradient of the camera, by torch."""
+    if means.dtype != torch.float32 or sh.dtype != torch.float32 or camera_position.requires_grad:
+        return harmonics.sh_to_rgb(means, sh, camera_position, degree)
+    rgb: Tensor = _SphericalHarmonics.apply(_float32(means), _float32(sh), _float32(camera_position.detach()), degree)  # type: ignore[no-untyped-call]
     return rgb
 
 
@@ -168,80 +146,110 @@ def _float32(tensor: Tensor) -> Tensor:
     return tensor.to(torch.float32).contiguous()
 
 
-def _prepare(parts: list[Tensor], viewmat: Tensor, camera: Camera, settings: RasterSettings) -> tuple[Any, Tensor]:
+def _prepare(
+    parts: list[Tensor], viewmat: Tensor, camera: Camera, settings: RasterSettings
+) -> tuple[kernels.RenderContext, Tensor]:
+    options = kernel_options()
     radii = torch.empty(len(parts[0]), dtype=torch.int32)
-    lens = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
-    limits = [
-        settings.alpha_min,
-        settings.alpha_max,
-        settings.transmittance_min,
-        settings.near,
-        settings.far,
-        settings.eps2d,
-    ]
-    pose = viewmat.detach().to(torch.float64).contiguous().numpy()
-    arrays = [part.numpy() for part in parts]
-    frame = _guard(
-        settings,
-        kernels.prepare,
-        *arrays,
-        pose,
-        lens,
-        limits,
-        settings.max_pairs,
-        radii.numpy(),
-        thread_count(),
-        instruction_set(),
+    means, quats, scales, opacities, features = (part.numpy() for part in parts)
+    context = _call(kernels.prepare, settings)(
+        means=means,
+        quats=quats,
+        scales=scales,
+        opacities=opacities,
+        features=features,
+        viewmat=viewmat.detach().to(torch.float64).contiguous().numpy(),
+        camera=kernels.Camera(
+            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy
+        ),
+        settings=kernels.RasterSettings(
+            alpha_min=settings.alpha_min,
+            alpha_max=settings.alpha_max,
+            transmittance_min=settings.transmittance_min,
+            near=settings.near,
+            far=settings.far,
+            eps2d=settings.eps2d,
+            max_isects=settings.max_isects,
+        ),
+        radii=radii.numpy(),
+        threads=options.threads,
+        isa=options.isa,
     )
-    return frame, radii
+    return context, radii
 
 
-def _guard(settings: RasterSettings, call: Any, *arguments: Any) -> Any:
-    try:
-        return call(*arguments)
-    except kernels.TooManyPairs:
-        raise pair_bound_error(settings.max_pairs) from None
-    except kernels.Cancelled:
-        raise CancelledError("the rendering was cancelled") from None
+def _composite(
+    context: kernels.RenderContext, background: Tensor, rows: slice, width: int, settings: RasterSettings
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """image, alpha, depth and median depth of these rows."""
+    shape = (rows.stop - rows.start, width)
+    image = torch.empty(*shape, len(background))
+    alpha, depth, median = torch.empty(shape), torch.empty(shape), torch.empty(shape)
+    _call(context.forward, settings)(
+        background=background.numpy(),
+        image=image.numpy(),
+        alpha=alpha.numpy(),
+        depth=depth.numpy(),
+        median_depth=median.numpy(),
+        first_row=rows.start,
+    )
+    return image, alpha, depth, median
+
+
+def _call(kernel: Callable[P, T], settings: RasterSettings) -> Callable[P, T]:
+    """The kernel with its errors as those of the tree."""
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return kernel(*args, **kwargs)
+        except kernels.TooManyIsectsError:
+            raise isect_limit_error(settings.max_isects) from None
+        except kernels.CallCancelledError:
+            raise CancelledError("the rendering was cancelled") from None
+
+    return call
 
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, ...]:
-        *tensors, viewmat, camera, settings, info = inputs
-        parts = [tensor.detach() for tensor in tensors[:5]]
-        background = tensors[5].detach()
-        frame, radii = _prepare(parts, viewmat, camera, settings)
-        shape = (camera.height, camera.width)
-        image = torch.empty(*shape, parts[4].shape[1])
-        alpha, depth, median = torch.empty(shape), torch.empty(shape), torch.empty(shape)
-        arrays = [part.numpy() for part in (background, image, alpha, depth, median)]
-        _guard(settings, frame.forward, *arrays, thread_count(), instruction_set())
+        *tensors, viewmat, camera, settings, record = inputs
+        context, radii = _prepare([tensor.detach() for tensor in tensors[:5]], viewmat, camera, settings)
+        rows = slice(0, camera.height)
+        image, alpha, depth, median = _composite(context, tensors[5].detach(), rows, camera.width, settings)
         ctx.set_materialize_grads(False)
         ctx.mark_non_differentiable(median, radii)
         ctx.save_for_backward(*tensors, alpha)
-        ctx.frame, ctx.settings, ctx.pose_dtype = frame, settings, viewmat.dtype
-        info["frame"] = frame
+        ctx.context, ctx.settings, ctx.pose_dtype = context, settings, viewmat.dtype
+        record["context"] = context
         return image, alpha, depth, median, radii
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
         *tensors, alpha = ctx.saved_tensors
-        outputs = [None if grad is None else grad.contiguous().numpy() for grad in grads[:3]]
-        parts = [tensor.detach() for tensor in tensors[:5]]
-        gradients = [torch.empty_like(part) for part in parts]
+        grad_image, grad_alpha, grad_depth = (None if g is None else g.contiguous().numpy() for g in grads[:3])
+        means, quats, scales, opacities, features = (tensor.detach().numpy() for tensor in tensors[:5])
+        gradients = [torch.empty_like(tensor.detach()) for tensor in tensors[:5]]
+        d_means, d_quats, d_scales, d_opacities, d_features = (gradient.numpy() for gradient in gradients)
         pose = torch.empty(12, dtype=torch.float64) if ctx.needs_input_grad[6] else None
-        _guard(
-            ctx.settings,
-            ctx.frame.backward,
-            *(part.numpy() for part in parts),
-            tensors[5].detach().numpy(),
-            *outputs,
-            *(gradient.numpy() for gradient in gradients),
-            None if pose is None else pose.numpy(),
-            thread_count(),
-            instruction_set(),
+        context: kernels.RenderContext = ctx.context
+        _call(context.backward, ctx.settings)(
+            means=means,
+            quats=quats,
+            scales=scales,
+            opacities=opacities,
+            features=features,
+            background=tensors[5].detach().numpy(),
+            grad_image=grad_image,
+            grad_alpha=grad_alpha,
+            grad_depth=grad_depth,
+            d_means=d_means,
+            d_quats=d_quats,
+            d_scales=d_scales,
+            d_opacities=d_opacities,
+            d_features=d_features,
+            d_pose=None if pose is None else pose.numpy(),
         )
         back = None
         if ctx.needs_input_grad[5] and grads[0] is not None:
@@ -254,23 +262,38 @@ class _Rasterize(torch.autograd.Function):
         return (*gradients, back, d_viewmat, None, None, None)
 
 
-class _Harmonics(torch.autograd.Function):
+class _SphericalHarmonics(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        means, sh, camera, degree = inputs
+        means, sh, camera_position, degree = inputs
         rgb = torch.empty(len(means), 3)
-        arrays = [part.detach().numpy() for part in (means, sh, camera)]
-        kernels.harmonics(*arrays, degree, rgb.numpy(), thread_count(), instruction_set())
-        ctx.save_for_backward(means, sh, camera)
-        ctx.degree = degree
+        ctx.save_for_backward(means, sh, camera_position)
+        ctx.degree, ctx.options = degree, kernel_options()
+        kernels.spherical_harmonics(
+            means=means.detach().numpy(),
+            sh=sh.detach().numpy(),
+            camera_position=camera_position.numpy(),
+            degree=degree,
+            rgb=rgb.numpy(),
+            threads=ctx.options.threads,
+            isa=ctx.options.isa,
+        )
         return rgb
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        means, sh, camera = ctx.saved_tensors
+        means, sh, camera_position = ctx.saved_tensors
         d_means, d_sh = torch.empty_like(means), torch.empty_like(sh)
-        arrays = [part.detach().numpy() for part in (means, sh, camera)]
-        outputs = [part.numpy() for part in (grads[0].contiguous(), d_means, d_sh)]
-        kernels.harmonics_backward(*arrays, ctx.degree, *outputs, thread_count(), instruction_set())
+        kernels.spherical_harmonics_backward(
+            means=means.detach().numpy(),
+            sh=sh.detach().numpy(),
+            camera_position=camera_position.numpy(),
+            degree=ctx.degree,
+            grad=grads[0].contiguous().numpy(),
+            d_means=d_means.numpy(),
+            d_sh=d_sh.numpy(),
+            threads=ctx.options.threads,
+            isa=ctx.options.isa,
+        )
         return d_means, d_sh, None, None

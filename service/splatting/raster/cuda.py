@@ -1,14 +1,14 @@
 """gsplat 1.5.3 behind the same interface, for NVIDIA GPUs.
 
 What gsplat fixes at compile time and this adapter cannot change: alpha_min 1/255 and transmittance_min 1e-4 (other
-values are refused), an alpha clamp of 0.999 (`alpha_max` is not applied: nearly opaque Gaussians differ from the other
-backends by up to 0.9 %), a radius of at most 3.33 standard deviations, and float32 covariances, which lose needles. It
-does not report a median depth; that image is NaN here. `viewmat` is differentiable.
+values are refused), an alpha clamp of 0.999 (`alpha_max` is not applied), a radius of at most 3.33 standard deviations,
+and float32 covariances, which lose needles. It does not report a median depth, which is None here. `viewmat` is
+differentiable.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -17,7 +17,8 @@ from torch import Tensor
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.splatting.raster import classify
-from fastsplat.service.splatting.raster.reference import finite_rows, pair_bound_error
+from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
+from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 DEVICE = "cuda"
@@ -29,37 +30,17 @@ def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`; the tensors must be on one CUDA device."""
-    return rasterize_batch([splats], viewmat[None], [camera], background, settings)[0]
-
-
-def rasterize_batch(
-    views: Sequence[Splats],
-    viewmats: Tensor,
-    cameras: Sequence[Camera],
-    background: Tensor | None,
-    settings: RasterSettings,
-) -> tuple[Rendering, ...]:
-    """See `service.splatting.raster.rasterize_batch`; `views` differ in their features at most."""
-    kernels = gsplat_module()
-    for splats in views:
-        _check(splats, settings)
-    usable = [_usable(splats) for splats in views]
-    same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
-    if len(views) > 1 and not (same_size and all(torch.equal(rows, usable[0][0]) for rows, _ in usable)):
-        return tuple(
-            rasterize_batch([splats], viewmat[None], [camera], background, settings)[0]
-            for splats, viewmat, camera in zip(views, viewmats.unbind(), cameras, strict=True)
-        )
-    device, (rows, _), camera, first = views[0].means.device, usable[0], cameras[0], views[0]
-    count, channels = first.features.shape
+    gsplat = gsplat_module()
+    _check(splats, settings)
+    rows, non_finite = _usable(splats)
     if not len(rows):
-        return tuple(_empty(splats, camera, background, found[1]) for splats, found in zip(views, usable, strict=True))
-    own = any(splats.features is not first.features for splats in views)
-    pictures, alphas, meta = kernels.rasterization(
-        *(part[rows].float() for part in (first.means, first.quats, first.scales, first.opacities)),
-        torch.stack([splats.features[rows].float() for splats in views]) if own else first.features[rows].float(),
-        viewmats.to(device, torch.float32),
-        torch.stack([_intrinsics(camera, device) for camera in cameras]),
+        return _empty(splats, camera, background, non_finite)
+    device, (count, channels) = splats.means.device, splats.features.shape
+    pictures, alphas, meta = gsplat.rasterization(
+        *(part[rows].float() for part in (splats.means, splats.quats, splats.scales, splats.opacities)),
+        splats.features[rows].float(),
+        viewmat[None].to(device, torch.float32),
+        _intrinsics(camera, device)[None],
         camera.width,
         camera.height,
         near_plane=settings.near,
@@ -69,31 +50,28 @@ def rasterize_batch(
         render_mode="RGB+D",
         rasterize_mode="classic",
     )
-    if int(meta["flatten_ids"].numel()) > settings.max_pairs * len(views):
-        raise pair_bound_error(settings.max_pairs)
-    found = meta["radii"].detach()
-    found = (found.amax(dim=-1) if found.ndim == 3 else found).to(torch.int32)
-    radii = torch.zeros(len(views), count, dtype=torch.int32, device=device)
-    radii[:, rows] = found
-    alpha = alphas[..., 0]
-    image = pictures[..., :channels]
+    if int(meta["flatten_ids"].numel()) > settings.max_isects:
+        raise isect_limit_error(settings.max_isects)
+    sizes = meta["radii"].detach()[0]
+    radii = torch.zeros(count, dtype=torch.int32, device=device)
+    radii[rows] = (sizes.amax(dim=-1) if sizes.ndim == 2 else sizes).to(torch.int32)
+    alpha, image = alphas[0, ..., 0], pictures[0, ..., :channels]
     if background is not None:
         image = image + (1.0 - alpha)[..., None] * background.float()
-    return tuple(
-        Rendering(
-            image=image[index],
-            alpha=alpha[index],
-            depth=pictures[index, ..., channels],
-            median_depth=torch.full_like(alpha[index].detach(), float("nan")),
-            radii=radii[index],
-            culled_non_finite=usable[index][1],
-        )
-        for index in range(len(views))
-    )
+    return Rendering(image, alpha, pictures[0, ..., channels], None, radii, non_finite)
 
 
-def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
-    """See `service.splatting.raster.blend_sums`: the gradient of Σ image·value with respect to the features."""
+def rasterize_bands(
+    splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
+) -> Iterator[tuple[slice, Rendering]]:
+    """See `service.splatting.raster.rasterize_bands`: parts of one whole image, which gsplat cannot draw in bands."""
+    yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
+
+
+def accumulate_weights(
+    splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
+) -> Tensor:
+    """See `service.splatting.raster.accumulate_weights`: the gradient of Σ image·value by the features."""
     features = torch.zeros(len(splats.means), values.shape[2], device=splats.means.device, requires_grad=True)
     # A row that is not finite must not be drawn, though the features that say so are not.
     means = torch.where(finite_rows(splats)[:, None], splats.means.detach(), float("nan"))
@@ -119,10 +97,10 @@ def label_map(
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    """See `service.splatting.raster.label_sums`: `blend_sums` of a few labels at a time."""
+    """See `service.splatting.raster.label_sums`: `accumulate_weights` of a few labels at a time."""
     labels = labels.to(splats.means.device)
     return classify.label_sums(
-        labels, len(splats.means), lambda values: blend_sums(splats, viewmat, camera, values, settings)
+        labels, len(splats.means), lambda values: accumulate_weights(splats, viewmat, camera, values, settings)
     )
 
 
@@ -158,12 +136,12 @@ def _check(splats: Splats, settings: RasterSettings) -> None:
 
 def _usable(splats: Splats) -> tuple[Tensor, int]:
     """Rows that gsplat may see, and how many of the others are not finite."""
-    good = finite_rows(splats)
-    rows = torch.nonzero(good & (splats.quats.detach().abs().amax(dim=1) > 0))[:, 0]
-    return rows, int((~good).sum())
+    finite = finite_rows(splats)
+    rows = torch.nonzero(finite & (splats.quats.detach().abs().amax(dim=1) > 0))[:, 0]
+    return rows, int((~finite).sum())
 
 
-def _empty(splats: Splats, camera: Camera, background: Tensor | None, broken: int) -> Rendering:
+def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite: int) -> Rendering:
     """A view of nothing: gsplat's kernels do not start for 0 Gaussians."""
     count, channels = splats.features.shape
     # Sums over no rows, so that gradients are zeros and not missing.
@@ -174,9 +152,9 @@ def _empty(splats: Splats, camera: Camera, background: Tensor | None, broken: in
         image=image if background is None else image + background.float(),
         alpha=zero,
         depth=zero,
-        median_depth=torch.zeros_like(zero.detach()),
+        median_depth=None,
         radii=torch.zeros(count, dtype=torch.int32, device=zero.device),
-        culled_non_finite=broken,
+        culled_non_finite=non_finite,
     )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-# Constants of the real harmonics, e.g. 1/2 sqrt(1/pi); Sloan, "Efficient spherical harmonic evaluation", JCGT 2013.
-_C0 = 0.28209479177387814
+from fastsplat.service.scene.types import SH_C0
+
+# Constants of the real harmonics above SH_C0; Sloan, "Efficient spherical harmonic evaluation", JCGT 2013.
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)
 _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277)
@@ -15,7 +16,7 @@ _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.373176332590
 def basis(directions: Tensor, degree: int) -> Tensor:
     """Y_k of unit `directions` [G, 3] for k < (degree + 1)²: [G, K]."""
     x, y, z = directions.unbind(dim=1)
-    columns = [torch.full_like(x, _C0)]
+    columns = [torch.full_like(x, SH_C0)]
     if degree >= 1:
         columns += [-_C1 * y, _C1 * z, -_C1 * x]
     if degree >= 2:

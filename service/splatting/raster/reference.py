@@ -1,4 +1,5 @@
-"""The oracle: plain torch in float64, autograd, one dense Gaussian × pixel matrix. Slow and readable on purpose.
+"""The oracle: plain torch in float64, autograd, one dense Gaussian × pixel matrix. Slow and readable on purpose; only
+tests and measurements use it.
 
 Sources: EWA splatting (Zwicker et al. 2001), 3D Gaussian splatting (Kerbl et al. 2023, section 4), and the derivation
 of its pieces in "Mathematical supplement for the gsplat library" (Ye & Kanazawa 2023).
@@ -6,14 +7,16 @@ of its pieces in "Mathematical supplement for the gsplat library" (Ye & Kanazawa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.splatting.raster import classify
+from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
+from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 _CHUNK = 4_000_000
@@ -62,8 +65,17 @@ def rasterize(
     )
 
 
-def blend_sums(splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings) -> Tensor:
-    """See `service.splatting.raster.blend_sums`."""
+def rasterize_bands(
+    splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
+) -> Iterator[tuple[slice, Rendering]]:
+    """See `service.splatting.raster.rasterize_bands`: parts of one whole image."""
+    yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
+
+
+def accumulate_weights(
+    splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
+) -> Tensor:
+    """See `service.splatting.raster.accumulate_weights`."""
     with torch.no_grad():
         projected, _ = _project(splats, viewmat, camera, settings, finite_rows(splats))
         flat = values.reshape(-1, values.shape[-1]).double()
@@ -90,11 +102,11 @@ def label_map(
 ) -> LabelMap:
     """See `service.splatting.raster.label_map`."""
     parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
-    seen = rasterize(Splats(*(part.double() for part in parts)), viewmat, camera, None, settings)
-    found = classify.label_map(seen, weight, bias, alpha_min, relevancy)
+    rendering = rasterize(Splats(*(part.double() for part in parts)), viewmat, camera, None, settings)
+    labels = classify.label_map(rendering, weight, bias, alpha_min, relevancy)
     dtype = splats.means.dtype
-    expected = None if found.relevancy is None else found.relevancy.to(dtype)
-    return LabelMap(found.classes, found.alpha.to(dtype), expected, found.image.to(dtype), found.culled_non_finite)
+    expected = None if labels.relevancy is None else labels.relevancy.to(dtype)
+    return replace(labels, alpha=labels.alpha.to(dtype), relevancy=expected, image=labels.image.to(dtype))
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
@@ -102,14 +114,8 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
     parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
     exact = Splats(*(part.double() for part in parts))
     return classify.label_sums(
-        labels, len(splats.means), lambda values: blend_sums(exact, viewmat, camera, values, settings)
+        labels, len(splats.means), lambda values: accumulate_weights(exact, viewmat, camera, values, settings)
     )
-
-
-def finite_rows(splats: Splats) -> Tensor:
-    """bool [G]: no input of the row is NaN or infinite."""
-    parts = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.features)
-    return torch.stack([torch.isfinite(part.detach()).all(dim=1) for part in parts]).all(dim=0)
 
 
 def _project(
@@ -134,7 +140,7 @@ def _project(
     with torch.no_grad():
         reach = 2.0 * torch.log(opacities / settings.alpha_min)
         radii, visible = _footprints(a, b, c, det, centers, reach, camera)
-        _check_pairs(a, c, centers, reach, visible, camera, settings)
+        _check_isects(a, c, centers, reach, visible, camera, settings)
         depths = points[:, 2].detach()
         order = torch.argsort(depths.float(), stable=True)
         order = order[visible[order]]
@@ -183,7 +189,7 @@ def _determinant(factor: Tensor, eps2d: float) -> Tensor:
 def _footprints(
     a: Tensor, b: Tensor, c: Tensor, det: Tensor, centers: Tensor, reach: Tensor, camera: Camera
 ) -> tuple[Tensor, Tensor]:
-    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel centre."""
+    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel center."""
     largest = 0.5 * (a + c) + (0.25 * (a - c) ** 2 + b * b).sqrt()
     radii = (reach * largest).sqrt().clamp(max=_MAX_RADIUS).ceil().clamp(min=1.0)
     visible = torch.isfinite(radii) & torch.isfinite(centers).all(dim=1) & (det > 0) & torch.isfinite(det)
@@ -195,34 +201,24 @@ def _footprints(
     return torch.where(visible, radii, 0.0).to(torch.int32), visible
 
 
-def _check_pairs(
+def _check_isects(
     a: Tensor, c: Tensor, centers: Tensor, reach: Tensor, visible: Tensor, camera: Camera, settings: RasterSettings
 ) -> None:
     """The bound counts tiles of 16×16 pixels that a bounding box touches."""
-    pairs = torch.ones_like(a)
+    isects = torch.ones_like(a)
     for axis, (variance, size) in enumerate(((a, camera.width), (c, camera.height))):
         half = (reach * variance).sqrt()
         tiles = (size + _TILE - 1) // _TILE
         first = ((centers[:, axis] - half) / _TILE).floor().clamp(0, tiles - 1)
         last = ((centers[:, axis] + half) / _TILE).floor().clamp(0, tiles - 1)
-        pairs = pairs * (last - first + 1)
-    total = int(pairs[visible].sum())
-    if total > settings.max_pairs:
-        raise pair_bound_error(settings.max_pairs)
-
-
-def pair_bound_error(max_pairs: int) -> ResourceError:
-    """What every backend raises when a view needs more Gaussian-tile pairs than its settings allow."""
-    return ResourceError(
-        f"this view needs more than {max_pairs} Gaussian-tile pairs (max_pairs)",
-        field="max_pairs",
-        limit=f"{max_pairs} pairs (max_pairs)",
-        hint="Render a smaller image, remove oversized Gaussians, or raise max_pairs (about 100 bytes a pair).",
-    )
+        isects = isects * (last - first + 1)
+    total = int(isects[visible].sum())
+    if total > settings.max_isects:
+        raise isect_limit_error(settings.max_isects)
 
 
 def _pixel_chunks(camera: Camera, gaussians: int) -> list[Tensor]:
-    """Pixel centres, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
+    """Pixel centers, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
     y, x = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centers = torch.stack((x, y), dim=-1).reshape(-1, 2).double() + 0.5
     return list(torch.split(centers, max(1, _CHUNK // max(1, gaussians))))
@@ -233,11 +229,11 @@ def _weights(projected: _Projected, pixels: Tensor, settings: RasterSettings) ->
     offsets = pixels[:, None, :] - projected.centers[None]
     white = torch.einsum("vij,pvj->pvi", projected.whiten, offsets)
     alpha = projected.opacities * torch.exp(-0.5 * (white * white).sum(dim=-1))
-    kept = torch.where(alpha < settings.alpha_min, 0.0, alpha.clamp(max=settings.alpha_max))
+    drawn = torch.where(alpha < settings.alpha_min, 0.0, alpha.clamp(max=settings.alpha_max))
     one = torch.ones(len(pixels), 1, dtype=torch.float64)
-    running = torch.cat((one, torch.cumprod(1.0 - kept, dim=1)), dim=1)
+    running = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
     # Transmittance never rises, so everything behind the Gaussian that would cross the limit is out as well.
     going = running[:, 1:] > settings.transmittance_min
-    kept = torch.where(going, kept, 0.0)
-    transmittance = torch.cat((one, torch.cumprod(1.0 - kept, dim=1)), dim=1)
-    return kept * transmittance[:, :-1], transmittance, transmittance[:, :-1]
+    drawn = torch.where(going, drawn, 0.0)
+    transmittance = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
+    return drawn * transmittance[:, :-1], transmittance, transmittance[:, :-1]

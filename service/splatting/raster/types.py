@@ -23,13 +23,15 @@ class RasterSettings:
     """Cut-offs, the same for every backend, forward and backward.
 
     Attributes:
-        alpha_min: contributions below this are dropped.
-        alpha_max: alpha is clamped to this; no gradient flows through a clamped alpha.
+        alpha_min: contributions below this are dropped. `cuda` has 1/255 and refuses other values.
+        alpha_max: alpha is clamped to this; no gradient flows through a clamped alpha. `cuda` ignores it and clamps to
+            0.999, which changes nearly opaque Gaussians by up to 0.9 %.
         transmittance_min: a pixel is finished before the Gaussian that would take its transmittance to or below this.
+            `cuda` has 1e-4 and refuses other values.
         near: Gaussians with camera z at or below this are culled, scene units.
         far: Gaussians with camera z at or above this are culled, scene units.
         eps2d: added to the diagonal of the 2D covariance, pixels².
-        max_pairs: bound on Gaussian-tile pairs of a call; crossing it raises `ResourceError` naming it.
+        max_isects: bound on Gaussian-tile intersections of a call; crossing it raises `ResourceError` naming it.
     """
 
     alpha_min: float = 1.0 / 255.0
@@ -38,7 +40,7 @@ class RasterSettings:
     near: float = 0.01
     far: float = 1e10
     eps2d: float = 0.3
-    max_pairs: int = 50_000_000
+    max_isects: int = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Splats:
 
     Attributes:
         means: [G, 3], scene units.
-        quats: [G, 4], w x y z, normalised by the rasterizer; a quaternion of length zero or non-finite is culled.
+        quats: [G, 4], w x y z, normalized by the rasterizer; a quaternion of length zero or non-finite is culled.
         scales: [G, 3], standard deviations, scene units.
         opacities: [G], 0..1.
         features: [G, C], whatever is to be composited (RGB, codes, ...).
@@ -67,8 +69,9 @@ class Rendering:
     Attributes:
         image: [H, W, C] = Σ w·feature + (1 − alpha)·background, w = alpha_i·T_i.
         alpha: [H, W] = Σ w.
-        depth: [H, W] = Σ w·z, the accumulated (not normalised) camera z; divide by alpha for the expected depth.
-        median_depth: [H, W], camera z of the Gaussian where transmittance first falls to 0.5 or below, else 0.
+        depth: [H, W] = Σ w·z, the accumulated (not normalized) camera z; divide by alpha for the expected depth.
+        median_depth: [H, W], camera z of the Gaussian where transmittance first falls to 0.5 or below, else 0; None
+            where the backend cannot tell, which is `cuda`.
         radii: int32 [G], radius in pixels of each Gaussian's visible footprint, 0 for culled ones.
         culled_non_finite: how many Gaussians were dropped because one of their inputs was NaN or infinite.
     """
@@ -76,7 +79,7 @@ class Rendering:
     image: Tensor
     alpha: Tensor
     depth: Tensor
-    median_depth: Tensor
+    median_depth: Tensor | None
     radii: Tensor
     culled_non_finite: int
 

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 import torch
 from torch import Tensor
 
 from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
-from fastsplat.service.splatting.raster.cpu import instruction_sets
-
-
-@pytest.fixture(params=instruction_sets())
-def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
+from fastsplat.service.splatting.losses import chunked, functional, image_loss, semantic_loss, torch_losses
+from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 
 
 @pytest.fixture(params=(*instruction_sets(), "chunked"))
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """Every implementation of the semantic loss in float32; `chunked` is what a GPU runs."""
     if request.param == "chunked":
-        monkeypatch.setattr(api, "_fused", lambda *_: False)
+        monkeypatch.setattr(functional, "_fused", lambda *_: False)
         monkeypatch.setattr(chunked, "_LOGITS", 50_000)
+        yield request.param
     else:
-        monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
+        with running_with(isa=request.param):
+            yield request.param
 
 
 def relative(value: Tensor, truth: Tensor) -> float:
@@ -39,32 +36,39 @@ def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Te
     return image, target, torch.rand(height, width, generator=g) > 0.3
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (37, 61), (64, 48)])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (11, 17), (37, 61), (64, 48)])
 @pytest.mark.parametrize("weight", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("masked", [False, True])
 def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: float, masked: bool) -> None:
     image, target, valid = pictures(height, width)
     mask = valid if masked else None
     ours = image.clone().requires_grad_()
-    loss = image_loss(ours, ImageTarget(target, mask), weight)
+    loss = image_loss(ours, target, weight, mask)
     (3.0 * loss).backward()
     truth = image.double().requires_grad_()
-    wanted = reference.image_loss(truth, target.double(), weight, mask)
+    wanted = torch_losses.image_loss(truth, target.double(), weight, mask)
     (3.0 * wanted).backward()
     assert ours.grad is not None and truth.grad is not None
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=2e-5, abs=1e-7)
     assert float((ours.grad - truth.grad).norm()) <= 3e-5 * float(truth.grad.norm()) + 1e-9
 
 
-def test_a_plain_target_and_a_prepared_one_agree() -> None:
+def test_pictures_that_do_not_fit_are_refused() -> None:
     image, target, valid = pictures(20, 30)
-    prepared = ImageTarget(target, valid)
-    assert torch.equal(image_loss(image, target, 0.2, valid), image_loss(image, prepared, 0.2))
-    assert prepared.moments[0] is prepared.moments[0]
-    with pytest.raises(InvalidInputError):
-        image_loss(image, prepared, 0.2, valid)
-    with pytest.raises(InvalidInputError):
-        image_loss(image, target[:5], 0.2)
+    for bad in (
+        (image, target[:5], 0.2, None),
+        (image, target, 0.2, valid[:5]),
+        (image[..., :2], target[..., :2], 0.2),
+    ):
+        with pytest.raises(InvalidInputError):
+            image_loss(*bad)
+
+
+def test_layouts_other_than_the_kernels_are_copied_not_misread() -> None:
+    image, target, valid = pictures(20, 30)
+    flipped = image.flip(1).contiguous().flip(1)
+    columns = target.permute(1, 0, 2).contiguous().permute(1, 0, 2)
+    assert torch.equal(image_loss(flipped, columns, 0.2, valid), image_loss(image, target, 0.2, valid))
 
 
 def test_equal_images_have_no_loss_and_no_valid_pixel_means_zero(isa: str) -> None:
@@ -93,7 +97,7 @@ def test_semantic_loss_and_gradients(way: str, classes: int, size: int) -> None:
     loss = semantic_loss(*ours, *case[3:])
     (2.0 * loss).backward()
     truth = [part.double().requires_grad_() for part in case[:3]]
-    wanted = reference.semantic_loss(*truth, case[3], case[4].double())
+    wanted = torch_losses.semantic_loss(*truth, case[3], case[4].double())
     (2.0 * wanted).backward()
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=1e-5, abs=1e-9)
     for mine, theirs in zip(ours, truth, strict=True):
@@ -131,7 +135,7 @@ def test_huge_logits_stay_finite(way: str, size: float) -> None:
     loss.backward()
     assert bool(torch.isfinite(loss.detach()))
     assert all(part.grad is not None and bool(torch.isfinite(part.grad).all()) for part in inputs)
-    plain = reference.semantic_loss(*inputs, labels, weights)
+    plain = torch_losses.semantic_loss(*inputs, labels, weights)
     assert float(loss.detach()) == pytest.approx(float(plain.detach()), rel=1e-4)
 
 
@@ -148,8 +152,8 @@ def test_labels_outside_the_classes_are_refused() -> None:
         semantic_loss(codes, weight, bias[:3], labels, weights)
 
 
-@pytest.mark.parametrize("threads", ["2", "3", "7"])
-def test_bits_do_not_depend_on_threads(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("threads", [2, 3, 7])
+def test_bits_do_not_depend_on_threads(threads: int) -> None:
     image, target, _ = pictures(130, 90)
     codes, weight, bias, labels, weights = semantic_case(12, 6, 130, 90)
 
@@ -161,8 +165,9 @@ def test_bits_do_not_depend_on_threads(threads: str, monkeypatch: pytest.MonkeyP
         grads = [part.grad for part in parts if part.grad is not None]
         return [first.detach(), second.detach(), *grads]
 
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", "1")
-    alone = everything()
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", threads)
-    for mine, theirs in zip(everything(), alone, strict=True):
+    with running_with(threads=1):
+        alone = everything()
+    with running_with(threads=threads):
+        together = everything()
+    for mine, theirs in zip(together, alone, strict=True):
         assert torch.equal(mine, theirs)

@@ -14,12 +14,12 @@ from fastsplat.service.splatting.raster import (
     LabelSums,
     RasterSettings,
     Splats,
-    blend_sums,
+    accumulate_weights,
     label_map,
     label_sums,
     rasterize,
 )
-from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.types import Backend
 
 
@@ -28,12 +28,6 @@ def backend(request: pytest.FixtureRequest) -> Backend:
     if request.param == "cuda":
         request.getfixturevalue("gsplat_on_cpu")
     return request.param
-
-
-@pytest.fixture(params=instruction_sets())
-def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
 
 
 def head(classes: int, size: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -181,15 +175,15 @@ def test_heads_that_do_not_fit_are_refused(broken: str) -> None:
         mapped(view, weight, bias, relevancy=relevancy)
 
 
-@pytest.mark.parametrize("threads", ["2", "3", "5"])
-def test_bits_do_not_depend_on_threads(isa: str, threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_bits_do_not_depend_on_threads(isa: str, threads: int) -> None:
     view = crowded(9, count=9000, channels=8, width=150, height=90)
     weight, bias = head(18, 8)
     labels = patches(view, 18)
     results = []
-    for number in ("1", threads):
-        monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", number)
-        seen, sums = mapped(view, weight, bias, relevancy=bias.sigmoid()), summed(view, labels, 18)
+    for number in (1, threads):
+        with running_with(threads=number):
+            seen, sums = mapped(view, weight, bias, relevancy=bias.sigmoid()), summed(view, labels, 18)
         results.append((seen.classes, seen.alpha, seen.relevancy, sums.starts, sums.labels, sums.sums))
     for one, other in zip(*results, strict=True):
         assert one is not None and other is not None and torch.equal(one, other)
@@ -197,11 +191,11 @@ def test_bits_do_not_depend_on_threads(isa: str, threads: str, monkeypatch: pyte
 
 @pytest.mark.parametrize("side", [1, 5])
 @pytest.mark.parametrize("classes", [1, 3, 18, 500])
-def test_label_sums_are_blend_sums_of_one_hot_labels(isa: str, classes: int, side: int) -> None:
+def test_label_sums_are_accumulated_weights_of_one_hot_labels(isa: str, classes: int, side: int) -> None:
     view = crowded(10)
     labels = patches(view, classes, side=side)
     one_hot = torch.nn.functional.one_hot(labels, classes).float()
-    truth = blend_sums(view.splats, view.viewmat, view.camera, one_hot.double(), backend="reference")
+    truth = accumulate_weights(view.splats, view.viewmat, view.camera, one_hot.double(), backend="reference")
     ours = summed(view, labels, classes)
     assert relative(ours.dense(classes), truth) < 1e-5
     assert torch.equal(ours.starts, ours.starts.sort().values) and int(ours.starts[-1]) == len(ours.labels)
@@ -229,7 +223,7 @@ def test_large_images_off_the_tile_grid(isa: str, seed: int) -> None:
     view = crowded(seed, count=1500, width=131, height=77)
     labels = patches(view, 40, side=11)
     one_hot = torch.nn.functional.one_hot(labels, 40).float()
-    wanted = blend_sums(view.splats, view.viewmat, view.camera, one_hot)
+    wanted = accumulate_weights(view.splats, view.viewmat, view.camera, one_hot)
     assert relative(summed(view, labels, 40).dense(40), wanted) < 1e-5
 
 
@@ -237,7 +231,9 @@ def test_thousands_of_labels_take_no_more_memory_than_there_are_entries(isa: str
     view = crowded(12, count=200, width=90, height=60)
     labels = torch.arange(90 * 60).reshape(60, 90)
     sums = summed(view, labels, 60_000)
-    weights = blend_sums(view.splats, view.viewmat, view.camera, torch.ones(60, 90, 1), backend="reference")[:, 0]
+    weights = accumulate_weights(view.splats, view.viewmat, view.camera, torch.ones(60, 90, 1), backend="reference")[
+        :, 0
+    ]
     totals = torch.zeros(200, dtype=torch.float64)
     totals.index_add_(0, torch.repeat_interleave(torch.arange(200), sums.starts.diff()), sums.sums)
     assert relative(totals, weights) < 1e-5
@@ -250,10 +246,10 @@ def test_labels_that_do_not_fit_are_refused(backend: Backend) -> None:
             summed(view, labels, 4, backend)
 
 
-def test_entries_are_bounded_like_pairs(isa: str) -> None:
-    view = replace(crowded(13, count=400), settings=RasterSettings(max_pairs=3000))
+def test_entries_are_bounded_like_intersections(isa: str) -> None:
+    view = replace(crowded(13, count=400), settings=RasterSettings(max_isects=3000))
     assert isinstance(rasterize(view.splats, view.viewmat, view.camera, settings=view.settings).alpha, torch.Tensor)
-    with pytest.raises(ResourceError, match="max_pairs"):
+    with pytest.raises(ResourceError, match="max_isects"):
         summed(view, torch.arange(29 * 37).reshape(29, 37), 29 * 37)
 
 

@@ -7,14 +7,8 @@ import torch
 from raster_scenes import NAMES, crowded, relative, render, render_with_gradients
 
 from fastsplat.service.common.camera import Camera
-from fastsplat.service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
-from fastsplat.service.splatting.raster.cpu import instruction_sets
-
-
-@pytest.fixture(params=instruction_sets())
-def isa(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return str(request.param)
+from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
+from fastsplat.service.splatting.raster.kernels import running_with
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -98,14 +92,14 @@ def test_a_large_scene_stays_within_quantiles(isa: str) -> None:
 
 
 @pytest.mark.parametrize("width", [3, 20])
-def test_blend_sums_are_weights_times_values(isa: str, width: int) -> None:
+def test_accumulated_weights_are_weights_times_values(isa: str, width: int) -> None:
     view = crowded(2)
     values = torch.randn(29, 37, width, generator=torch.Generator().manual_seed(0))
-    truth = blend_sums(view.splats, view.viewmat, view.camera, values, backend="reference")
-    ours = blend_sums(view.splats, view.viewmat, view.camera, values, backend="cpu")
+    truth = accumulate_weights(view.splats, view.viewmat, view.camera, values, backend="reference")
+    ours = accumulate_weights(view.splats, view.viewmat, view.camera, values, backend="cpu")
     assert relative(ours, truth) < 1e-5
     ones = torch.ones(29, 37, 1)
-    weights = blend_sums(view.splats, view.viewmat, view.camera, ones)
+    weights = accumulate_weights(view.splats, view.viewmat, view.camera, ones)
     assert float(weights.sum()) == pytest.approx(float(render(view, "cpu").alpha.sum()), rel=1e-5)
 
 
@@ -122,15 +116,15 @@ def test_missing_gradients_count_as_zero(isa: str) -> None:
     assert relative(only_depth, wanted["means"]) < 1e-5
 
 
-@pytest.mark.parametrize("threads", ["1", "2", "3", "5"])
-def test_bits_do_not_depend_on_threads(isa: str, threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("threads", [1, 2, 3, 5])
+def test_bits_do_not_depend_on_threads(isa: str, threads: int) -> None:
     view = crowded(7, count=9000, width=90, height=70)
     view.viewmat.requires_grad_()
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", "1")
-    first, wanted = render_with_gradients(view, "cpu", torch.float32)
+    with running_with(threads=1):
+        first, wanted = render_with_gradients(view, "cpu", torch.float32)
     pose, view.viewmat.grad = view.viewmat.grad, None
-    monkeypatch.setenv("FASTSPLAT_RASTER_THREADS", threads)
-    second, gradients = render_with_gradients(view, "cpu", torch.float32)
+    with running_with(threads=threads):
+        second, gradients = render_with_gradients(view, "cpu", torch.float32)
     assert pose is not None and view.viewmat.grad is not None and torch.equal(pose, view.viewmat.grad)
     for name in ("image", "alpha", "depth", "median_depth", "radii"):
         assert torch.equal(getattr(first, name), getattr(second, name)), name

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from raster_scenes import NAMES, View, crowded, relative, render
+from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 
 from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
-from fastsplat.service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
+from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
 
 needs_gpu = pytest.mark.skipif(
     not torch.cuda.is_available() or importlib.util.find_spec("gsplat") is None, reason="no NVIDIA GPU"
@@ -29,7 +29,7 @@ def test_without_a_gpu_the_error_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(ModelUnavailableError, match="GPU"):
         render(view, "cuda")
     with pytest.raises(ModelUnavailableError, match="GPU"):
-        blend_sums(view.splats, view.viewmat, view.camera, torch.ones(29, 37, 1), backend="cuda")
+        accumulate_weights(view.splats, view.viewmat, view.camera, torch.ones(29, 37, 1), backend="cuda")
 
 
 @needs_gpu
@@ -49,8 +49,8 @@ def test_parity_with_cpu() -> None:
         assert relative(theirs, ours) < 1e-3
     on_gpu = Splats(**{name: getattr(view.splats, name).cuda() for name in NAMES})
     values = torch.rand(29, 37, 3)
-    sums = blend_sums(on_gpu, view.viewmat, view.camera, values.cuda(), backend="cuda").cpu()
-    assert relative(sums, blend_sums(view.splats, view.viewmat, view.camera, values)) < 1e-3
+    sums = accumulate_weights(on_gpu, view.viewmat, view.camera, values.cuda(), backend="cuda").cpu()
+    assert relative(sums, accumulate_weights(view.splats, view.viewmat, view.camera, values)) < 1e-3
 
 
 @needs_gpu
@@ -59,3 +59,37 @@ def test_cut_offs_that_gsplat_fixes_are_refused() -> None:
     splats = Splats(**{name: getattr(view.splats, name).cuda() for name in NAMES})
     with pytest.raises(InvalidInputError):
         rasterize(splats, view.viewmat, view.camera, settings=replace(RasterSettings(), alpha_min=0.1), backend="cuda")
+
+
+def test_the_adapter_hands_on_image_depth_and_gradients(gsplat_on_cpu: object) -> None:
+    view = moderate()
+    ours, gradients = render_with_gradients(view, "cuda", torch.float32)
+    truth, expected = render_with_gradients(view, "reference", torch.float64)
+    for name in ("image", "alpha", "depth"):
+        assert relative(getattr(ours, name), getattr(truth, name)) < 1e-5, name
+    assert torch.equal(ours.radii, truth.radii)
+    for name, gradient in gradients.items():
+        assert relative(gradient, expected[name]) < 1e-4, name
+
+
+def test_what_gsplat_does_not_report_is_none_and_no_nan(gsplat_on_cpu: object) -> None:
+    for view in (moderate(), crowded(0, count=0)):
+        rendering = render(view, "cuda")
+        assert rendering.median_depth is None
+        assert all(bool(torch.isfinite(getattr(rendering, name)).all()) for name in ("image", "alpha", "depth"))
+
+
+def test_broken_rows_are_left_out_before_gsplat_sees_them(gsplat_on_cpu: object) -> None:
+    view = moderate()
+    features, means = view.splats.features.clone(), view.splats.means.clone()
+    features[7, 2], means[20, 0] = float("nan"), float("inf")
+    rendering = render(view.with_splats(features=features, means=means), "cuda")
+    assert rendering.culled_non_finite == 2 and bool(torch.isfinite(rendering.image).all())
+    assert int(rendering.radii[7]) == 0 and int(rendering.radii[20]) == 0
+
+
+def test_no_gaussians_leave_the_background_and_gradients_of_zero(gsplat_on_cpu: object) -> None:
+    view = crowded(2, count=0)
+    rendering, gradients = render_with_gradients(view, "cuda", torch.float32)
+    assert torch.equal(rendering.image, view.background.expand_as(rendering.image))
+    assert float(rendering.alpha.abs().sum()) == 0.0 and gradients["means"].shape == (0, 3)

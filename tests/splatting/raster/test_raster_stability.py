@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -11,20 +12,21 @@ from torch import Tensor
 
 from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.errors import InvalidInputError, ResourceError
-from fastsplat.service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
-from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
+from fastsplat.service.splatting.raster.kernels import instruction_sets, options_from, running_with
 from fastsplat.service.splatting.raster.types import Backend
 
 INF, NAN = float("inf"), float("nan")
 
 
 @pytest.fixture(params=["reference", *instruction_sets()])
-def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Backend:
+def backend(request: pytest.FixtureRequest) -> Iterator[Backend]:
     """`reference`, or `cpu` with each instruction set of this machine."""
     if request.param == "reference":
-        return "reference"
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", request.param)
-    return "cpu"
+        yield "reference"
+        return
+    with running_with(isa=request.param):
+        yield "cpu"
 
 
 def lone(**changes: object) -> View:
@@ -188,7 +190,9 @@ def test_nothing_to_draw(backend: Backend) -> None:
     rendering, gradients = render_with_gradients(behind, backend, torch.float32)
     assert torch.equal(rendering.image, view.background.expand(29, 37, 6))
     assert all(float(gradients[name].abs().max()) == 0.0 for name in NAMES)
-    assert blend_sums(empty.splats, view.viewmat, view.camera, torch.ones(29, 37, 2), backend=backend).shape == (0, 2)
+    assert accumulate_weights(
+        empty.splats, view.viewmat, view.camera, torch.ones(29, 37, 2), backend=backend
+    ).shape == (0, 2)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 40), (16, 16), (17, 15), (33, 1)])
@@ -262,11 +266,11 @@ def test_half_precision_storage_at_its_limits(backend: Backend) -> None:
     assert float(truth.alpha.max()) > 0.4
 
 
-def test_the_pair_bound_is_named(backend: Backend) -> None:
+def test_the_bound_on_intersections_is_named(backend: Backend) -> None:
     view = crowded(0)
     with pytest.raises(ResourceError) as caught:
-        rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(max_pairs=20), backend=backend)
-    assert caught.value.field == "max_pairs" and "max_pairs" in caught.value.limit
+        rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(max_isects=20), backend=backend)
+    assert caught.value.field == "max_isects" and "max_isects" in caught.value.limit
 
 
 def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend: Backend) -> None:
@@ -278,7 +282,7 @@ def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend:
     splats = replace(splats, scales=torch.full((count, 3), 1e6))
     camera = Camera(4000, 3000, 4000.0, 4000.0, 2000.0, 1500.0)
     with pytest.raises(ResourceError):
-        rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_pairs=100_000), backend=backend)
+        rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_isects=100_000), backend=backend)
 
 
 def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
@@ -295,13 +299,24 @@ def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
     with pytest.raises(InvalidInputError):
         rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(alpha_min=0.0), backend=backend)
     with pytest.raises(InvalidInputError):
-        blend_sums(view.splats, view.viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
+        accumulate_weights(view.splats, view.viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
 
 
-def test_the_instruction_set_can_be_forced_and_a_missing_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_and_instruction_set_come_from_the_environment_and_bad_ones_are_refused() -> None:
+    options = options_from({"FASTSPLAT_RASTER_ISA": "baseline", "FASTSPLAT_RASTER_THREADS": "3"})
+    assert (options.isa, options.threads) == ("baseline", 3)
+    default = options_from({"FASTSPLAT_RASTER_ISA": ""})
+    assert default.isa == instruction_sets()[0] and 1 <= default.threads <= 64
+    bad = ("altivec", "FASTSPLAT_RASTER_ISA"), *((n, "FASTSPLAT_RASTER_THREADS") for n in ("0", "257", "-1", "two"))
+    for value, name in bad:
+        with pytest.raises(InvalidInputError) as caught:
+            options_from({name: value})
+        assert caught.value.field == name
+
+
+def test_an_instruction_set_can_be_asked_for_and_a_missing_one_is_refused() -> None:
     view = crowded(0)
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", "altivec")
-    with pytest.raises(InvalidInputError):
+    with pytest.raises(InvalidInputError), running_with(isa="altivec"):
         render(view, "cpu")
-    monkeypatch.setenv("FASTSPLAT_RASTER_ISA", "baseline")
-    assert bool(torch.isfinite(render(view, "cpu").image).all())
+    with running_with(isa="baseline"):
+        assert bool(torch.isfinite(render(view, "cpu").image).all())

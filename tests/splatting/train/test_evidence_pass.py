@@ -16,12 +16,12 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import merged, posterior, seen_pixels, without
-from fastsplat.service.splatting.evidence import view_evidence, views_evidence
-from fastsplat.service.splatting.raster import Splats, blend_sums
+from fastsplat.service.splatting.raster import Splats, accumulate_weights
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.training_views import drop_empty_label_maps, load_views, split_views
 from fastsplat.service.splatting.types import TrainedSplats
-from fastsplat.service.splatting.views import load_views, speaking, split_views
+from fastsplat.service.splatting.view_evidence import view_evidence, views_evidence
 
 CLASSES = 4
 World = tuple[Capture, Labelling]
@@ -83,7 +83,7 @@ def test_evidence_is_the_blend_weight_over_the_pixels_of_a_label(trained: Traine
     splats = Splats(parts[0], parts[1], parts[2].exp(), parts[3].sigmoid(), torch.zeros(len(g), 0))
     one_hot = np.eye(CLASSES, dtype=np.float32)[labels] * valid[..., None] * np.array([0.25, 1, 1, 1], np.float32)
     viewmat = torch.from_numpy(view.camera_from_world().astype(np.float32))
-    expected = blend_sums(splats, viewmat, view.camera, torch.from_numpy(one_hot), backend="reference").numpy()
+    expected = accumulate_weights(splats, viewmat, view.camera, torch.from_numpy(one_hot), backend="reference").numpy()
     table = np.zeros_like(expected)
     table[np.repeat(np.arange(len(g)), np.diff(found.starts)), found.labels] = found.counts / 4096
     np.testing.assert_allclose(table, expected, atol=2e-2)
@@ -135,7 +135,7 @@ def test_one_label_and_ten_thousand_can_be_trained(
 def test_a_view_nobody_looked_at_says_nothing(world: World) -> None:
     capture, labelling = world
     maps = (labelling.label_maps[0] * 0, *labelling.label_maps[1:])
-    views = speaking(load_views(capture, Labelling(labelling.dictionary, maps), (0, 1), 640, (0.5, 1.0)))
+    views = drop_empty_label_maps(load_views(capture, Labelling(labelling.dictionary, maps), (0, 1), 640, (0.5, 1.0)))
     assert [[frame.labels is None for frame in view.frames] for view in views] == [[True, True], [False, False]]
 
 

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import CancelledError, ConflictError, InvalidInputError
+from fastsplat.service.common.errors import CancelledError, InvalidInputError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.evaluation import evaluate_views
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.settings import LearningRates
+from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats, TrainingDivergedError
 
@@ -75,39 +78,17 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(world, quic
     assert not _same(first, other)
 
 
-def test_a_cancelled_run_resumes_to_the_bit(world, quick, tmp_path: Path) -> None:
-    settings = quick(iterations=30, densify_events=15, checkpoint_every_s=0, background="random", evaluations=30)
-    whole = train(*world, settings, silent)
+def test_another_strategy_takes_the_place_of_relocation(world, quick) -> None:
+    steps: list[Step] = []
 
-    def stop_half_way(event: ProgressEvent) -> None:
-        if event.metrics.get("iteration", 0) >= 17:
-            raise CancelledError("stop")
+    class Fixed:
+        def step_post_backward(self, state: SplatState, step: Step) -> None:
+            assert state.iteration == len(steps) + 1 and len(step.radii) == state.count == 150
+            steps.append(step)
 
-    with pytest.raises(CancelledError):
-        train(*world, settings, stop_half_way, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["training.safetensors"]
-    iterations: list[float] = []
-    resumed = train(*world, settings, lambda event: iterations.append(event.metrics.get("iteration", 17)), tmp_path)
-    assert min(iterations) >= 15
-    assert _same(whole, resumed)
-
-
-def test_a_finished_run_is_not_trained_again(world, quick, tmp_path: Path) -> None:
-    first = train(*world, quick(), silent, tmp_path)
-    iterations: list[float] = []
-    again = train(*world, quick(), lambda event: iterations.append(event.metrics.get("iteration", 20)), tmp_path)
-    assert set(iterations) == {20}
-    assert _same(first, again)
-
-
-def test_a_checkpoint_of_other_settings_or_of_garbage_is_refused(world, quick, tmp_path: Path) -> None:
-    train(*world, quick(iterations=2), silent, tmp_path)
-    with pytest.raises(ConflictError, match="another"):
-        train(*world, quick(iterations=2, seed=9), silent, tmp_path)
-    path = tmp_path / "training.safetensors"
-    path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ConflictError, match="read"):
-        train(*world, quick(iterations=2), silent, tmp_path)
+    trained = train(*world, quick(iterations=12, densify_events=12, cull_opacity=0), silent, strategy=Fixed())
+    assert len(steps) == 12 and len(trained.gaussians) == 150
+    assert [step.progress for step in steps] == [step.progress_before for step in steps[1:]] + [1.0]
 
 
 def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
@@ -126,6 +107,58 @@ def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
     after = train(capture, Labelling(labelling.dictionary, maps), settings, silent)
     assert _same(before, after)
     assert after.quality["psnr"] < before.quality["psnr"]
+
+
+def _masked(capture: Capture, index: int, mask: np.ndarray) -> Capture:
+    path = capture.views[index].image_path.parent / f"valid_{index}.png"
+    Image.fromarray(mask.astype(np.uint8)).save(path)
+    views = list(capture.views)
+    views[index] = dataclasses.replace(views[index], valid_path=path)
+    return dataclasses.replace(capture, views=tuple(views))
+
+
+def _seeing_nothing(capture: Capture, index: int) -> Capture:
+    """The capture with a black photo, taken of the empty side of the world."""
+    Image.fromarray(np.zeros((48, 64, 3), np.uint8)).save(capture.views[index].image_path)
+    view = capture.views[index]
+    pose = view.posed.world_from_camera @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    views = list(capture.views)
+    views[index] = dataclasses.replace(view, posed=dataclasses.replace(view.posed, world_from_camera=pose))
+    return dataclasses.replace(capture, views=tuple(views))
+
+
+@pytest.mark.parametrize("held_out_every", [8, 4])
+@pytest.mark.parametrize("kind", ["masked", "black"])
+def test_a_held_out_view_that_shows_nothing_does_not_spoil_the_figures(
+    make_world, quick, tmp_path: Path, held_out_every: int, kind: str
+) -> None:
+    capture, labelling = make_world(views=8)
+    index = held_out_every // 2
+    spoilt = (
+        _masked(capture, index, np.zeros((48, 64)))
+        if kind == "masked"
+        else _seeing_nothing(make_world(views=8)[0], index)
+    )
+    settings = quick(held_out_every=held_out_every, evaluations=5, max_psnr_drop_db=0.1)
+    events: list[ProgressEvent] = []
+    trained = train(spoilt, labelling, settings, events.append)
+    assert trained.held_out[0] == f"{index:03d}.png" and trained.quality["held_out"] == 8 // held_out_every
+    assert all(np.isfinite(value) for value in trained.quality.values())
+    assert all(np.isfinite(value) for event in events for value in event.metrics.values())
+    assert ("psnr" in trained.quality) == (held_out_every == 4)  # of the other view
+    head = trained.head
+    scene = Scene(
+        trained.gaussians, head, labelling.dictionary, np.eye(3, 8, dtype=np.float32), ("none", ""),
+        tuple(view.posed for view in spoilt.views), spoilt.scale, settings.model_dump(mode="json"), trained.quality,
+    )  # fmt: skip
+    write_scene(scene, tmp_path / "scene")
+    assert dict(read_scene(tmp_path / "scene").quality) == dict(trained.quality)
+
+
+def test_training_views_that_show_nothing_are_trained_on_without_harm(make_world, quick) -> None:
+    capture, labelling = make_world(views=3)
+    trained = train(_masked(capture, 1, np.zeros((48, 64))), labelling, quick(), silent)
+    assert trained.held_out == () and all(np.isfinite(value) for value in trained.quality.values())
 
 
 def test_pixels_without_content_never_touch_the_result(make_world, quick) -> None:

@@ -10,10 +10,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from fastsplat.service.common.camera import Camera
+from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, split_in_place
+from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, relocate_and_grow, rotate, split_in_place
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
 from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.quality import psnr, ssim
@@ -22,13 +24,13 @@ from fastsplat.service.splatting.schedule import (
     image_level,
     image_scales,
     learning_rates,
-    run_share,
+    run_progress,
     sh_degree,
 )
 from fastsplat.service.splatting.semantics import code_size, ghost_share, separated_codes, start_codes, start_head
-from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.state import new_state, relocate_and_grow, rotate
-from fastsplat.service.splatting.views import load_views, split_views, training_size
+from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
+from fastsplat.service.splatting.state import new_state
+from fastsplat.service.splatting.training_views import load_views, split_views, training_size
 
 
 @given(st.integers(0, 200), st.integers(0, 50))
@@ -91,7 +93,7 @@ def _state(count: int, dead: int):
 
 def test_relocation_moves_the_dead_onto_the_needed_and_grows_to_the_target() -> None:
     state = _state(50, 7)
-    for moments in (state.first, state.second):
+    for moments in (state.exp_avg, state.exp_avg_sq):
         for value in moments.values():
             value.fill_(1.0)
     need = torch.zeros(50)
@@ -106,9 +108,9 @@ def test_relocation_moves_the_dead_onto_the_needed_and_grows_to_the_target() -> 
     }
     assert (torch.sigmoid(state.parameters["logit_opacities"]) > 0.005).all()
     for name in ("means", "codes"):
-        assert len(state.first[name]) == len(state.second[name]) == 60
-        assert (state.first[name][[*moved, 20, 21]] == 0).all()
-        assert (state.second[name][[19, 22, 49]] == 1).all()
+        assert len(state.exp_avg[name]) == len(state.exp_avg_sq[name]) == 60
+        assert (state.exp_avg[name][[*moved, 20, 21]] == 0).all()
+        assert (state.exp_avg_sq[name][[19, 22, 49]] == 1).all()
     assert len(torch.unique(state.parameters["means"][moved], dim=0)) == 17
     assert all(value.requires_grad and value.is_leaf for value in state.parameters.values())
 
@@ -128,10 +130,10 @@ def test_rotation_by_a_quarter_turn_about_z() -> None:
 
 def test_schedules_follow_whichever_bound_is_nearer() -> None:
     settings = TrainingSettings(iterations=100, time_budget_s=10, max_sh_degree=2, start_scale=0.25)
-    assert run_share(50, 2, settings) == 0.5
-    assert run_share(10, 9, settings) == 0.9
-    assert run_share(500, 2, settings) == 1
-    assert run_share(10, 1e9, settings.model_copy(update={"time_budget_s": None})) == 0.1
+    assert run_progress(50, 2, settings) == 0.5
+    assert run_progress(10, 9, settings) == 0.9
+    assert run_progress(500, 2, settings) == 1
+    assert run_progress(10, 1e9, settings.model_copy(update={"time_budget_s": None})) == 0.1
     assert image_scales(settings) == (0.25, 0.5, 1.0)
     levels = [image_level(share, settings) for share in np.linspace(0, 1, 101)]
     degrees = [sh_degree(share, settings) for share in np.linspace(0, 1, 101)]
@@ -203,9 +205,10 @@ def test_start_widths_are_distances_to_neighbours(world) -> None:
     views = load_views(capture, labelling, (0, 1), 64, (1.0,))
     grid = np.stack(np.meshgrid(*[np.arange(6) * 0.5] * 3), -1).reshape(-1, 3).astype(np.float32)
     start = start_points(grid, np.full((216, 3), 255, np.uint8), views, 10_000, 0)
-    gaussians = start_gaussians(start, extent=10)
-    assert np.exp(gaussians.log_scales) == pytest.approx(0.5, rel=1e-5)
-    assert 0.5 + 0.28209479177387814 * gaussians.sh_dc == pytest.approx(1)
+    parameters = start_gaussians(start, 10, 1)
+    assert np.exp(parameters["log_scales"].numpy()) == pytest.approx(0.5, rel=1e-5)
+    assert 0.5 + SH_C0 * parameters["sh_dc"].numpy() == pytest.approx(1)
+    assert parameters["sh_rest"].shape == (216, 3, 3)
     assert len(start_points(grid, np.full((216, 3), 255, np.uint8), views, 101, 0).points) == 101
 
 
@@ -247,11 +250,16 @@ def test_start_widths_agree_with_every_distance_measured(count: int) -> None:
     points[-1] = points[0]  # two at one place
     away = np.sort(np.linalg.norm(points[:, None].astype(np.float64) - points, axis=2), axis=1)[:, 1:4]
     expected = np.clip(np.sqrt((away**2).mean(axis=1)), 1e-3, None)
-    gaussians = start_gaussians(StartPoints(points, np.zeros_like(points), 0), extent=100)
-    assert np.exp(gaussians.log_scales[:, 0]) == pytest.approx(expected, rel=1e-4)
+    parameters = start_gaussians(StartPoints(points, np.zeros_like(points), 0), 100, 0)
+    assert np.exp(parameters["log_scales"][:, 0].numpy()) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("size", [0, -1, 257])
 def test_codes_have_at_least_one_number(size: int) -> None:
     with pytest.raises(ValueError, match="code_size"):
         TrainingSettings(code_size=size)
+
+
+@pytest.mark.parametrize("model", [TrainingSettings, LearningRates])
+def test_every_setting_is_documented_on_its_field(model: type[BaseModel]) -> None:
+    assert not [name for name, field in model.model_fields.items() if not field.description]

@@ -1,6 +1,6 @@
-// Front to back over one tile: what the pictures and the label maps have in common. Block by block, so that a block's pixels
-// stay in registers while its Gaussians come in order of depth; what a tile needs of them is first copied together, and
-// their block masks are turned into one list per block.
+// Front to back over one tile, for images and label maps alike. Block by block, so that a block's pixels stay in
+// registers while its Gaussians come in order of depth; what a tile needs of them is first copied together, and their
+// block masks are turned into one list per block.
 #pragma once
 #include "pixels.h"
 
@@ -10,9 +10,10 @@ constexpr int PART = 256;  // Gaussians a time: their copies stay in the first-l
 
 template <int K>
 struct alignas(64) Part {
-  static constexpr int U = 0, V = 1, SHAPE = 2, FEATURES = 6;  // offsets at the tile's first pixel; a, b, c, log_opacity
+  static constexpr int U = 0, V = 1, SHAPE = 2,
+                       FEATURES = 6;  // offsets at the tile's first pixel; a, b, c, log_opacity
   static constexpr int ROW = (FEATURES + K + 3) / 4 * 4;
-  float seen[PART][ROW];
+  float rows[PART][ROW];
   uint8_t masks[BLOCKS / 8][PART];  // bit = block, eight blocks a plane
   int64_t count;
 };
@@ -23,21 +24,22 @@ FS_INLINE void gather(const TileJob& job, const Tile& t, int64_t start, Part<K>&
   part.count = t.count - start < PART ? t.count - start : PART;
   const int64_t begin = t.begin + start, ahead = t.count - start - AHEAD;
   for (int64_t j = 0; j < part.count; j++) {
-    if (j < ahead) prefetch(job.records + (int64_t)job.pairs[begin + j + AHEAD].rank * job.stride, job.stride);
-    const float* record = job.records + (int64_t)job.pairs[begin + j].rank * job.stride;
-    float* out = part.seen[j];
+    if (j < ahead) prefetch(job.records + (int64_t)job.isects[begin + j + AHEAD].rank * job.stride, job.stride);
+    const float* record = job.records + (int64_t)job.isects[begin + j].rank * job.stride;
+    float* out = part.rows[j];
     offsets(record, t.left, t.top, out[Part<K>::U], out[Part<K>::V]);
     std::memcpy(out + Part<K>::SHAPE, record + 4, 4 * sizeof(float));
     std::memcpy(out + Part<K>::FEATURES, record + offset, K * sizeof(float));
-    const uint64_t mask = job.pairs[begin + j].blocks;
+    const uint64_t mask = job.isects[begin + j].blocks;
     for (int p = 0; p < BLOCKS / 8; p++) part.masks[p][j] = (uint8_t)(mask >> (8 * p));
   }
   for (int64_t j = part.count; j % 64; j++)
     for (int p = 0; p < BLOCKS / 8; p++) part.masks[p][j] = 0;
 }
 
-// Composites the part's Gaussians into one block. Returns the index of the one that finished its last open pixel, or -1.
-// A finished pixel has nothing left (0) and a floor below that (-1): it then drops out by itself. What it had is in final_t.
+// Composites the part's Gaussians into one block. Returns the index of the one that finished its last open pixel, or
+// -1. A finished pixel has nothing left (0) and a floor below that (-1): it then drops out by itself. What it had is in
+// final_t.
 template <int K>
 FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t start, int index, Block<K>& block,
                             float* final_t) {
@@ -49,11 +51,11 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
 #pragma GCC unroll 20
   for (int k = 0; k < K; k++) values[k] = load(block.values[k]);
   for (int64_t base = 0; base < part.count && closed < 0; base += 64) {
-    // Two loops: how strong each is, which takes long but waits for nothing, then what comes through, in order.
+    // Two loops: alphas, which take long but do not depend on each other, then the compositing, in order of depth.
     const float* list[64];
     int count = 0;
     for (uint64_t bits = column(part.masks[index / 8] + base, index % 8); bits; bits &= bits - 1) {
-      const float *s = part.seen[base + __builtin_ctzll(bits)], *shape = s + Part<K>::SHAPE;
+      const float *s = part.rows[base + __builtin_ctzll(bits)], *shape = s + Part<K>::SHAPE;
       const vf u = fma(set1(shape[0]), x, fma(set1(shape[1]), y, set1(s[Part<K>::U])));
       const vf v = fma(set1(shape[2]), y, set1(s[Part<K>::V]));
       const vf exponent = fnma(u, u, fnma(v, v, set1(shape[3])));
@@ -66,7 +68,7 @@ FS_INLINE int64_t composite(const TileJob& job, const Part<K>& part, int64_t sta
       vf after = fnma(alpha, remaining, remaining);
       const vm ends = le(after, floor);
       if (__builtin_expect(any(ends), 0)) {
-        const int64_t j = (list[n] - part.seen[0]) / Part<K>::ROW;
+        const int64_t j = (list[n] - part.rows[0]) / Part<K>::ROW;
         store(final_t, select(ends, remaining, load(final_t)));
         storei(block.stop, selecti(ends, set1i((int32_t)(start + j)), loadi(block.stop)));
         floor = select(ends, set1(-1.0f), floor);
@@ -128,7 +130,7 @@ FS_INLINE void composite_tile(const TileJob& job, const Tile& t, int32_t tile, B
     if (!open) used = start + last + 1;
     if (any_closed || running != ALL_BLOCKS)
       for (int64_t j = 0; j < part.count; j++) {
-        job.pairs[t.begin + start + j].blocks &= running;
+        job.isects[t.begin + start + j].blocks &= running;
         if (any_closed) running &= ~left[j];
       }
   }

@@ -3,34 +3,52 @@
 #include <stdexcept>
 
 namespace fs {
+namespace {
 
-static std::vector<const Kernels*> usable() {
-  std::vector<const Kernels*> found;
+struct Build {
+  const Kernels* kernels;
+  const BenchKernels* bench;
+};
+
+std::vector<Build> usable_builds() {
+  std::vector<Build> builds;
 #if defined(FS_X86)
   __builtin_cpu_init();
   const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
                     __builtin_cpu_supports("bmi2");
-  if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512bw"))
-    found.push_back(&avx512::kernels);
-  if (avx2) found.push_back(&avx2::kernels);
+  const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+  if (avx2 && avx512) builds.push_back({&::avx512::kernels, &::avx512::bench_kernels});
+  if (avx2) builds.push_back({&::avx2::kernels, &::avx2::bench_kernels});
 #endif
-  found.push_back(&baseline::kernels);
-  return found;
+  builds.push_back({&::baseline::kernels, &::baseline::bench_kernels});
+  return builds;
 }
 
-std::vector<std::string> available() {
+const std::vector<Build>& builds() {
+  static const std::vector<Build> list = usable_builds();
+  return list;
+}
+
+}  // namespace
+
+std::vector<std::string> available_isas() {
   std::vector<std::string> names;
-  for (const Kernels* k : usable()) names.push_back(k->name);
+  for (const Build& build : builds()) names.push_back(build.kernels->name);
   return names;
 }
 
-const Kernels& kernels(const std::string& isa) {
-  static const std::vector<const Kernels*> found = usable();
-  if (isa.empty()) return *found.front();
-  for (const Kernels* k : found)
-    if (isa == k->name) return *k;
+const Kernels& kernels_for(const std::string& isa) {
+  if (isa.empty()) return *builds().front().kernels;
+  for (const Build& build : builds())
+    if (isa == build.kernels->name) return *build.kernels;
   throw std::invalid_argument("this machine cannot run the kernels '" + isa + "'");
+}
+
+const BenchKernels& bench_kernels_for(const Kernels& kernels) {
+  for (const Build& build : builds())
+    if (build.kernels == &kernels) return *build.bench;
+  throw std::invalid_argument("no benchmark kernels for '" + std::string(kernels.name) + "'");
 }
 
 }  // namespace fs

@@ -1,13 +1,22 @@
-// What the kernels share: plain data and one table of functions per instruction set. No std templates here, see simd.h.
+// Data that kernels and their callers share, and the table of kernels of one instruction set. No std templates here:
+// see simd.h.
 #pragma once
 #include <cstdint>
 
 namespace fs {
 
-constexpr int TILE_H = 16;          // pixels of a tile; its width is the kernels' own
-constexpr int MAX_GROUP = 16;       // feature channels composited in one pass
-constexpr int GEOMETRY = 8;         // floats of a record before depth and features: see Record
-constexpr int MOMENTS = 6;          // floats of a pair's sums before depth and features
+constexpr int TILE_H = 16;     // pixels of a tile; its width is the instruction set's own
+constexpr int MAX_GROUP = 16;  // feature channels composited in one pass
+constexpr int GEOMETRY = 8;    // floats of a record before depth and features: see Projected
+constexpr int MOMENTS = 6;     // floats of an intersection's sums before depth and features
+constexpr int MAX_SH_DEGREE = 3;
+constexpr int MAX_CODE_SIZE = 64;  // numbers of a code that the cross-entropy's buffers hold
+
+// Numbers of slots (depth and channels) that the compositing loops are compiled for, ascending. A group of channels
+// takes the first that holds it; the slots beyond read padding and are not written out.
+constexpr int SLOT_WIDTHS[] = {1, 4, 5, 7, 8, 9, 12, 17};
+constexpr int SLOT_WIDTH_COUNT = sizeof SLOT_WIDTHS / sizeof SLOT_WIDTHS[0];
+static_assert(SLOT_WIDTHS[SLOT_WIDTH_COUNT - 1] == MAX_GROUP + 1, "the widest loop must hold a whole group and depth");
 
 struct View {
   double rotation[9], translation[3];  // camera from world
@@ -34,150 +43,172 @@ struct Projected {
   float a, b, c, log_opacity;
   float depth;
   int32_t id;
-  // Of the ellipse alpha >= alpha_min: half its extent, and how far below the centre its rightmost point lies.
+  // Of the ellipse alpha >= alpha_min: half its extent, and how far below the center its rightmost point lies.
   float half_width, half_height, tip;
 };
 
-struct Pairs {  // output of one chunk of Gaussians, in the order of depth
+// Tiles that the Gaussians of one chunk reach, in order of depth.
+struct IsectList {
   int32_t* tile;
   uint64_t* blocks;
   int64_t count, capacity;
   float log_alpha_min;  // base 2
 };
 
-struct Pair {
+// One Gaussian in one tile.
+struct Isect {
   uint64_t blocks;  // bit = block of the tile; the forward pass drops blocks behind the last open pixel
   uint32_t rank;    // of depth
-  uint32_t slot;    // where the pair's sums go: pairs of one Gaussian are neighbours there
+  uint32_t slot;    // where its sums go: those of one Gaussian are neighbors there
 };
 
 struct TileJob {
   View view;
   int32_t tiles_x, tiles_y;
-  float log_alpha_min;   // base 2
-  const float* records;  // by depth rank: x, y (doubles), a, b, c, log_opacity, depth, features, zeros
-  int64_t stride;        // floats
-  const int64_t* tile_start;   // [tiles + 1]
-  Pair* pairs;                 // sorted by tile, then depth
-  int32_t* tile_used;          // pairs a tile looked at before all its pixels were finished
-  float* final_t;              // [tiles, 256], block order
-  int32_t* stop;               // [tiles, 256]: index in the tile's list at which a pixel finished
-  // this pass's group of channels
+  float log_alpha_min;        // base 2
+  const float* records;       // by depth rank: x, y (doubles), a, b, c, log_opacity, depth, features, zeros
+  int64_t stride;             // floats
+  const int64_t* tile_start;  // [tiles + 1]
+  Isect* isects;              // sorted by tile, then depth
+  int32_t* tile_used;         // intersections a tile looked at before all its pixels were finished
+  float* final_t;             // [tiles, 256], block order
+  int32_t* stop;              // [tiles, 256]: index in the tile's list at which a pixel finished
+  // The group of channels of this pass.
   int32_t channels, channel_begin, group, first;  // first: the group that also carries depth and alpha
   const float* background;
-  float *image, *alpha, *depth, *median;          // forward outputs
-  const float *grad_image, *grad_alpha, *grad_depth;  // may be null; blend: grad_image holds the values
-  float* sums;       // [pairs, sum_stride]
+  int32_t first_row;                                  // image row of the first row of the outputs
+  float *image, *alpha, *depth, *median;              // forward outputs
+  const float *grad_image, *grad_alpha, *grad_depth;  // may be null; accumulate_weights: grad_image holds the values
+  float* sums;                                        // [isects, sum_stride]
   int64_t sum_stride;
 };
 
-struct FinishJob {
+struct ProjectionBackwardJob {
   View view;
   Inputs in;
   Gradients out;
   const Projected* projected;
-  const uint32_t* rank_of;      // physical index of a projected Gaussian -> depth rank
-  const int64_t* slot_start;    // [ranks + 1]
+  const uint32_t* rank_of;    // physical index of a projected Gaussian -> depth rank
+  const int64_t* slot_start;  // [ranks + 1]
   const float* sums;
   int64_t sum_stride;
   double* pose;  // as Gradients::pose, of these rows alone; added to
 };
 
-struct HarmonicsJob {
+struct SphericalHarmonicsJob {
   const float *means, *sh;  // [G, 3], [G, coefficients, 3]
   int64_t coefficients;
   int32_t degree;
   float camera[3];
-  float* rgb;               // [G, 3]
-  const float* grad;        // [G, 3]
+  float* rgb;         // [G, 3]
+  const float* grad;  // [G, 3]
   float *d_means, *d_sh;
 };
 
-constexpr int SSIM_ROWS = 32;  // image rows a task
+constexpr int SSIM_ROWS = 32;        // image rows a task
+constexpr int SSIM_TAPS = 11;        // of the window in each direction
+constexpr int64_t SSIM_MARGIN = 64;  // floats beside a row that is blurred
+
+// Floats of scratch memory of a task, for rows of `row` floats.
+constexpr int64_t ssim_scratch(int64_t row) { return 6 * ((row + 15) / 16 * 16 + 2 * SSIM_MARGIN); }
 
 struct ImageLossJob {
   int32_t height;
-  int64_t row;                       // floats of an image row: 3 · width
+  int64_t row;  // floats of an image row: 3 · width
   const float *image, *target;
-  float *mean, *variance;            // of the target
-  const uint8_t* valid;              // [height, width] or null
+  const uint8_t* valid;                  // [height, width] or null
   float *d_mean, *d_square, *d_product;  // maps the gradient is blurred from
   float* grad;
-  double ssim_weight, scale;         // scale: 1 / counted values
+  double ssim_weight, scale;  // scale: 1 / counted values
 };
 
-constexpr int64_t SEMANTIC_PIXELS = 4096;  // a task, whatever the number of threads
+constexpr int64_t CROSS_ENTROPY_PIXELS = 4096;  // a task, whatever the number of threads
 
-struct SemanticJob {
+struct CrossEntropyJob {
   const float *codes, *weight, *bias, *class_weights;
   const int32_t* labels;
-  int64_t pixels, code_stride;       // floats from pixel to pixel
+  int64_t pixels, code_stride;  // floats from pixel to pixel
   int32_t size, classes;
-  double scale;                      // 1 / sum of pixel weights
-  float* d_codes;                    // [pixels, size]
-  float* partial;                    // [tasks, classes · (size + 1)]: weight and bias gradients of each task
-  double* loss;                      // [tasks]
+  double scale;    // 1 / sum of pixel weights
+  float* d_codes;  // [pixels, size]
+  float* partial;  // [tasks, classes · (size + 1)]: weight and bias gradients of each task
+  double* loss;    // [tasks]
 };
 
 // Argmax (ties to the lower id) and, on request, Σ softmax · relevancy of weight · code + bias; logits within ±1e30.
-struct LabelJob {
+struct LabelMapJob {
   const float *weight, *bias, *relevancy;  // [classes, size], [classes], [classes] or null
-  int32_t classes, size, skip;  // skip: channels before the code
-  float alpha_min;              // classes of pixels with less are 0
-  int32_t* winner;              // [H, W]
-  float *alpha, *expected;      // [H, W]; expected null without relevancy
-  float* image;                 // [H, W, skip]
+  int32_t classes, size, skip;             // skip: channels before the code
+  float alpha_min;                         // classes of pixels with less are 0
+  int32_t* winner;                         // [H, W]
+  float *alpha, *expected;                 // [H, W]; expected null without relevancy
+  float* image;                            // [H, W, skip]
 };
 
-struct LabelEntry {
-  uint32_t slot;  // of a pair
+struct LabelWeight {
+  uint32_t slot;  // of an intersection
   int32_t label;
   float sum;
 };
 
-struct LabelEntries {
-  LabelEntry* data;
+struct LabelWeightList {
+  LabelWeight* data;
   int64_t count, capacity;
-  bool (*grow)(LabelEntries&);  // false: no memory
+  bool (*grow)(LabelWeightList&);  // false: no memory
 };
 
 struct AdamJob {
-  float *value, *first, *second;
+  float *param, *exp_avg, *exp_avg_sq;
   const float* grad;
-  float rate, beta1, beta2, epsilon, root_correction2;  // rate already over the first correction
+  float step_size, beta1, beta2, eps, root_correction2;  // step_size: lr over the first bias correction
 };
 
 struct Kernels {
   const char* name;
-  // Projects rows [begin, end); visible ones go to out[0..]; returns how many. *bad counts non-finite rows.
+  // Projects rows [begin, end); visible ones go to out[0..]; returns how many. *non_finite counts rows with NaN or Inf.
   int64_t (*project)(const View&, const Inputs&, int64_t begin, int64_t end, Projected* out, int32_t* radii,
-                     int64_t* bad);
-  // Appends the tiles and blocks of one Gaussian; returns false when pairs.capacity is reached.
-  bool (*spans)(const View&, const Projected&, Pairs&);
-  void (*forward)(const TileJob&, int32_t tile);
-  void (*backward)(const TileJob&, int32_t tile);
-  void (*blend)(const TileJob&, int32_t tile);
+                     int64_t* non_finite);
+  // Appends the tiles and blocks of one Gaussian; returns false when the list's capacity is reached.
+  bool (*tile_ranges)(const View&, const Projected&, IsectList&);
+  void (*rasterize_forward)(const TileJob&, int32_t tile);
+  void (*rasterize_backward)(const TileJob&, int32_t tile);
+  void (*accumulate_weights)(const TileJob&, int32_t tile);
   // Rows [begin, end) of the inputs, of which `visible` are projected: chain rule and zeros for the others.
-  void (*finish)(const FinishJob&, int64_t begin, int64_t end, int64_t physical, int64_t visible);
-  void (*harmonics)(const HarmonicsJob&, int64_t begin, int64_t end);
-  void (*harmonics_backward)(const HarmonicsJob&, int64_t begin, int64_t end);
+  void (*projection_backward)(const ProjectionBackwardJob&, int64_t begin, int64_t end, int64_t physical,
+                              int64_t visible);
+  void (*spherical_harmonics)(const SphericalHarmonicsJob&, int64_t begin, int64_t end);
+  void (*spherical_harmonics_backward)(const SphericalHarmonicsJob&, int64_t begin, int64_t end);
   // Bands of SSIM_ROWS rows; scratch holds ssim_scratch(row) floats.
-  void (*target_moments)(const ImageLossJob&, int32_t band, float* scratch);
   double (*image_loss)(const ImageLossJob&, int32_t band, float* scratch);
   void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
-  void (*semantic)(const SemanticJob&, int64_t task, float* scratch);
+  void (*cross_entropy)(const CrossEntropyJob&, int64_t task, float* scratch);
   // Composites a tile whose channels all fit into one group, and classifies its pixels.
-  void (*label_tile)(const TileJob&, const LabelJob&, int32_t tile);
-  // Appends, for every pair of the tile, the sums of its weights by label [H, W]; negative labels do not count.
-  bool (*label_sums)(const TileJob&, const int32_t* labels, LabelEntries&, int32_t tile);
+  void (*label_map)(const TileJob&, const LabelMapJob&, int32_t tile);
+  // Appends, for every intersection of the tile, the sums of its weights by label [H, W]; negative labels do not count.
+  bool (*label_sums)(const TileJob&, const int32_t* labels, LabelWeightList&, int32_t tile);
   void (*adam)(const AdamJob&, int64_t begin, int64_t end);
-  int64_t (*census)(const TileJob&, int32_t tile);
-  int64_t (*peak)(int64_t rounds, float* sink);
   int32_t lanes, tile_width;
+};
+
+// What only the benchmark calls.
+struct BenchKernels {
+  // After a forward pass: pixel-Gaussian pairs of a tile that count.
+  int64_t (*count_contributing)(const TileJob&, int32_t tile);
+  // `rounds` times twelve independent chains of fused multiply-adds; returns how many vectors that were.
+  int64_t (*peak_fma)(int64_t rounds, float* sink);
 };
 
 }  // namespace fs
 
-namespace baseline { extern const fs::Kernels kernels; }
-namespace avx2 { extern const fs::Kernels kernels; }
-namespace avx512 { extern const fs::Kernels kernels; }
+namespace baseline {
+extern const fs::Kernels kernels;
+extern const fs::BenchKernels bench_kernels;
+}  // namespace baseline
+namespace avx2 {
+extern const fs::Kernels kernels;
+extern const fs::BenchKernels bench_kernels;
+}  // namespace avx2
+namespace avx512 {
+extern const fs::Kernels kernels;
+extern const fs::BenchKernels bench_kernels;
+}  // namespace avx512

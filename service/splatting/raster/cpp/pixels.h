@@ -11,11 +11,12 @@ typedef double d2 __attribute__((vector_size(16)));
 FS_INLINE v4 load4(const float* p) { return *(const v4*)p; }
 FS_INLINE void store4(float* p, v4 a) { *(v4*)p = a; }
 
-// The values of four pixels that are neighbours in memory, `channels` apart: in[c] has channel c of each.
+// The values of four pixels that are neighbors in memory, `channels` apart: in[c] has channel c of each.
 template <int C>
 FS_INLINE void scatter4(const v4* in, int64_t channels, float* out) {
   for (int c = 0; c + 1 < C; c += 2) {
-    const v4 low = __builtin_shuffle(in[c], in[c + 1], i4{0, 4, 1, 5}), high = __builtin_shuffle(in[c], in[c + 1], i4{2, 6, 3, 7});
+    const v4 low = __builtin_shuffle(in[c], in[c + 1], i4{0, 4, 1, 5}),
+             high = __builtin_shuffle(in[c], in[c + 1], i4{2, 6, 3, 7});
     std::memcpy(out + c, &low, 8);
     std::memcpy(out + c + channels, (const char*)&low + 8, 8);
     std::memcpy(out + c + 2 * channels, &high, 8);
@@ -49,7 +50,7 @@ static void write_pixels(const TileJob& job, const Tile& t, const Block<K>* bloc
     for (int x = 0; x < t.width; x += 4) {
       const Block<K>& block = blocks[block_of(x, y)];
       const int lane = lane_of(x, y), count = t.width - x < 4 ? t.width - x : 4;
-      const int64_t pixel = (int64_t)(t.y0 + y) * job.view.width + t.x0 + x;
+      const int64_t pixel = (int64_t)(t.y0 + y - job.first_row) * job.view.width + t.x0 + x;
       float* out = job.image + pixel * job.channels + job.channel_begin;
       if (whole && count == 4) {
         const v4 remaining = load4(block.remaining + lane);
@@ -105,7 +106,8 @@ static void read_pixels(const TileJob& job, const Tile& t, Block<K>* blocks) {
           block.other[lane + i] = back;
         }
       }
-      for (int i = 0; i < count && job.first && job.grad_depth; i++) block.values[0][lane + i] = job.grad_depth[pixel + i];
+      for (int i = 0; i < count && job.first && job.grad_depth; i++)
+        block.values[0][lane + i] = job.grad_depth[pixel + i];
       for (int i = 0; i < count && job.first && job.grad_alpha; i++) block.extra[lane + i] = job.grad_alpha[pixel + i];
     }
 }

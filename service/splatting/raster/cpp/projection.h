@@ -15,8 +15,8 @@ struct Geometry {
   vl free_x, free_y;                      // lanes where the clamp does not act
   vd axes[9], basis[9];                   // world-from-Gaussian rotation; camera-from-Gaussian rotation
   vd j00, j02, j11, j12;
-  vd factor[6];                           // J · basis · diag(scale)
-  vd a, b, c, det, u, v;                  // 2D covariance with eps2d, its determinant, the mean in pixels
+  vd factor[6];           // J · basis · diag(scale)
+  vd a, b, c, det, u, v;  // 2D covariance with eps2d, its determinant, the mean in pixels
 };
 
 // Rows ids[0..lanes); spare lanes repeat the first.

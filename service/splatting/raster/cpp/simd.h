@@ -21,7 +21,7 @@
 namespace FS_NS {
 
 #if defined(FS_AVX512)
-constexpr int W = 16;   // float lanes
+constexpr int W = 16;       // float lanes
 constexpr int BLOCK_H = 4;  // a block is 4 pixels wide and BLOCK_H high: one vector
 constexpr int TILE_W = 32;  // pixels: wide tiles make few pairs; 64 blocks are what a mask can name
 using vf = __m512;
@@ -54,10 +54,12 @@ FS_INLINE bool all(vm a) { return a == 0xffff; }
 FS_INLINE vf keep(vm m, vf a) { return _mm512_maskz_mov_ps(m, a); }
 FS_INLINE vf select(vm m, vf a, vf b) { return _mm512_mask_blend_ps(m, b, a); }
 FS_INLINE vi selecti(vm m, vi a, vi b) { return _mm512_mask_blend_epi32(m, b, a); }
-// 2^f on [-0.5, 0.5]: minimax polynomial of degree 5, error 9e-8, its terms in pairs: the way through is what takes time.
+// 2^f on [-0.5, 0.5]: minimax polynomial of degree 5, error 9e-8, its terms in pairs because latency is what takes
+// time.
 FS_INLINE vf exp2_fraction(vf f) {
   const vf f2 = f * f;
-  const vf low = fma(set1(6.931469776e-1f), f, set1(1.0f)), middle = fma(set1(5.550733778e-2f), f, set1(2.402224208e-1f));
+  const vf low = fma(set1(6.931469776e-1f), f, set1(1.0f)),
+           middle = fma(set1(5.550733778e-2f), f, set1(2.402224208e-1f));
   const vf high = fma(set1(1.326472037e-3f), f, set1(9.671513022e-3f));
   return fma(fma(high, f2, middle), f2, low);
 }
@@ -106,7 +108,11 @@ FS_INLINE vf zero() { return vf{}; }
 FS_INLINE vi set1i(int32_t x) { return vi{} + x; }
 FS_INLINE vf load(const float* p) { return *(const vf*)p; }
 FS_INLINE void store(float* p, vf a) { *(vf*)p = a; }
-FS_INLINE vf loadu(const float* p) { vf a; std::memcpy(&a, p, sizeof a); return a; }
+FS_INLINE vf loadu(const float* p) {
+  vf a;
+  std::memcpy(&a, p, sizeof a);
+  return a;
+}
 FS_INLINE void storeu(float* p, vf a) { std::memcpy(p, &a, sizeof a); }
 FS_INLINE vi loadi(const int32_t* p) { return *(const vi*)p; }
 FS_INLINE void storei(int32_t* p, vi a) { *(vi*)p = a; }
@@ -123,7 +129,10 @@ FS_INLINE vf fma(vf a, vf b, vf c) { return a * b + c; }
 FS_INLINE vf fnma(vf a, vf b, vf c) { return c - a * b; }
 FS_INLINE vf vmin(vf a, vf b) { return a < b ? a : b; }
 FS_INLINE vf vmax(vf a, vf b) { return a > b ? a : b; }
-FS_INLINE vf vsqrt(vf a) { for (int i = 0; i < W; i++) a[i] = __builtin_sqrtf(a[i]); return a; }
+FS_INLINE vf vsqrt(vf a) {
+  for (int i = 0; i < W; i++) a[i] = __builtin_sqrtf(a[i]);
+  return a;
+}
 #if defined(__SSE2__)
 FS_INLINE bool any(vm a) { return _mm_movemask_ps((__m128)a) != 0; }
 FS_INLINE bool all(vm a) { return _mm_movemask_ps((__m128)a) == 0xf; }
@@ -143,15 +152,17 @@ FS_INLINE vm but(vm a, vm b) { return a & ~b; }
 FS_INLINE vf keep(vm m, vf a) { return (vf)(m & (vi)a); }
 FS_INLINE vf select(vm m, vf a, vf b) { return m ? a : b; }
 FS_INLINE vi selecti(vm m, vi a, vi b) { return m ? a : b; }
-// 2^f on [-0.5, 0.5]: minimax polynomial of degree 5, error 9e-8, its terms in pairs: the way through is what takes time.
+// 2^f on [-0.5, 0.5]: minimax polynomial of degree 5, error 9e-8, its terms in pairs because latency is what takes
+// time.
 FS_INLINE vf exp2_fraction(vf f) {
   const vf f2 = f * f;
-  const vf low = fma(set1(6.931469776e-1f), f, set1(1.0f)), middle = fma(set1(5.550733778e-2f), f, set1(2.402224208e-1f));
+  const vf low = fma(set1(6.931469776e-1f), f, set1(1.0f)),
+           middle = fma(set1(5.550733778e-2f), f, set1(2.402224208e-1f));
   const vf high = fma(set1(1.326472037e-3f), f, set1(9.671513022e-3f));
   return fma(fma(high, f2, middle), f2, low);
 }
-// 2^x for -126 <= x <= 1; below that anything at all. The sum with 1.5·2^23 rounds to the nearest integer and leaves it in
-// the low bits. This relies on strict IEEE addition: -ffast-math would fold it away.
+// 2^x for -126 <= x <= 1; below that anything at all. The sum with 1.5·2^23 rounds to the nearest integer and leaves it
+// in the low bits. This relies on strict IEEE addition: -ffast-math would fold it away.
 FS_INLINE vf exp2_normal(vf x) {
   const vf magic = set1(12582912.0f);
   vf t = x + magic;
@@ -195,7 +206,8 @@ FS_INLINE uint64_t column(const uint8_t* bytes, int bit) {
   return _mm512_test_epi8_mask(_mm512_loadu_si512(bytes), _mm512_set1_epi8((char)(1 << bit)));
 #elif defined(FS_AVX2)
   const __m128i shift = _mm_cvtsi32_si128(7 - bit);
-  const __m256i low = _mm256_loadu_si256((const __m256i*)bytes), high = _mm256_loadu_si256((const __m256i*)(bytes + 32));
+  const __m256i low = _mm256_loadu_si256((const __m256i*)bytes),
+                high = _mm256_loadu_si256((const __m256i*)(bytes + 32));
   return (uint32_t)_mm256_movemask_epi8(_mm256_sll_epi16(low, shift)) |
          (uint64_t)(uint32_t)_mm256_movemask_epi8(_mm256_sll_epi16(high, shift)) << 32;
 #elif defined(__SSE2__)

@@ -1,5 +1,6 @@
-// What the inner loops share. A tile is TILE_W×TILE_H pixels in blocks of one vector (4 pixels wide, BLOCK_H high); state of all
-// blocks lives in the first-level cache, Gaussians come in order of depth, each only to the blocks its ellipse touches.
+// What the inner loops share. A tile is TILE_W×TILE_H pixels in blocks of one vector (4 pixels wide, BLOCK_H high);
+// state of all blocks lives in the first-level cache, Gaussians come in order of depth, each only to the blocks its
+// ellipse touches.
 #pragma once
 #include "kernels.h"
 #include "simd.h"
@@ -13,7 +14,7 @@ constexpr int COLUMNS = TILE_W / 4;
 constexpr uint64_t ALL_BLOCKS = ~0ull >> (64 - BLOCKS);
 
 // Everything about one block in one place: a single base register reaches all of it. x and y are the offsets of each
-// lane's pixel centre from the tile's first one.
+// lane's pixel center from the tile's first one.
 template <int K>
 struct alignas(64) Block {
   float x[W], y[W], remaining[W], other[W], extra[W], values[K][W];
@@ -37,7 +38,7 @@ FS_INLINE void start_blocks(Block<K>* blocks) {
 FS_INLINE int block_of(int x, int y) { return (y / BLOCK_H) * COLUMNS + x / 4; }
 FS_INLINE int lane_of(int x, int y) { return (y % BLOCK_H) * 4 + x % 4; }
 
-// Whitened offsets of a tile's first pixel centre from a Gaussian, in doubles: their terms may cancel.
+// Whitened offsets of a tile's first pixel center from a Gaussian, in doubles: their terms may cancel.
 FS_INLINE void offsets(const float* record, double left, double top, float& u, float& v) {
   double center[2];
   std::memcpy(center, record, sizeof center);
@@ -120,16 +121,18 @@ FS_INLINE uint64_t start_pixels(const Tile& t, Block<K>* blocks) {
   return open;
 }
 
-// The smallest compiled width that holds the group; further slots read padding and are not written out.
-#define FS_DISPATCH(FUNCTION, SLOTS_WANTED)             \
-  const int wanted = SLOTS_WANTED;                      \
-  if (wanted <= 1) return FUNCTION<1>(job, tile);       \
-  if (wanted <= 4) return FUNCTION<4>(job, tile);       \
-  if (wanted <= 5) return FUNCTION<5>(job, tile);       \
-  if (wanted <= 7) return FUNCTION<7>(job, tile);       \
-  if (wanted <= 8) return FUNCTION<8>(job, tile);       \
-  if (wanted <= 9) return FUNCTION<9>(job, tile);       \
-  if (wanted <= 12) return FUNCTION<12>(job, tile);     \
-  return FUNCTION<17>(job, tile);
+template <int K>
+struct SlotWidth {
+  static constexpr int value = K;
+};
+
+// Calls body(SlotWidth<K>()) for the smallest compiled width K that holds `slots`. By recursion, and not by
+// std::index_sequence: see simd.h.
+template <int I = 0, class Body>
+FS_INLINE void with_slot_width(int slots, const Body& body) {
+  if constexpr (I + 1 < SLOT_WIDTH_COUNT)
+    if (slots > SLOT_WIDTHS[I]) return with_slot_width<I + 1>(slots, body);
+  body(SlotWidth<SLOT_WIDTHS[I]>());
+}
 
 }  // namespace FS_NS

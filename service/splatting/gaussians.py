@@ -1,0 +1,101 @@
+"""Gaussians between trainer, scene and rasterizer. Activation, as in 3DGS, stands here alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.splatting.morton import morton_order
+from fastsplat.service.splatting.raster.types import Splats
+from fastsplat.service.splatting.types import TrainingDivergedError
+
+
+def activate_scales(log_scales: Tensor) -> Tensor:
+    """Standard deviations in scene units, exp(log_scales); differentiable."""
+    return torch.exp(log_scales)
+
+
+def activate_opacities(logit_opacities: Tensor) -> Tensor:
+    """Opacities 0..1, the logistic function of their logits; differentiable."""
+    return torch.sigmoid(logit_opacities)
+
+
+def splats_of(
+    gaussians: Gaussians | Mapping[str, Tensor], features: Tensor | None = None, device: torch.device | None = None
+) -> Splats:
+    """G activated Gaussians as the rasterizer takes them.
+
+    Args:
+        gaussians: a scene's, of which float32 copies are made; or parameters under the same names, to whose tensors
+            gradients flow.
+        features: [G, C] to composite; by default none, [G, 0].
+        device: where to put a scene's copies; the CPU by default. Parameters stay where they are.
+    """
+    if isinstance(gaussians, Gaussians):
+        names = ("means", "quats", "log_scales", "logit_opacities")
+        gaussians = {
+            name: torch.tensor(np.asarray(getattr(gaussians, name)), dtype=torch.float32, device=device)
+            for name in names
+        }
+    means = gaussians["means"]
+    return Splats(
+        means,
+        gaussians["quats"],
+        activate_scales(gaussians["log_scales"]),
+        activate_opacities(gaussians["logit_opacities"]),
+        means.new_zeros(len(means), 0) if features is None else features,
+    )
+
+
+def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
+    """The color part of a finished scene under the names of `SplatState.parameters`, without a copy."""
+    return {
+        "means": torch.from_numpy(gaussians.means),
+        "quats": torch.from_numpy(gaussians.quats),
+        "log_scales": torch.from_numpy(gaussians.log_scales),
+        "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
+        "sh_dc": torch.from_numpy(gaussians.sh[:, :1].copy()),
+        "sh_rest": torch.from_numpy(gaussians.sh[:, 1:].copy()),
+    }
+
+
+def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:
+    """All Gaussians of a run under way, in its own order."""
+    arrays = _arrays(parameters)
+    return _take(arrays, np.arange(len(arrays["means"])))
+
+
+def final_gaussians(parameters: Mapping[str, Tensor], cull_opacity: float) -> tuple[Gaussians, SemanticHead]:
+    """Gaussians with an opacity above `cull_opacity` in Morton order, and the head.
+
+    Raises:
+        TrainingDivergedError: a parameter is not finite.
+    """
+    arrays = _arrays(parameters)
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise TrainingDivergedError(f"after the last step {name} is not finite")
+    opacities = activate_opacities(parameters["logit_opacities"].detach().cpu().double()).numpy()
+    visible = np.flatnonzero(opacities > cull_opacity)
+    rows = visible[morton_order(arrays["means"][visible])]
+    return _take(arrays, rows), SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
+
+
+def _arrays(parameters: Mapping[str, Tensor]) -> dict[str, NDArray[np.float32]]:
+    return {name: value.detach().cpu().numpy() for name, value in parameters.items()}
+
+
+def _take(arrays: Mapping[str, NDArray[np.float32]], rows: NDArray[np.int64]) -> Gaussians:
+    return Gaussians(
+        means=arrays["means"][rows],
+        quats=arrays["quats"][rows],
+        log_scales=arrays["log_scales"][rows],
+        logit_opacities=arrays["logit_opacities"][rows],
+        sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
+        codes=arrays["codes"][rows],
+    )

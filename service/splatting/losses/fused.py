@@ -1,0 +1,76 @@
+"""Fused losses of the C++ extension: value and gradient in one pass, nothing of size H×W×N ever built."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
+
+MAX_CODE_SIZE: int = kernels.MAX_CODE_SIZE
+"""Numbers of a code that `SemanticLoss` takes."""
+
+
+class ImageLoss(torch.autograd.Function):
+    """(image, target, valid | None, ssim_weight) -> scalar; all float32 and contiguous."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Computes the gradient along with the value."""
+        image, target, valid, ssim_weight = inputs
+        grad = torch.empty_like(image) if ctx.needs_input_grad[0] else None
+        options = kernel_options()
+        loss = kernels.image_loss(
+            image=image.detach().numpy(),
+            target=target.numpy(),
+            valid=None if valid is None else valid.view(torch.uint8).numpy(),
+            ssim_weight=float(ssim_weight),
+            grad=None if grad is None else grad.numpy(),
+            threads=options.threads,
+            isa=options.isa,
+        )
+        if grad is not None:
+            ctx.save_for_backward(grad)
+        return torch.tensor(loss, dtype=torch.float32)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        """Scales the stored gradient."""
+        (grad,) = ctx.saved_tensors
+        return grad * grads[0], None, None, None
+
+
+class SemanticLoss(torch.autograd.Function):
+    """(codes [P, D] any pixel stride, weight, bias, labels int32 [P], class_weights) -> scalar; float32."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Computes all gradients along with the value."""
+        codes, weight, bias, labels, class_weights = (part.detach() for part in inputs)
+        d_codes = torch.empty(codes.shape)
+        d_weight, d_bias = torch.empty_like(weight), torch.empty_like(bias)
+        options = kernel_options()
+        loss = kernels.cross_entropy(
+            codes=codes.numpy(),
+            weight=weight.numpy(),
+            bias=bias.numpy(),
+            labels=labels.numpy(),
+            class_weights=class_weights.numpy(),
+            d_codes=d_codes.numpy(),
+            d_weight=d_weight.numpy(),
+            d_bias=d_bias.numpy(),
+            threads=options.threads,
+            isa=options.isa,
+        )
+        ctx.save_for_backward(d_codes, d_weight, d_bias)
+        return torch.tensor(loss, dtype=torch.float32)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        """Scales the stored gradients."""
+        d_codes, d_weight, d_bias = ctx.saved_tensors
+        return d_codes * grads[0], d_weight * grads[0], d_bias * grads[0], None, None

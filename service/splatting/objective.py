@@ -1,0 +1,83 @@
+"""What a step minimizes: a view rendered from a run's parameters, and the terms of its loss."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.raster import Backend, Rendering, Splats, rasterize, sh_to_rgb
+from fastsplat.service.splatting.semantics import label_loss
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_views import Frame, TrainingView
+
+
+def render_frame(
+    parameters: Mapping[str, Tensor],
+    splats: Splats,
+    view: TrainingView,
+    frame: Frame,
+    *,
+    degree: int,
+    with_codes: bool = False,
+    background: Tensor | None = None,
+    backend: Backend,
+) -> Rendering:
+    """The view at the size of `frame`: colors in the first 3 channels, composited codes behind them on request.
+
+    Args:
+        parameters: see `SplatState`; colors and codes are read.
+        splats: their activation (`splats_of`); features are not read.
+        view, frame: one of the view's frames.
+        degree: of the spherical harmonics in use.
+        with_codes: whether codes are composited too, [H, W, 3 + D].
+        background: RGB [3] behind the colors; black by default. Codes have zero behind them.
+        backend: which rasterizer.
+    """
+    sh = parameters["sh_dc"]
+    if degree:
+        sh = torch.cat([sh, parameters["sh_rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
+    features = sh_to_rgb(parameters["means"], sh, view.position, degree, backend=backend)
+    if with_codes:
+        features = torch.cat([features, parameters["codes"]], dim=1)
+        if background is not None:
+            background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
+    splats = replace(splats, features=features)
+    return rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)
+
+
+def loss_terms(
+    rendering: Rendering,
+    splats: Splats,
+    parameters: Mapping[str, Tensor],
+    frame: Frame,
+    target: Tensor,
+    class_weights: Tensor | None,
+    extent: float,
+    settings: TrainingSettings,
+) -> dict[str, Tensor]:
+    """The weighted terms whose sum is the loss of a step, by name.
+
+    Args:
+        rendering: of `render_frame`, with codes unless `class_weights` is None.
+        splats, parameters: what was rendered.
+        frame: what it is compared with.
+        target: float32 [H, W, 3], the frame's image.
+        class_weights: [N + 1], or None for no cross-entropy.
+        extent: of the scene, scene units.
+        settings: weights of the terms.
+    """
+    # Split, not sliced: the backward pass of two slices would fill and add two whole images.
+    rgb, codes = torch.split(rendering.image, [3, rendering.image.shape[2] - 3], dim=2)
+    terms = {"image": image_loss(rgb, target, settings.ssim_weight, frame.valid)}
+    if class_weights is not None and frame.labels is not None:
+        cross_entropy = label_loss(codes, parameters, frame.labels, frame.valid, class_weights)
+        terms["semantic"] = settings.semantic_weight * settings.semantic_every * cross_entropy
+    if settings.opacity_decay:
+        terms["opacity"] = settings.opacity_decay * splats.opacities.mean()
+    if settings.scale_decay:
+        terms["scale"] = settings.scale_decay / extent * splats.scales.mean()
+    return terms

@@ -1,0 +1,104 @@
+"""Pruning of a finished scene: Gaussians and harmonics that held-out views hardly miss."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, accumulate_weights, device_of
+from fastsplat.service.splatting.training_views import TrainingView
+
+MAX_EVAL_VIEWS = 8
+"""Held-out views that a pruned scene is measured on, at most."""
+
+_HALVINGS = 6
+EVALUATIONS = _HALVINGS + 4
+"""How often these are rendered by `prune_to_psnr`, about."""
+
+MeasurePsnr = Callable[[Gaussians], float]
+"""PSNR of a scene on held-out views, dB."""
+
+
+@dataclass(frozen=True)
+class PruneResult:
+    """What pruning left of a scene.
+
+    Attributes:
+        gaussians: the remaining ones in their order, with the remaining harmonics.
+        rows: int64, ascending: their row numbers before.
+        psnr_drop_db: loss of PSNR on the held-out views.
+    """
+
+    gaussians: Gaussians
+    rows: NDArray[np.int64]
+    psnr_drop_db: float
+
+
+@torch.no_grad()
+def max_contribution(
+    gaussians: Gaussians, views: tuple[TrainingView, ...], backend: Backend = "cpu"
+) -> NDArray[np.float64]:
+    """[G]: max_views Σ_pixels w, the pixels that a Gaussian fills in the view that shows it best, at the views'
+    smallest size; 0 for one that no view shows. (Mini-Splatting, Fang and Wang 2024, ranks by the sum over views, which
+    would prune first what few views show.)"""
+    device = device_of(backend)
+    splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
+    most = np.zeros(len(gaussians))
+    for view in views:
+        camera = view.frames[0].camera
+        ones = torch.ones(camera.height, camera.width, 1, device=device)
+        filled = accumulate_weights(splats, view.viewmat, camera, ones, backend=backend)[:, 0]
+        most = np.maximum(most, filled.double().cpu().numpy())
+    return most
+
+
+def prune_to_psnr(
+    gaussians: Gaussians, contribution: NDArray[np.float64], measure: MeasurePsnr, max_drop_db: float
+) -> PruneResult:
+    """The scene without harmonics and Gaussians that may go for at most `max_drop_db` of PSNR altogether.
+
+    Harmonics go first, the highest degrees together, for up to half of the allowance: with few views they may even do
+    harm. Then Gaussians go, those with the smallest contribution first, as many as the allowance bears (to 1/64 of
+    them).
+
+    Args:
+        gaussians: a finished scene.
+        contribution: [G], `max_contribution`.
+        measure: PSNR of a scene of some of these Gaussians; where it is not finite for the whole scene, nothing goes.
+        max_drop_db: the allowance; 0 or less takes nothing away.
+    """
+    everything = np.arange(len(gaussians))
+    if max_drop_db <= 0 or not len(gaussians):
+        return PruneResult(gaussians, everything, 0.0)
+    whole = measure(gaussians)
+    if not math.isfinite(whole):
+        return PruneResult(gaussians, everything, 0.0)
+    flattest = gaussians
+    for degree in range(gaussians.sh_degree):
+        flatter = replace(gaussians, sh=np.ascontiguousarray(gaussians.sh[:, : (degree + 1) ** 2]))
+        if measure(flatter) >= whole - max_drop_db / 2:
+            flattest = flatter
+            break
+    order = np.argsort(contribution, kind="stable")
+    best, rows = flattest, everything
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        share = (low + high) / 2
+        some = np.sort(order[int(share * len(order)) :])
+        fewer = _rows_of(flattest, some)
+        if measure(fewer) >= whole - max_drop_db:
+            low, best, rows = share, fewer, some
+        else:
+            high = share
+    return PruneResult(best, rows, whole - measure(best))
+
+
+def _rows_of(gaussians: Gaussians, rows: NDArray[np.int64]) -> Gaussians:
+    return Gaussians(**{name: np.ascontiguousarray(array[rows]) for name, array in vars(gaussians).items()})

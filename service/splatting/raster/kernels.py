@@ -1,0 +1,107 @@
+"""The compiled kernels, and how they run in this process: number of threads and instruction set.
+
+A process reads two environment variables when it first uses the kernels: FASTSPLAT_RASTER_THREADS, 1 to 256 (default:
+    the
+CPUs that the process may use, 64 at most), and FASTSPLAT_RASTER_ISA, avx512, avx2 or baseline (default: the best that
+this machine has). The threads are the kernels' own, and results do not depend on their number.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+
+try:
+    from fastsplat.service.splatting.raster import _cpu
+except ImportError as error:  # pragma: no cover - only in a checkout that was not built
+    raise ModelUnavailableError(
+        "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
+    ) from error
+
+kernels = _cpu
+"""The compiled module, for rasterizer, losses and optimizer."""
+
+kernels.set_cancellation_check(check_cancelled)
+
+_THREADS, _ISA = "FASTSPLAT_RASTER_THREADS", "FASTSPLAT_RASTER_ISA"
+_MAX_THREADS, _MAX_DEFAULT_THREADS = 256, 64
+
+
+@dataclass(frozen=True)
+class KernelOptions:
+    """How kernels run.
+
+    Attributes:
+        threads: 1..256, of each call.
+        isa: one of `instruction_sets()`.
+
+    Raises:
+        InvalidInputError: a number of threads outside 1..256, or an instruction set that this machine cannot run.
+    """
+
+    threads: int
+    isa: str
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.threads <= _MAX_THREADS:
+            raise InvalidInputError(f"{self.threads} threads", field=_THREADS, limit=f"1..{_MAX_THREADS} threads")
+        if self.isa not in instruction_sets():
+            raise InvalidInputError(
+                f"kernels {self.isa!r} cannot run here",
+                field=_ISA,
+                hint=f"Choose one of {', '.join(instruction_sets())}, or leave it unset.",
+            )
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """What this machine can run, best first."""
+    return tuple(kernels.available_isas())
+
+
+def options_from(environment: Mapping[str, str]) -> KernelOptions:
+    """What environment variables ask for, defaults where they are unset or empty.
+
+    Raises:
+        InvalidInputError: see `KernelOptions`, or threads that are no number.
+    """
+    threads, isa = environment.get(_THREADS, ""), environment.get(_ISA, "")
+    if threads and not threads.isdecimal():
+        raise InvalidInputError(f"{_THREADS}={threads!r}", field=_THREADS, limit=f"1..{_MAX_THREADS} threads")
+    default = min(_MAX_DEFAULT_THREADS, len(os.sched_getaffinity(0)))
+    return KernelOptions(int(threads) if threads else default, isa or instruction_sets()[0])
+
+
+def kernel_options() -> KernelOptions:
+    """What the next call runs with: the innermost `running_with`, or what the process was started with.
+
+    Raises:
+        InvalidInputError: see `options_from`.
+    """
+    return _override.get() or _process_options()
+
+
+@contextmanager
+def running_with(*, threads: int | None = None, isa: str | None = None) -> Iterator[None]:
+    """Runs the calls inside, of this thread, with other options; for measurements and tests."""
+    outer = kernel_options()
+    options = KernelOptions(outer.threads if threads is None else threads, outer.isa if isa is None else isa)
+    token = _override.set(options)
+    try:
+        yield
+    finally:
+        _override.reset(token)
+
+
+_override: ContextVar[KernelOptions | None] = ContextVar("kernel options", default=None)
+
+
+@cache
+def _process_options() -> KernelOptions:
+    return options_from(os.environ)

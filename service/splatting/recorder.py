@@ -1,0 +1,114 @@
+"""The recorder of a run: reports progress, loss and PSNR, and has checkpoints saved."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+
+from torch import Tensor
+
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.splatting.quality import measure_views, psnr
+from fastsplat.service.splatting.schedule import event_due
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import SplatState, Step
+from fastsplat.service.splatting.torch_runtime import release_free_memory
+from fastsplat.service.splatting.training_views import Frame, TrainingView
+
+_REPORT_EVERY_S = 0.5
+_PSNR_EVERY = 20
+_MEAN_OF = 50
+
+
+class Recorder:
+    """Reports a run and has its checkpoints saved; changes nothing of it.
+
+    The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`. What else wants to
+    follow a run, to publish previews for instance, needs the same three moments: `after_step` sees the whole state.
+
+    Args:
+        settings: the run's.
+        progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr
+            and seconds_left, each once it is known.
+        held_out: views whose PSNR is measured; without any, that of training images is.
+        random_points: start points that were placed at random.
+        save: writes a checkpoint of a state after so many seconds; None for no checkpoints.
+    """
+
+    def __init__(
+        self,
+        settings: TrainingSettings,
+        progress: Progress,
+        held_out: tuple[TrainingView, ...],
+        random_points: int,
+        save: Callable[[SplatState, float], None] | None,
+    ) -> None:
+        self._settings, self._progress, self._held_out, self._save = settings, progress, held_out, save
+        self._random_points = random_points
+        self._losses: deque[float] = deque(maxlen=_MEAN_OF)
+        self._psnr, self._speed = math.nan, 0.0
+        self._first = (0, 0.0)
+        self._reported = self._saved = 0.0
+
+    @property
+    def loss(self) -> float | None:
+        """Mean of the last 50 steps, or None before the first."""
+        return sum(self._losses) / len(self._losses) if self._losses else None
+
+    def start(self, state: SplatState, elapsed_s: float, progress: float) -> None:
+        """Before the first step."""
+        self._first = (state.iteration, elapsed_s)
+        self._reported = self._saved = time.monotonic()
+        self.report(state, elapsed_s, progress)
+
+    def observe_image(self, iteration: int, image: Tensor, target: Tensor, frame: Frame) -> None:
+        """The colors [H, W, 3] of a training step and what they are compared with."""
+        if not self._held_out and iteration % _PSNR_EVERY == 0 and frame.has_content:
+            self._psnr = psnr(image, target, frame.valid)
+
+    def after_step(self, state: SplatState, step: Step) -> None:
+        """After a step and what the strategy made of it. What `progress` raises ends the run."""
+        settings, now = self._settings, time.monotonic()
+        self._losses.append(step.loss)
+        if self._held_out and event_due(step.progress_before, step.progress, settings.evaluations):
+            figures = measure_views(state.parameters, self._held_out, settings.backend)
+            self._psnr = figures.get("psnr", math.nan)
+            release_free_memory()
+            self._reported = -math.inf
+        if now - self._reported >= _REPORT_EVERY_S:
+            iteration, elapsed_s = self._first
+            self._speed = (state.iteration - iteration) / max(step.elapsed_s - elapsed_s, 1e-9)
+            self.report(state, step.elapsed_s, step.progress)
+            self._reported = now
+        if self._save and now - self._saved >= settings.checkpoint_every_s:
+            self._save(state, step.elapsed_s)
+            self._saved = now
+
+    def finish(self, state: SplatState, elapsed_s: float) -> None:
+        """After the last step."""
+        if self._save:
+            self._save(state, elapsed_s)
+
+    def report(self, state: SplatState, elapsed_s: float, progress: float) -> None:
+        """Sends one progress event."""
+        settings = self._settings
+        left = (settings.iterations - state.iteration) / self._speed if self._speed else math.inf
+        if settings.time_budget_s is not None:
+            left = min(left, max(0.0, settings.time_budget_s - elapsed_s))
+        metrics = {
+            "iteration": float(state.iteration),
+            "elapsed_s": elapsed_s,
+            "gaussians": float(state.count),
+            "iterations_per_second": self._speed,
+            "random_points": float(self._random_points),
+        }
+        if self.loss is not None:
+            metrics["loss"] = self.loss
+        if math.isfinite(left):
+            metrics["seconds_left"] = left
+        if math.isfinite(self._psnr):
+            metrics["psnr"] = self._psnr
+        message = f"iteration {state.iteration}, {state.count} Gaussians"
+        self._progress(ProgressEvent("training", progress, message, metrics))

@@ -1,0 +1,201 @@
+"""A capture's images, label maps and masks in memory, as bytes, at the sizes that training uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
+
+from fastsplat.service.capture.image_io import (
+    load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
+)
+from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.common.camera import Camera
+from fastsplat.service.common.dictionary import UNDETECTED
+from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.perception.types import Labelling
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One view at one size.
+
+    Attributes:
+        camera: intrinsics for this size.
+        rgb: uint8 [H, W, 3].
+        labels: uint8 or int32 [H, W] class per pixel (0 undetected), or None when the scene has no labels.
+        valid: bool [H, W], or None when every pixel has content.
+    """
+
+    camera: Camera
+    rgb: Tensor
+    labels: Tensor | None
+    valid: Tensor | None
+
+    def target(self) -> Tensor:
+        """float32 [H, W, 3], 0..1."""
+        return self.rgb.to(torch.float32).mul_(1 / 255)
+
+    @property
+    def has_content(self) -> bool:
+        """Whether any pixel is valid."""
+        return self.valid is None or bool(self.valid.any())
+
+    def to(self, device: torch.device) -> Frame:
+        """The same frame with its tensors on `device`."""
+        labels = None if self.labels is None else self.labels.to(device)
+        return Frame(self.camera, self.rgb.to(device), labels, None if self.valid is None else self.valid.to(device))
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One view at all sizes.
+
+    Attributes:
+        name: the image's name in the capture.
+        viewmat: float32 [4, 4] camera-from-world.
+        position: float32 [3] of the camera, world frame.
+        frames: from the smallest size to the training size.
+    """
+
+    name: str
+    viewmat: Tensor
+    position: Tensor
+    frames: tuple[Frame, ...]
+
+    def to(self, device: torch.device) -> TrainingView:
+        """The same view with its tensors on `device`."""
+        frames = tuple(frame.to(device) for frame in self.frames)
+        return TrainingView(self.name, self.viewmat.to(device), self.position.to(device), frames)
+
+
+def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Indices of (training, held-out) views: one in `every` is held out, from the middle of each such group.
+
+    None is held out when `every` is below 2 or there are fewer than 4 views; with 4 or more and `every` larger than
+    their number, the middle one is.
+    """
+    if every < 2 or count < 4:
+        return tuple(range(count)), ()
+    every = min(every, count)
+    held_out = tuple(range(every // 2, count, every))
+    return tuple(index for index in range(count) if index not in held_out), held_out
+
+
+def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Indices of (training, held-out) views: those that the upload itself sets apart for testing are held out; if it
+    names none, as `split_views`. `every` = 0 holds none out."""
+    apart = set(capture.test_names)
+    held_out = tuple(index for index, view in enumerate(capture.views) if view.posed.name in apart)
+    if not every or not held_out or len(held_out) == len(capture.views):
+        return split_views(len(capture.views), every)
+    return tuple(index for index in range(len(capture.views)) if index not in held_out), held_out
+
+
+def load_views(
+    capture: Capture,
+    labelling: Labelling,
+    indices: tuple[int, ...],
+    max_side: int,
+    scales: tuple[float, ...],
+) -> tuple[TrainingView, ...]:
+    """Views `indices` of a capture at each of `scales` (shares of the training size, ascending, the last is 1).
+
+    The training size is the image's own, reduced to `max_side` pixels on the longer side where it is larger.
+
+    Raises:
+        InvalidInputError: an image or label map has another size than its camera.
+    """
+    return tuple(_load_view(capture.views[index], _label_map(labelling, index), max_side, scales) for index in indices)
+
+
+def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, ...]:
+    """The views, without the label maps that name nothing: no detector looked at those views, or it detected
+    nothing."""
+    return tuple(
+        view
+        if view.frames[-1].labels is None or bool(view.frames[-1].labels.any())
+        else replace(view, frames=tuple(replace(frame, labels=None) for frame in view.frames))
+        for view in views
+    )
+
+
+def with_labels(view: TrainingView, labels: NDArray[np.integer]) -> TrainingView:
+    """The view with other label maps, at all its sizes."""
+    full = torch.from_numpy(_small(labels))
+    frames = []
+    for frame in view.frames:
+        rows = ((np.arange(frame.camera.height) + 0.5) * len(labels) / frame.camera.height).astype(np.int64)
+        columns = ((np.arange(frame.camera.width) + 0.5) * labels.shape[1] / frame.camera.width).astype(np.int64)
+        frames.append(replace(frame, labels=full[rows][:, columns].contiguous()))
+    return replace(view, frames=tuple(frames))
+
+
+def training_size(camera: Camera, max_side: int, scale: float = 1.0) -> Camera:
+    """The camera of an image reduced to `max_side` on its longer side, then by `scale`; never enlarged."""
+    factor = min(1.0, max_side / max(camera.width, camera.height)) * scale
+    if factor == 1.0:
+        return camera
+    return camera.scaled_to(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
+
+
+def _label_map(labelling: Labelling, index: int) -> NDArray[np.uint16] | None:
+    return labelling.label_maps[index] if len(labelling.dictionary) and labelling.label_maps else None
+
+
+def _load_view(
+    view: View, label_map: NDArray[np.uint16] | None, max_side: int, scales: tuple[float, ...]
+) -> TrainingView:
+    camera, name = view.posed.camera, view.posed.name
+    rgb = load_rgb(view.image_path)
+    _check_size(rgb, camera, f"image {name}")
+    valid = None
+    if view.valid_path is not None:
+        with Image.open(view.valid_path) as image:
+            valid = np.asarray(image.convert("L"))
+        _check_size(valid, camera, f"mask of image {name}")
+    if label_map is not None:
+        _check_size(label_map, camera, f"label map of image {name}")
+    frames = tuple(_frame(rgb, label_map, valid, training_size(camera, max_side, scale)) for scale in scales)
+    viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
+    position = torch.from_numpy(view.posed.world_from_camera[:3, 3].astype(np.float32))
+    return TrainingView(name, viewmat, position, frames)
+
+
+def _check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:
+    if pixels.shape[:2] != (camera.height, camera.width):
+        raise InvalidInputError(
+            f"{what} has {pixels.shape[1]}×{pixels.shape[0]} pixels, its camera {camera.width}×{camera.height}",
+            field=what,
+            hint="Give every image, mask and label map the size its camera states.",
+        )
+
+
+def _frame(
+    rgb: NDArray[np.uint8], labels: NDArray[np.uint16] | None, valid: NDArray[np.uint8] | None, camera: Camera
+) -> Frame:
+    size = (camera.width, camera.height)
+    if size != (rgb.shape[1], rgb.shape[0]):
+        # Averaging over areas is what a smaller sensor would have seen; labels cannot be averaged.
+        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA))
+        labels = None if labels is None else np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST))
+        valid = None if valid is None else np.asarray(cv2.resize(valid, size, interpolation=cv2.INTER_AREA))
+    if valid is not None and labels is not None:
+        labels = np.where(valid == 255, labels, np.uint16(UNDETECTED))
+    return Frame(
+        camera=camera,
+        rgb=torch.from_numpy(rgb.copy()),
+        labels=None if labels is None else torch.from_numpy(_small(labels)),
+        valid=None if valid is None else torch.from_numpy(valid == 255),
+    )
+
+
+def _small(labels: NDArray[np.integer]) -> NDArray[np.uint8 | np.int32]:
+    """A copy in the smallest type that torch can index with."""
+    return labels.astype(np.uint8) if labels.max(initial=0) < 256 else labels.astype(np.int32)
