@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from fastsplat.service.calls.keys import KeyRing, key_id_of
-from fastsplat.service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
 
 Need = Literal["open", "read", "write"]
 

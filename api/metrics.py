@@ -17,7 +17,7 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from fastsplat.service.calls.figures import Figures
-from fastsplat.service.common.errors import FastSplatError, ResourceError
+from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _R = TypeVar("_R")
 

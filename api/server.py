@@ -25,8 +25,8 @@ from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls, tls_of
 from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import ResourceError
 
 _log = logging.getLogger(__name__)
 

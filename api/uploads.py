@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
-from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.common.errors import LimitExceededError
-from fastsplat.service.splatting.presets import PresetName
+from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.operations import PresetName, SceneOptions
 
 
 def scene_options(

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 
 from fastsplat.cli.serve import Role
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 _CPU = "cpu"
 

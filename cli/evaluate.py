@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, PresetName, with_preset
+from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, with_preset
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.operations import PresetName
 
 _FIGURES = (
     "miou", "miou_micro", "miou_threshold", "boundary_iou", "pixel_accuracy", "localization",
@@ -32,7 +33,7 @@ def evaluate(
         Path, typer.Argument(metavar="DIR", help="transforms.json, COLMAP, LERF-OVS or 3D-OVS folder with images.")
     ],
     preset: Annotated[
-        Literal["draft", "balanced", "best", "settings"],
+        Literal[PresetName, "settings"],
         typer.Option(help="How much to spend; 'settings' takes FASTSPLAT_TRAINING__* as they are."),
     ] = "balanced",
     labels: Annotated[

@@ -14,9 +14,9 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.lifeline import PARENT_VARIABLE, die_with_parent
+from fastsplat_contract.errors import FastSplatError
 
 Devices = Annotated[
     str, typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: what CUDA shows.')

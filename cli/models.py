@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.perception.models.manifest import load_manifest
 from fastsplat.service.perception.models.pull import Step, model_state
 from fastsplat.service.perception.models.pull import pull as pull_models
 from fastsplat.service.settings import load_settings
+from fastsplat_contract.errors import FastSplatError
 
 models_app = typer.Typer(
     name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True

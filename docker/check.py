@@ -22,8 +22,8 @@ from pathlib import Path
 
 from images import ROOT, Builder, Image
 
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat_client import Client
+from fastsplat_contract.operations import SceneOptions
 
 _PATIENCE_S = 240.0
 _UID = 10001
@@ -99,8 +99,8 @@ def _ask(folder: Path, key: str, url: str) -> None:
         operation = client.wait(posted.id, timeout_s=_PATIENCE_S)
         assert operation.state == "SUCCEEDED", operation
         (answer,) = client.query(operation.scene_id, "banana")
-        print(answer.answer.explanation)
-        assert answer.answer.verdict == "exact", answer
+        print(answer.explanation)
+        assert answer.verdict == "exact", answer
 
 
 @contextmanager

@@ -14,18 +14,22 @@ from typing import Any, TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from fastsplat.service.calls.translate import options_of
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.common.progress import STAGES, ProgressEvent
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
 from fastsplat.service.store.jobs import Claim, FencedError
 from fastsplat.service.store.records import SceneSummary
-from fastsplat.workers.errors import TrainerCrashedError, WorkerCrashedError
 from fastsplat.workers.process import TrainerProcess
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import FULL, disk_full, error_to_json
+from fastsplat_contract.errors import (
+    DatabaseError,
+    ObjectStoreError,
+    ResourceError,
+    TrainerCrashedError,
+    WorkerCrashedError,
+)
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -268,7 +272,7 @@ class Supervisor:
         operation, blobs = self._claim.operation, self._store.blobs
         folder = blobs.job(operation.id)
         folder.mkdir(parents=True, exist_ok=True)
-        options = options_of(operation.options)
+        options = options_of(operation)
         upload = self._patiently(lambda: blobs.fetch_upload(operation.upload_id)) / operation.options["admitted"]
         return Job(operation.id, self._claim.attempt, upload, folder, options, self._settings)
 

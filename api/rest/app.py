@@ -24,6 +24,8 @@ from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.calls.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.json_codec import json_schema_of
+from fastsplat_contract.problems import Problem
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (
@@ -42,7 +44,7 @@ class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             schema = super().openapi()
-            schema["components"]["schemas"]["Problem"] = problems.Problem.model_json_schema()
+            schema["components"]["schemas"]["Problem"] = json_schema_of(Problem)
             schema["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():

@@ -8,17 +8,10 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat_contract.errors import RangeNotSatisfiableError
 
 _RANGE = re.compile(r"bytes=\s*(?:\d+-\d*|-\d+)\s*(?:,\s*(?:\d+-\d*|-\d+)\s*)*", re.IGNORECASE)
 _FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")
-
-
-class RangeNotSatisfiableError(FastSplatError):
-    """The range asked for lies outside the file."""
-
-    kind = Kind.INVALID_ARGUMENT
-    reason = "RANGE_NOT_SATISFIABLE"
 
 
 def immutable_file(request: Request, path: Path, media_type: str, filename: str, tag: str) -> Response:

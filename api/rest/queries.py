@@ -8,18 +8,21 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from fastsplat.api.rest import models
 from fastsplat.api.rest.calls import PROBLEMS, answered, called, file_response
 from fastsplat.api.rest.files import immutable_file
 from fastsplat.api.rest.routes import Version
-from fastsplat.api.rest.translate import answer_out, camera_in, query_in
 from fastsplat.api.threads import Threads
 from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import (
-    Mask3dEncoding,
+from fastsplat_contract.masks import Mask3dEncoding
+from fastsplat_contract.members import description_of
+from fastsplat_contract.queries import (
     PictureFormat,
     PictureKind,
+    PictureRequest,
+    QueryIn,
+    QueryOut,
     QueryRequest,
+    RenderIn,
 )
 
 _PLY = "application/x-ply"
@@ -33,10 +36,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     """Questions, pictures and files of finished scenes."""
     router = APIRouter(responses=PROBLEMS)
 
-    def asked(query: QueryRequest) -> models.QueryOut:
-        return models.QueryOut(answers=[answer_out(answer, query.outputs) for answer in service.query(query)])
-
-    @router.get("/query", response_model=models.QueryOut)
+    @router.get("/query", response_model=QueryOut)
     async def query(
         request: Request,
         text: Annotated[list[str], Query(description="the question; several are allowed")],
@@ -51,10 +51,12 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         max_matches: Annotated[
             int, Query(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
         ] = 0,
-        mask3d_encoding: Annotated[Mask3dEncoding, Query(description=models.MASK3D)] = "bits",
+        mask3d_encoding: Annotated[
+            Mask3dEncoding, Query(description=description_of(QueryIn, "mask3d_encoding"))
+        ] = "bits",
     ) -> Response:
         """Ranked labels for a text, in one scene or in all."""
-        wanted = QueryRequest(
+        question = QueryRequest(
             scene,
             tuple(text),
             outputs=frozenset(outputs),
@@ -65,12 +67,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
         )
-        return await answered(request, threads, lambda: asked(wanted))
+        return await answered(request, threads, lambda: QueryOut(service.query(question)))
 
-    @router.post("/v1/scenes/{scene_id}:query", response_model=models.QueryOut)
-    async def query_scene(request: Request, scene_id: str, query: models.QueryIn) -> Response:
+    @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
+    async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
-        return await answered(request, threads, lambda: asked(query_in(scene_id, query)))
+        question = QueryRequest(scene_id, **vars(body))
+        return await answered(request, threads, lambda: QueryOut(service.query(question)))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",
@@ -80,18 +83,15 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def view_picture(
         request: Request,
         scene_id: str,
-        kind: Annotated[PictureKind, PathParameter(description=models.PICTURES)],
+        kind: Annotated[PictureKind, PathParameter(description=description_of(RenderIn, "kind"))],
         view: _View,
         text: Annotated[str | None, Query(description="the question; overlay, relevancy and mask need one")] = None,
         version: Version = "",
-        depth_scale: Annotated[float, Query(ge=0, description=models.DEPTH_SCALE)] = 0.0,
+        depth_scale: Annotated[float, Query(ge=0, description=description_of(RenderIn, "depth_scale"))] = 0.0,
     ) -> Response:
         """A picture from one of the scene's own cameras."""
-        png = await called(
-            request,
-            threads,
-            lambda: service.view_picture(scene_id, text or None, kind, None, view, version, depth_scale=depth_scale),
-        )
+        picture = PictureRequest(scene_id, kind, text, view=view, version=version, depth_scale=depth_scale)
+        png = await called(request, threads, lambda: service.view_picture(picture))
         return Response(png, media_type="image/png")
 
     @router.get(
@@ -110,9 +110,8 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         version: Version = "",
     ) -> Response:
         """Labels or depth from one of the scene's own cameras, as an array."""
-        npy = await called(
-            request, threads, lambda: service.view_picture(scene_id, None, kind, None, view, version, "npy")
-        )
+        picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
+        npy = await called(request, threads, lambda: service.view_picture(picture))
         return Response(npy, media_type=_MEDIA_TYPES["npy"])
 
     @router.post(
@@ -120,23 +119,11 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         response_class=Response,
         responses=file_response(*_MEDIA_TYPES.values(), description="the picture"),
     )
-    async def render(request: Request, scene_id: str, wanted: models.RenderIn) -> Response:
+    async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
         """A picture from a free viewpoint, or from one of the scene's own cameras."""
-
-        def rendered() -> bytes:
-            camera = None if wanted.camera is None else camera_in(wanted.camera, "camera")
-            return service.view_picture(
-                scene_id,
-                wanted.text or None,
-                wanted.kind,
-                camera,
-                wanted.view,
-                wanted.version,
-                wanted.format,
-                wanted.depth_scale,
-            )
-
-        return Response(await called(request, threads, rendered), media_type=_MEDIA_TYPES[wanted.format])
+        picture = PictureRequest(scene_id, **vars(body))
+        content = await called(request, threads, lambda: service.view_picture(picture))
+        return Response(content, media_type=_MEDIA_TYPES[body.format])
 
     @router.get(
         "/v1/scenes/{scene_id}/scene.ply",
@@ -174,14 +161,16 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         request: Request,
         scene_id: str,
         text: _Text,
-        encoding: Annotated[Literal["bits", "runs", "indices"], Query(description=models.MASK3D)] = "bits",
+        encoding: Annotated[
+            Literal["bits", "runs", "indices"], Query(description=description_of(QueryIn, "mask3d_encoding"))
+        ] = "bits",
         version: Version = "",
     ) -> Response:
         """Which Gaussians answer the text."""
-        wanted = QueryRequest(
+        question = QueryRequest(
             scene_id, (text,), outputs=frozenset({"mask3d"}), version=version, mask3d_encoding=encoding
         )
-        answer = (await called(request, threads, lambda: service.query(wanted)))[0]
+        answer = (await called(request, threads, lambda: service.query(question)))[0]
         return Response(
             answer.mask3d,
             media_type="application/octet-stream",

@@ -14,9 +14,9 @@ from fastsplat.api.rest.multipart import Part, read_parts
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
 from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import Operation
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat_contract.operations import Operation
 
 _FILE_FIELDS = ("capture", "images")
 _MAX_TEXT_BYTES = 2**20

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -58,15 +59,15 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
         if label in background:
             continue
         label_id = scene.dictionary.id_of(label)
-        found = [thing for thing in objects if thing.label_id == label_id]
+        found = [thing for thing, _ in objects if thing.label_id == label_id]
         rows[label] = {"objects": len(found)}
         if found:
             truth = oriented_box(points, np.ones(len(points)), up)
             rows[label] |= {
                 "centroid_off": round(float(np.linalg.norm(found[0].centroid - points.mean(axis=0))), 4),
-                "box_centre_off": round(float(np.linalg.norm(found[0].box_center - truth.center)), 4),
-                "box_size_off": round(float(np.abs(found[0].box_size - truth.size).max()), 4),
-                "size": truth.size.round(3).tolist(),
+                "box_centre_off": round(math.dist(found[0].box.center.position, truth.center.position), 4),
+                "box_size_off": round(float(np.abs(np.subtract(found[0].box.size, truth.size)).max()), 4),
+                "size": np.round(truth.size, 3).tolist(),
                 "gaussians": found[0].gaussian_count,
                 "best_views": list(found[0].best_views),
             }

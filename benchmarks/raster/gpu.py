@@ -18,9 +18,9 @@ from torch import Tensor
 
 from benchmarks.raster.measure import training_step
 from benchmarks.raster.scenes import Scene, garden
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Splats, cuda, device_of, label_map, rasterize, sh_to_rgb
+from fastsplat_contract.errors import ModelUnavailableError
 
 _RESULTS = Path(__file__).parents[1] / "results" / "gpu.json"
 _PARTS = ("means", "quats", "scales", "opacities", "features")

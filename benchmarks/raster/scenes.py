@@ -11,8 +11,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import Splats
+from fastsplat_contract.camera import Camera
 
 OPACITY = 0.1
 

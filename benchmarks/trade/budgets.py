@@ -19,8 +19,8 @@ from typing import Any
 
 from benchmarks.trade.__main__ import machine
 from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.settings import Settings
+from fastsplat_contract.operations import SceneOptions
 
 _ROOT = Path(__file__).parents[2]
 _OUT = _ROOT / "benchmarks" / "results" / "trade_budgets.json"

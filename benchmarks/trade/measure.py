@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from benchmarks.trade.data import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.rows import Row
 from benchmarks.trade.score import Pictures, localization, maps_iou, score
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
@@ -29,6 +28,7 @@ from fastsplat.service.query import SceneIndex, embed_labels
 from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.splatting.raster import RasterSettings, Splats, label_map, rasterize, sh_to_rgb
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.camera import PosedCamera
 
 _ENCODER = "minilm_l6_int8"
 _TIMED = 5

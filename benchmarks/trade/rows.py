@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 from benchmarks.trade.data import HELD_OUT_EVERY
 from fastsplat.service.splatting.plan import SceneSize, steps_per_second
-from fastsplat.service.splatting.presets import PRESETS, PresetName
+from fastsplat.service.splatting.presets import PRESETS
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.operations import PresetName
 
 BASE: dict[str, Any] = {
     "iterations": 400,

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from benchmarks.trade.data import BenchData
 from fastsplat.service.capture.images import load_rgb
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.evaluation.boundary import boundary_counts
 from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
@@ -21,6 +20,7 @@ from fastsplat.service.evaluation.segmentation import confusion
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.splatting.quality import psnr, ssim
+from fastsplat_contract.camera import PosedCamera
 
 Map = Callable[[PosedCamera], NDArray[np.generic]]
 

@@ -9,7 +9,7 @@
         mask = answer.masks[0].array()  # bool [H, W]
 
 It speaks the service's own types and raises the service's own errors (`service.calls.types`,
-`service.common.errors`), so that code reads the same in process and over the wire.
+`fastsplat_contract.errors`), so that code reads the same in process and over the wire.
 """
 
 from fastsplat_client.client import Client

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,12 @@ import grpc
 from google.rpc import error_details_pb2  # type: ignore[import-untyped]
 from grpc_status import rpc_status
 
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import CancelledError, FastSplatError, Kind
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
-from fastsplat_client.messages import answers_of, camera_message, query_message
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import CancelledError, FastSplatError, Kind
+from fastsplat_contract.pieces import answers_of
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
@@ -47,7 +49,7 @@ class PoseAnswer:
 
     sequence: int
     question: int
-    answers: tuple[QueryAnswer, ...]
+    answers: tuple[Answer, ...]
     dropped: int
     seconds: float
 
@@ -86,19 +88,21 @@ class Grpc:
             except grpc.RpcError as error:
                 raise error_from(error) from error
 
-    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[QueryAnswer, ...]:
+    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[Answer, ...]:
         """See `Client.ask`."""
         with self.opened() as (stub, metadata):
-            return tuple(answers_of(stub.Query(query_message(request), timeout=timeout_s, metadata=metadata)))
+            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
+            return tuple(answers_of(call, request.outputs))
 
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
     ) -> Iterator[PoseAnswer]:
         """See `Client.stream_query`."""
         with self.opened() as (stub, metadata):
-            call = stub.StreamQuery(_requests(question, poses), metadata=metadata)
+            asked: list[QueryRequest] = []
+            call = stub.StreamQuery(_requests(question, poses, asked), metadata=metadata)
             try:
-                yield from _answers(call)
+                yield from _answers(call, asked)
             finally:
                 call.cancel()
 
@@ -124,19 +128,21 @@ def _kind(error: grpc.Call) -> Kind:
 
 
 def _requests(
-    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], asked: list[QueryRequest]
 ) -> Iterator[pb.StreamQueryRequest]:
-    yield pb.StreamQueryRequest(question=_question(question))
+    """What is sent; `asked` grows by each question."""
     sequence = 0
-    for pose in poses:
-        if isinstance(pose, StandingQuestion):
-            yield pb.StreamQueryRequest(question=_question(pose))
+    for part in itertools.chain((question,), poses):
+        if isinstance(part, StandingQuestion):
+            asked.append(part.request)
+            standing = pb.StandingQuestion(query=to_proto(part.request), heartbeat_s=part.heartbeat_s)
+            yield pb.StreamQueryRequest(question=standing)
         else:
             sequence += 1
-            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=camera_message(pose)))
+            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(part)))
 
 
-def _answers(call: Iterable[pb.StreamQueryResponse]) -> Iterator[PoseAnswer]:
+def _answers(call: Iterable[pb.StreamQueryResponse], asked: Sequence[QueryRequest]) -> Iterator[PoseAnswer]:
     pieces: list[pb.QueryResponse] = []
     dropped = 0
     for reply in call:
@@ -146,9 +152,6 @@ def _answers(call: Iterable[pb.StreamQueryResponse]) -> Iterator[PoseAnswer]:
         elif part == "dropped":
             dropped += reply.dropped.count
         elif part == "done":
-            yield PoseAnswer(reply.sequence, reply.question, tuple(answers_of(pieces)), dropped, reply.done.seconds)
+            answers = tuple(answers_of(pieces, asked[reply.question - 1].outputs))
+            yield PoseAnswer(reply.sequence, reply.question, answers, dropped, reply.done.seconds)
             pieces, dropped = [], 0
-
-
-def _question(question: StandingQuestion) -> pb.StandingQuestion:
-    return pb.StandingQuestion(query=query_message(question.request), heartbeat_s=question.heartbeat_s)

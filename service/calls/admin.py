@@ -9,11 +9,11 @@ from sqlalchemy import text
 
 from fastsplat.service.calls.figures import Figures
 from fastsplat.service.calls.keys import Keys
-from fastsplat.service.common.errors import ModelUnavailableError, ResourceError
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.figures import FigureRows
 from fastsplat.service.store.rows import transaction
+from fastsplat_contract.errors import ModelUnavailableError, ResourceError
 
 
 class Admin:

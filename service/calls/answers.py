@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from fastsplat.service.calls.masks import encode_mask3d, mask_ply, view_mask
-from fastsplat.service.calls.objects import described
 from fastsplat.service.calls.paging import page_of
-from fastsplat.service.calls.pictures import ASKING, check_picture, picture
+from fastsplat.service.calls.pictures import picture, question_of
 from fastsplat.service.calls.scenes import OpenScenes, view_of
-from fastsplat.service.calls.types import PictureFormat, PictureKind, QueryAnswer, QueryRequest, SceneObject
 from fastsplat.service.calls.validate import check_page_size
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.names import check_texts
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import ObjectList
 
 
 class Answers:
@@ -30,7 +28,7 @@ class Answers:
         self._settings = settings
         self._scenes = scenes
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """See `SceneService.query`."""
         self._check(request)
         if request.scene_id:
@@ -38,7 +36,7 @@ class Answers:
                 request.scene_id, request.version, lambda index, version: self._answer(index, version, request)
             )
         _check_everywhere(request)
-        answers: list[QueryAnswer] = []
+        answers: list[Answer] = []
         for scene_id in self._store.rows.ready_scene_ids():
             check_cancelled()
             try:
@@ -47,32 +45,11 @@ class Answers:
                 continue  # deleted since it was listed
         return tuple(answers)
 
-    def picture(
-        self,
-        scene_id: str,
-        text: str | None,
-        kind: PictureKind,
-        camera: PosedCamera | None,
-        view: str | None,
-        version: str,
-        image_format: PictureFormat,
-        depth_scale: float,
-    ) -> bytes:
+    def picture(self, request: PictureRequest) -> bytes:
         """See `SceneService.view_picture`."""
-        if (camera is None) == (view is None):
-            raise InvalidInputError(
-                "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
-            )
-        check_picture(kind, text, image_format, depth_scale)
-        if text is not None and kind in ASKING:
-            self._check_texts((text,))
-        return self._scenes.reading(
-            scene_id,
-            version,
-            lambda index, _: picture(
-                index, kind, text, camera or view_of(index, view or ""), image_format, depth_scale
-            ),
-        )
+        if question := question_of(request):
+            self._check_texts((question,))
+        return self._scenes.reading(request.scene_id, request.version, lambda index, _: picture(index, request))
 
     def scene_ply(self, scene_id: str, version: str) -> tuple[Path, str]:
         """See `SceneService.scene_ply`."""
@@ -92,51 +69,51 @@ class Answers:
 
         return self._scenes.reading(scene_id, version, read)
 
-    def objects(
-        self, scene_id: str, version: str, label: str, page_size: int, page_token: str
-    ) -> tuple[tuple[SceneObject, ...], str, str]:
+    def objects(self, scene_id: str, version: str, label: str, page_size: int, page_token: str) -> ObjectList:
         """See `SceneService.list_objects`."""
         size = check_page_size(page_size, self._settings.store)
 
-        def read(index: SceneIndex, found: str) -> tuple[tuple[SceneObject, ...], str, str]:
-            wanted = index.objects
+        def read(index: SceneIndex, read_version: str) -> ObjectList:
+            objects = index.objects
             if label:
                 label_id = index.scene.dictionary.id_of(label)
                 if label_id is None:
                     raise NotFoundError(
                         f"no label {label[:80]!r} in this scene", field="label", hint="List its labels, or ask a query."
                     )
-                wanted = tuple(thing for thing in wanted if thing.label_id == label_id)
-            page, token = page_of(wanted, size, page_token, f"objects {scene_id} {found} {label}")
-            return tuple(described(thing) for thing in page), token, found
+                objects = tuple(thing for thing in objects if thing.label_id == label_id)
+            page, token = page_of(objects, size, page_token, f"objects {scene_id} {read_version} {label}")
+            return ObjectList(tuple(page), token, read_version)
 
         return self._scenes.reading(scene_id, version, read)
 
-    def _answer(self, index: SceneIndex, version: str, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def _answer(self, index: SceneIndex, version: str, request: QueryRequest) -> tuple[Answer, ...]:
         cameras = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
-        answers: list[QueryAnswer] = []
-        for answer in index.ask(request.texts, **_choices(request)):
+        shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
+        answers: list[Answer] = []
+        for answer in index.ask(
+            request.texts,
+            negatives=request.negatives or None,
+            templates=request.templates or None,
+            coverage=request.coverage,
+        ):
             masks = []
             for camera in cameras if "mask2d" in request.outputs else ():
                 check_cancelled()
                 masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
-            packed = b""
+            mask3d = None
             if "mask3d" in request.outputs:
-                packed = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
-            objects = index.objects_of(answer) if "objects" in request.outputs else ()
-            shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
-            best = answer if shown < 0 else dataclasses.replace(answer, matches=answer.matches[:shown])
+                mask3d = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
             answers.append(
-                QueryAnswer(
-                    request.scene_id,
-                    version,
-                    best,
-                    len(answer.matches),
-                    len(index.scene.gaussians),
-                    tuple(masks),
-                    packed,
-                    tuple(described(thing) for thing in objects),
+                dataclasses.replace(
+                    answer,
+                    scene_id=request.scene_id,
+                    version=version,
+                    matches=answer.matches if shown < 0 else answer.matches[:shown],
+                    masks=tuple(masks),
+                    mask3d=mask3d,
+                    objects=index.objects_of(answer) if "objects" in request.outputs else None,
                 )
             )
         return tuple(answers)
@@ -185,9 +162,3 @@ def _check_everywhere(request: QueryRequest) -> None:
         )
     if request.version:
         raise InvalidInputError("a version belongs to one scene", field="scene_id", hint="Name the scene to ask.")
-
-
-def _choices(request: QueryRequest) -> dict[str, Any]:
-    """What the request says in place of the settings."""
-    chosen = {"negatives": request.negatives, "templates": request.templates, "coverage": request.coverage}
-    return {name: value for name, value in chosen.items() if value not in ((), None)}

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.calls.types import CameraFormat
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.common.poses import quaternion_of
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.poses import quaternion_of
+from fastsplat_contract.queries import CameraFormat
 
 MEDIA_TYPES: dict[CameraFormat, str] = {
     "json": "application/json",
@@ -34,7 +35,7 @@ def camera_file(cameras: Sequence[PosedCamera], wanted: str) -> bytes:
         InvalidInputError: another format.
     """
     if wanted == "json":
-        return _json({"cameras": [_plain(posed) for posed in cameras]})
+        return _json({"cameras": [to_plain(posed) for posed in cameras]})
     if wanted == "transforms":
         return _json({"camera_model": "OPENCV", "frames": [_frame(posed) for posed in cameras]})
     if wanted == "colmap":
@@ -42,17 +43,6 @@ def camera_file(cameras: Sequence[PosedCamera], wanted: str) -> bytes:
     raise InvalidInputError(
         f"no camera format {wanted[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
     )
-
-
-def _plain(posed: PosedCamera) -> dict[str, Any]:
-    return {
-        "intrinsics": vars(posed.camera),
-        "position": dict(zip("xyz", posed.world_from_camera[:3, 3].tolist(), strict=True)),
-        "orientation": dict(zip("xyzw", quaternion_of(posed.world_from_camera[:3, :3]), strict=True)),
-        "convention": "OPENCV",
-        "frame_id": "world",
-        "name": posed.name,
-    }
 
 
 def _frame(posed: PosedCamera) -> dict[str, Any]:

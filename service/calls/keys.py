@@ -15,9 +15,9 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.store.blobs import sync_folder
 from fastsplat.service.store.keys import KeyKind, KeyRecord, KeyRows
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 _KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 _NOBODY = "0" * 64

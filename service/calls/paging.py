@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeVar
 
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 T = TypeVar("T")
 

@@ -3,55 +3,61 @@
 from __future__ import annotations
 
 from io import BytesIO
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from fastsplat.service.calls.types import PictureFormat, PictureKind
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.calls.scenes import view_of
 from fastsplat.service.query import SceneIndex, pictures
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.queries import PictureKind, PictureRequest
 
-KINDS: tuple[PictureKind, ...] = ("rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture")
-ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
-"""Kinds that show the answer to a text."""
+_ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
 _ARRAYS = ("label_map", "depth")
 DEPTH_SCALE = 0.001
 _FARTHEST = 65_535
 
 
-def check_picture(kind: str, text: str | None, image_format: str, depth_scale: float) -> None:
-    """Raise unless such a picture can be made.
+def question_of(request: PictureRequest) -> str:
+    """The text whose answer the picture shows, "" for a kind that shows none.
 
     Raises:
-        InvalidInputError: an unknown kind, a missing text, numpy's format for what is a picture, a scale that is none.
+        InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
+            text, numpy's format for what is a picture, a depth scale that is none.
     """
-    if kind not in KINDS:
-        named = ", ".join(f'"{known}"' for known in KINDS)
+    if (request.camera is None) == (request.view is None):
+        raise InvalidInputError(
+            "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
+    kind, kinds = request.kind, get_args(PictureKind)
+    if kind not in kinds:
+        named = ", ".join(f'"{known}"' for known in kinds)
         raise InvalidInputError(f"no picture of kind {kind[:40]!r}", field="kind", hint=f"Use one of {named}.")
-    if kind in ASKING and text is None:
+    if kind in _ASKING and not request.text:
         raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
-    if image_format == "npy" and kind not in _ARRAYS:
+    if request.format == "npy" and kind not in _ARRAYS:
         raise InvalidInputError(
             f'"{kind}" is a picture, not an array', field="format", hint='Use "png", or ask for label_map or depth.'
         )
-    if not (np.isfinite(depth_scale) and depth_scale >= 0):
+    if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
         raise InvalidInputError(
-            f"a depth scale of {depth_scale}", field="depth_scale", hint="Scene units a step, above 0; 0.001 is usual."
+            f"a depth scale of {request.depth_scale}",
+            field="depth_scale",
+            hint="Scene units a step, above 0; 0.001 is usual.",
         )
+    return request.text or "" if kind in _ASKING else ""
 
 
-def picture(
-    index: SceneIndex,
-    kind: PictureKind,
-    text: str | None,
-    posed: PosedCamera,
-    image_format: PictureFormat = "png",
-    depth_scale: float = 0.0,
-) -> bytes:
-    """The bytes of one picture; the arguments have passed `check_picture`."""
+def picture(index: SceneIndex, request: PictureRequest) -> bytes:
+    """The bytes of one picture; the request has passed `question_of`.
+
+    Raises:
+        NotFoundError: the scene has no such view.
+    """
+    posed = request.camera or view_of(index, request.view or "")
+    kind, image_format = request.kind, request.format
     if kind == "rgb":
         return pictures.png_bytes(index.render(posed))
     if kind == "label_map":
@@ -61,9 +67,8 @@ def picture(
         depth = index.depth(posed)
         if kind == "depth_picture":
             return pictures.png_bytes(_depth_picture(depth))
-        return _npy(depth) if image_format == "npy" else _depth_png(depth, depth_scale or DEPTH_SCALE)
-    assert text is not None
-    (answer,) = index.ask((text,))
+        return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
+    (answer,) = index.ask((question_of(request),))
     seen = index.mask2d(answer, posed)
     if kind == "mask":
         return pictures.png_bytes(seen.mask.astype(np.uint8) * 255)

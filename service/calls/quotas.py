@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from sqlalchemy import Connection
 
-from fastsplat.service.common.errors import QuotaError
 from fastsplat.service.limits import QuotaSettings
 from fastsplat.service.store.holdings import Held, HoldingRows, take
+from fastsplat_contract.errors import QuotaError
 
 
 class Quotas:

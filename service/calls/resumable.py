@@ -21,39 +21,25 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Literal
+from typing import BinaryIO, Literal
 
 from fastsplat.service.calls.quotas import Quotas
 from fastsplat.service.calls.uploads import disk_error, safe_parts
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, LimitExceededError, NotFoundError
 from fastsplat.service.store.blobs import Blobs, remove, sync_folder
+from fastsplat_contract.errors import (
+    ChecksumMismatchError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    OffsetConflictError,
+    UploadLockedError,
+)
 
 Algorithm = Literal["sha1", "sha256"]
 ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
 
 _INFO, _OFFSET, _DATA = "resumable.json", "offset", "data"
 _DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
-
-
-class OffsetConflictError(FastSplatError):
-    """The piece does not begin where the upload ends."""
-
-    kind: ClassVar[Kind] = Kind.FAILED_PRECONDITION
-    reason: ClassVar[str] = "OFFSET_CONFLICT"
-
-
-class UploadLockedError(FastSplatError):
-    """Somebody else is sending a piece of this upload."""
-
-    kind: ClassVar[Kind] = Kind.FAILED_PRECONDITION
-    reason: ClassVar[str] = "UPLOAD_LOCKED"
-
-
-class ChecksumMismatchError(FastSplatError):
-    """A piece is not what its checksum says; nothing of it was kept."""
-
-    kind: ClassVar[Kind] = Kind.INVALID_ARGUMENT
-    reason: ClassVar[str] = "CHECKSUM_MISMATCH"
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from fastsplat.service.calls.cache import LeastRecentlyUsed
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import NotFoundError, NotReadyError
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import NotFoundError, NotReadyError
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.text import TextEncoder

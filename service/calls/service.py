@@ -15,32 +15,19 @@ from fastsplat.service.calls.paging import page_of, read_page_token, write_page_
 from fastsplat.service.calls.quotas import Quotas
 from fastsplat.service.calls.resumable import ResumableUploads
 from fastsplat.service.calls.scenes import OpenScenes
-from fastsplat.service.calls.translate import label_of, operation_of, scene_of
-from fastsplat.service.calls.types import (
-    CameraFormat,
-    DictionaryRow,
-    Edit,
-    Operation,
-    PictureFormat,
-    PictureKind,
-    QueryAnswer,
-    QueryRequest,
-    SceneInfo,
-    SceneObject,
-    SceneOptions,
-    SceneVersion,
-)
+from fastsplat.service.calls.translate import label_of, operation_of, scene_of, stored_options, summary_of
 from fastsplat.service.calls.uploads import UploadSession
 from fastsplat.service.calls.validate import check_page_size, check_request
 from fastsplat.service.calls.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.states import OperationState
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import Edit, LabelList, ObjectList, Scene, SceneList, SceneVersion
 
 Admit = Callable[[Path, CaptureSettings], AdmittedUpload]
 
@@ -121,19 +108,17 @@ class SceneService:
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
-    ) -> tuple[tuple[Operation, ...], str]:
+    ) -> OperationList:
         """Operations, newest first, in pages as `list_scenes`; only those in `state`, if given.
 
         Raises:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        found = self._store.rows.operations(size + 1, read_page_token(page_token), state)
-        page = tuple(operation_of(record) for record in found[:size])
-        token = write_page_token(found[size - 1].created_at, found[size - 1].id) if len(found) > size else ""
-        return page, token
+        records = self._store.rows.operations(size + 1, read_page_token(page_token), state)
+        return OperationList(tuple(operation_of(record) for record in records[:size]), _next(records, size))
 
-    def get_scene(self, scene_id: str) -> SceneInfo:
+    def get_scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality; of very many labels and cameras the first.
 
         Raises:
@@ -141,9 +126,7 @@ class SceneService:
         """
         return scene_of(self._store.rows.scene(scene_id), self._settings.calls.max_listed)
 
-    def list_labels(
-        self, scene_id: str, page_size: int = 0, page_token: str = ""
-    ) -> tuple[tuple[DictionaryRow, ...], str]:
+    def list_labels(self, scene_id: str, page_size: int = 0, page_token: str = "") -> LabelList:
         """A scene's dictionary by label id, in pages as `list_scenes`.
 
         Raises:
@@ -153,11 +136,11 @@ class SceneService:
         size = check_page_size(page_size, self._settings.store)
         scene = self._store.rows.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
-        return tuple(label_of(row) for row in page), token
+        return LabelList(tuple(label_of(row) for row in page), token)
 
     def list_objects(
         self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
-    ) -> tuple[tuple[SceneObject, ...], str, str]:
+    ) -> ObjectList:
         """The things of a scene as oriented boxes, in pages as `list_scenes`.
 
         Args:
@@ -185,8 +168,8 @@ class SceneService:
         self._scenes.version(scene_id, "")
         return camera_file(scene_of(self._store.rows.scene(scene_id)).cameras, wanted)
 
-    def list_scenes(self, page_size: int = 0, page_token: str = "") -> tuple[tuple[SceneInfo, ...], str]:
-        """Scenes, newest first, in pages; `cameras` are left to `get_scene`.
+    def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
+        """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
 
         Args:
             page_size: at most this many; 0 for the server's default, larger values than its limit are cut to it.
@@ -199,10 +182,8 @@ class SceneService:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        found = self._store.rows.scenes(size + 1, read_page_token(page_token))
-        page = tuple(scene_of(record) for record in found[:size])
-        token = write_page_token(found[size - 1].created_at, found[size - 1].id) if len(found) > size else ""
-        return page, token
+        records = self._store.rows.scenes(size + 1, read_page_token(page_token))
+        return SceneList(tuple(summary_of(record) for record in records[:size]), _next(records, size))
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene: its files go, its job stops, its request id is free again.
@@ -267,7 +248,7 @@ class SceneService:
         """
         return self._scenes.version(scene_id, "")
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
 
         Cameras, views and versions belong to one scene.
@@ -282,34 +263,13 @@ class SceneService:
         """
         return self._answers.query(request)
 
-    def view_picture(
-        self,
-        scene_id: str,
-        text: str | None,
-        kind: PictureKind,
-        camera: PosedCamera | None = None,
-        view: str | None = None,
-        version: str = "",
-        image_format: PictureFormat = "png",
-        depth_scale: float = 0.0,
-    ) -> bytes:
-        """One view of a scene as a picture.
-
-        Args:
-            scene_id: which scene.
-            text: the question behind "overlay", "relevancy" and "mask"; the others need none.
-            kind: the rendered view, the mask laid over it, turbo relevancy, the mask alone (8-bit, 0/255), label ids
-                (16-bit), depth (16-bit steps of `depth_scale`; 0 nothing, 65535 so far or farther), depth in colours.
-            camera: a free viewpoint, or
-            view: the name of one of the scene's own cameras; exactly one of the two.
-            version: of the scene; "" is the current one.
-            image_format: PNG, or numpy's own for label maps (uint16) and depth (float32, scene units).
-            depth_scale: scene units a step of the 16-bit depth; 0 is 0.001.
+    def view_picture(self, request: PictureRequest) -> bytes:
+        """One view of a scene as a picture, or as an array file.
 
         Raises:
             NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
         """
-        return self._answers.picture(scene_id, text, kind, camera, view, version, image_format, depth_scale)
+        return self._answers.picture(request)
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
         """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
@@ -347,13 +307,7 @@ class SceneService:
             request_id=request_id,
             request_digest=digest,
             upload_id=upload.id,
-            options={
-                "admitted": str(admitted.relative_to(upload.folder)),
-                "labels": list(options.labels),
-                "time_budget_s": options.time_budget_s,
-                "max_gaussians": options.max_gaussians,
-                "preset": options.preset,
-            },
+            options=stored_options(options, str(admitted.relative_to(upload.folder))),
             priority=options.priority,
         )
         record, new = self._store.rows.admit(
@@ -382,6 +336,11 @@ def _admit_upload(folder: Path, settings: CaptureSettings) -> AdmittedUpload:
     from fastsplat.service.capture.admission import admit_isolated  # loads with the first upload, not with the server
 
     return admit_isolated(folder, settings)
+
+
+def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:
+    """The token of the page after the first `size` records; "" if there are no more."""
+    return write_page_token(records[size - 1].created_at, records[size - 1].id) if len(records) > size else ""
 
 
 def _new_id() -> str:

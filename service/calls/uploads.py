@@ -14,11 +14,10 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from fastsplat.service.calls.types import Operation, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ResourceError
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.errors import DatabaseError
+from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
+from fastsplat_contract.operations import Operation, SceneOptions
 
 _CHUNK = 1 << 20
 _MAX_DEPTH = 16

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.settings import StoreSettings
 from fastsplat.service.splatting.presets import PRESETS
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.operations import SceneOptions
 
 _DEFAULT_PAGE = 50
 _HIGHEST_PRIORITY = 100

@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.calls.scenes import OpenScenes
-from fastsplat.service.calls.types import Edit, Pose, SceneVersion
 from fastsplat.service.calls.validate import check_request_id
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat.service.common.poses import rotation_of
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.versions import NewVersion, VersionRecord
+from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Colour, Edit, SceneVersion
 
 _TRIES = 5
 
@@ -98,12 +98,11 @@ class Versions:
         from fastsplat.service.query.edits import apply_edit
 
         for number, edit in enumerate(edits):
-            wanted = SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, _matrix(edit.transform))
+            matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                scene = apply_edit(index, wanted)
+                scene = apply_edit(index, SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, matrix))
             except (InvalidInputError, NotFoundError) as error:
-                error.field = f"edits[{number}].{error.field}"
-                raise
+                raise error.within(f"edits[{number}]") from error
             index = self._scenes.index_of(scene)
             check_cancelled()
         classes = np.bincount(index.gaussian_classes, minlength=len(index.scene.dictionary) + 1)
@@ -144,15 +143,6 @@ class Versions:
             )
 
 
-def _matrix(pose: Pose | None) -> Any:
-    if pose is None:
-        return None
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_of(*pose.orientation)
-    matrix[:3, 3] = pose.position
-    return matrix
-
-
 def _version_of(record: VersionRecord, current: str) -> SceneVersion:
     return SceneVersion(
         scene_id=record.scene_id,
@@ -167,5 +157,5 @@ def _version_of(record: VersionRecord, current: str) -> SceneVersion:
 
 def _edit_of(row: Mapping[str, Any]) -> Edit:
     colour, transform = row["colour"], row["transform"]
-    pose = transform and Pose(tuple(transform["position"]), tuple(transform["orientation"]))
-    return replace(Edit(**row), colour=colour and tuple(colour), transform=pose or None)
+    pose = transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"]))
+    return replace(Edit(**row), colour=colour and Colour(*colour), transform=pose or None)

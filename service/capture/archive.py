@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 from fastsplat.service.capture.names import is_litter, safe_parts
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 
 _CHUNK = 1 << 20
 _RATIO_FREE_BYTES = 4 << 20  # a small archive may shrink as well as it likes

@@ -34,8 +34,8 @@ from fastsplat.service.capture.views import (
     reduced_size,
     write_view,
 )
-from fastsplat.service.common.errors import InvalidInputError, ReconstructionError
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.errors import FastSplatError, ResourceError
+from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _PR_SET_PDEATHSIG = 1
 _POLITE = 5

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.given import GivenPhoto, GivenPoses
 from fastsplat.service.capture.lens import Lens, check_lens, model_names, parameter_count
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MAX_NAME_BYTES = 1_024
 _HINT = "Export the model again."

@@ -10,7 +10,7 @@ from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
 from fastsplat.service.capture.names import is_litter
 from fastsplat.service.capture.types import Source
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _NOT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})

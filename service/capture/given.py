@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.labels import LabelTable
 from fastsplat.service.capture.lens import Lens
-from fastsplat.service.capture.types import Scale
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.scenes import Scale
 
 _ASPECT_SLACK_PX = 1.0
 

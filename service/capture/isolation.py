@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common import errors
-from fastsplat.service.common.errors import FastSplatError, ReconstructionError, ResourceError
+from fastsplat_contract import errors
+from fastsplat_contract.errors import FastSplatError, ReconstructionError, ResourceError
 
 Task = Literal["admit", "probe", "frames", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.images import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import MAX_LABELS, UNDETECTED, Dictionary, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 _HINT = 'Write {"mug": 1, "table": 2}, {"labels": {"mug": 1}} or ["mug", "table"]; 0 stays undetected.'
 _MAX_NAME = 200

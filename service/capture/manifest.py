@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fastsplat.service.capture.images import PhotoInfo
 from fastsplat.service.capture.types import Source
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 ADMITTED = ".admitted"
 """Name of the admitted folder, inside the raw upload's, so that both are removed together."""

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from pathlib import PurePosixPath
 
-from fastsplat.service.common.errors import UnsafeArchiveError
+from fastsplat_contract.errors import UnsafeArchiveError
 
 _MAX_DEPTH = 16
 _MAX_NAME_BYTES = 255

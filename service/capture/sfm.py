@@ -17,7 +17,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs
-from fastsplat.service.common.errors import ReconstructionError
+from fastsplat_contract.errors import ReconstructionError
 
 Tell = Callable[[float, str], None]
 

@@ -20,9 +20,9 @@ from fastsplat.service.capture.labels import LabelTable, label_table
 from fastsplat.service.capture.lens import Lens, check_lens
 from fastsplat.service.capture.ply_points import read_points
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Scale
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.scenes import Scale
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."

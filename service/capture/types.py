@@ -9,11 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
-
-Scale = Literal["METRIC", "ARBITRARY"]
-
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import Scale
 
 Source = Literal["images", "video", "colmap", "nerfstudio"]
 

@@ -23,7 +23,7 @@ from fastsplat.service.capture.names import is_litter
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.transforms import read_transforms
 from fastsplat.service.capture.types import AdmittedUpload
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
 _VIDEO_HEADS = (

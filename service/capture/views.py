@@ -15,7 +15,7 @@ from fastsplat.service.capture.images import PhotoInfo, open_map, save_rgb, turn
 from fastsplat.service.capture.lens import Undistortion, turned, turned_pose, undistortion
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import View
-from fastsplat.service.common.camera import PosedCamera
+from fastsplat_contract.camera import PosedCamera
 
 IMAGES, MASKS, LABELS = "images", "masks", "labels"
 

@@ -1,1 +1,1 @@
-"""What every room shares: errors, settings, cameras, the dictionary of labels, progress."""
+"""What every room shares beside the contract: cancellation, the dictionary of labels, progress."""

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 UNDETECTED = 0
 """Label id of a pixel that no detection covers; dictionary entries count from 1."""

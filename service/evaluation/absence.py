@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fastsplat.service.evaluation.detection import auroc, false_positive_rate_at
-from fastsplat.service.query import Answer, SceneIndex
+from fastsplat.service.query import SceneIndex
+from fastsplat_contract.queries import Answer
 
 RECALL = 0.95
 

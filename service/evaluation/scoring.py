@@ -17,8 +17,9 @@ from fastsplat.service.evaluation.ghosts import GhostCounts, ghost_counts
 from fastsplat.service.evaluation.localization import box_of, peak_in_box, peak_in_mask
 from fastsplat.service.evaluation.masks import MaskCounts
 from fastsplat.service.evaluation.segmentation import mask_counts
-from fastsplat.service.query import Answer, SceneIndex
+from fastsplat.service.query import SceneIndex
 from fastsplat.service.splatting.quality import psnr, ssim
+from fastsplat_contract.queries import Answer
 
 
 @dataclass(frozen=True)

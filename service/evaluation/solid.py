@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.evaluation.masks import MaskCounts
 from fastsplat.service.evaluation.segmentation import mask_counts
+from fastsplat_contract.camera import PosedCamera
 
 NO_TRUTH = -1
 _RELATIVE_TOLERANCE = 0.02

@@ -12,7 +12,6 @@ from typing import Literal
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets import Dataset, training_capture
 from fastsplat.service.perception import label_capture
@@ -22,6 +21,7 @@ from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.errors import InvalidInputError
 
 LabelSource = Literal["given", "detected"]
 

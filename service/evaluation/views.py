@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.segmentation import Confusion, confusion
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.quality import psnr, ssim
 from fastsplat.service.splatting.raster import Backend, Splats, rasterize, sh_to_rgb
 from fastsplat.service.splatting.views import load_views
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

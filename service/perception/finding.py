@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.common.dictionary import dictionary_of, label_key
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tags import TAGS
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat.service.perception.votes import one_name_each, settle
+from fastsplat_contract.errors import InvalidInputError
 
 _WINDOW = 0.6
 _CUT_PX = 4

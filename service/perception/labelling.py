@@ -11,7 +11,6 @@ from PIL import Image as PillowImage
 
 from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.finding import find
 from fastsplat.service.perception.maps import clean_mask, paint, settle_masks
@@ -21,6 +20,7 @@ from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
 from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
 from fastsplat.service.perception.votes import settle, votes_for, weights
+from fastsplat_contract.errors import InvalidInputError
 
 _FINDING = 0.3  # share of the stage's progress; segmentation takes the rest
 

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.evidence import rows_of
 from fastsplat.service.scene.types import F32, Gaussians, Scene
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
     from fastsplat.service.query.index import SceneIndex
@@ -145,9 +145,9 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
         return np.flatnonzero(index.gaussian_classes == found)
-    for known in index.objects:
-        if known.id == edit.object_id:
-            return known.rows.astype(np.int64)
+    for instance in index.instances:
+        if instance.object.id == edit.object_id:
+            return instance.rows.astype(np.int64)
     raise NotFoundError(
         f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fastsplat.service.query.calibration import Score
-from fastsplat.service.query.types import Answer, Match
+from fastsplat_contract.queries import Answer, Match
 
 _SHOWN = 3
 _MAX_QUOTED = 60

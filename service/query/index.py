@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.query.fields import LabelField, label_field
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.types import Answer, Mask2D
+from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.queries import Answer
+from fastsplat_contract.scenes import SceneObject
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
-    from fastsplat.service.query.objects import SceneObject
+    from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.views import Renderer
 
 _DEFAULTS = QuerySettings()
@@ -51,8 +53,8 @@ class SceneIndex:
         self._ranker = Ranker(scene, counts, encoder, settings)
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
-        self._objects: tuple[SceneObject, ...] | None = None
-        self._objects_lock = threading.Lock()
+        self._instances: tuple[Instance, ...] | None = None
+        self._instances_lock = threading.Lock()
 
     @property
     def calibrated(self) -> bool:
@@ -104,14 +106,19 @@ class SceneIndex:
         return np.asarray(wanted[self._field.classes])
 
     @property
-    def objects(self) -> tuple[SceneObject, ...]:
-        """All things of this scene, see `find_objects`; found with the first question for them."""
+    def instances(self) -> tuple[Instance, ...]:
+        """All things of this scene with their Gaussians, see `find_objects`; made by the first question for them."""
         from fastsplat.service.query.objects import find_objects
 
-        with self._objects_lock:
-            if self._objects is None:
-                self._objects = find_objects(self.scene, self._field)
-            return self._objects
+        with self._instances_lock:
+            if self._instances is None:
+                self._instances = find_objects(self.scene, self._field)
+            return self._instances
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """All things of this scene, in the order of `instances`."""
+        return tuple(instance.object for instance in self.instances)
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
         """The things that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _QUESTION = re.compile(
     r"^(?:please|where(?:'s| is| are)|what(?:'s| is| are)|which(?: is| are)?|is there|are there"

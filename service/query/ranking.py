@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache, embed_labels
 from fastsplat.service.query.explain import explain
@@ -27,8 +26,9 @@ from fastsplat.service.query.probability import (
 )
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.types import Answer, Match, Verdict
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
+from fastsplat_contract.queries import Answer, Match, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
@@ -162,15 +162,20 @@ class Ranker:
         )
         held = _held_against(prompted, judged, float(primary[order[0]]) if rows else -_NOWHERE)
         answer = Answer(
-            text,
-            judged.verdict,
-            matches,
+            scene_id="",
+            text=text,
+            verdict=judged.verdict,
             explanation="",
             probability=probability,
             label_set=labels,
             coverage=None if measured is None else coverage,
             decided_by="score" if judged.named is None else "name",
             threshold=held,
+            version="",
+            gaussians=sum(self._counts),
+            match_count=len(matches),
+            matches=matches,
+            masks=(),
             presence=present,
         )
         return explain(answer, self._settings.score)

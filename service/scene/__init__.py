@@ -1,6 +1,5 @@
 """The trained artefact: its arrays, its files, its exchange formats."""
 
-from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.files import read_scene, write_scene
 from fastsplat.service.scene.ply import read_ply, write_ply
 from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, Scene, SemanticHead
@@ -10,8 +9,6 @@ __all__ = [
     "Gaussians",
     "LabelMode",
     "Scene",
-    "SceneFileError",
-    "SceneSchemaError",
     "SemanticHead",
     "read_ply",
     "read_scene",

@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError
-from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.types import LabelMode
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
+from fastsplat_contract.scenes import Scale
 
 SCHEMA = 2
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes."""
@@ -42,7 +42,7 @@ class Manifest:
     dictionary: Dictionary
     text_encoder: tuple[str, str]
     label_templates: tuple[str, ...]
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     training: Mapping[str, Any]
     quality: Mapping[str, Any]
     gaussians: int
@@ -208,7 +208,7 @@ class _Body(_Strict):
     dictionary: list[_Entry]
     text_encoder: _Encoder
     label_templates: list[str]
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     training: dict[str, Any]
     quality: dict[str, Any]
     sizes: _Sizes

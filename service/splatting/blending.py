@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead
 from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize
+from fastsplat_contract.camera import Camera
 
 _CHANNELS = 32
 """Of one rasterization: twice the channels take a fifth more time, up to about here."""

@@ -12,7 +12,7 @@ import safetensors
 import safetensors.torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import ConflictError
+from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
 _VERSION = 1

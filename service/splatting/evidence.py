@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import UNDETECTED
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene.evidence import UNIT, evidence_of, merged, no_evidence
 from fastsplat.service.scene.types import Evidence, Gaussians
 from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, device_of, label_sums
 from fastsplat.service.splatting.views import TrainingView
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 
 def view_evidence(

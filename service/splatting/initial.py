@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.views import TrainingView
+from fastsplat_contract.errors import InvalidInputError
 
 _SH_DC = 0.28209479177387814  # Y_0, the constant spherical harmonic
 _ENOUGH_POINTS = 100

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from fastsplat.service.splatting.settings import TrainingSettings
-
-PresetName = Literal["draft", "balanced", "best"]
+from fastsplat_contract.operations import PresetName
 
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {

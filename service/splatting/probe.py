@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from PIL import Image
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.plan import Speed
 from fastsplat.service.splatting.raster import Backend, Splats, rasterize
+from fastsplat_contract.camera import Camera
 
 _STEP_S, _IMAGE_S = 0.0077, 0.0030
 """What a round of each kind takes on the reference machine, quiet."""

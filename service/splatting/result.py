@@ -13,7 +13,7 @@ from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.semantics import ghost_share
 from fastsplat.service.splatting.state import SplatState
-from fastsplat.service.splatting.types import TrainingDivergedError
+from fastsplat_contract.errors import TrainingDivergedError
 
 
 def final_scene(state: SplatState, cull_opacity: float) -> tuple[Gaussians, SemanticHead]:

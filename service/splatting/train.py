@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.evidence import posterior
@@ -50,8 +49,9 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import adam_step, new_state, relocate_and_grow, restored_state
 from fastsplat.service.splatting.threads import one_torch_thread
 from fastsplat.service.splatting.thrift import JUDGES, seen_weight, without_surplus
-from fastsplat.service.splatting.types import TrainedSplats, TrainingDivergedError
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.views import Frame, TrainingView, capture_split, load_views, speaking, with_labels
+from fastsplat_contract.errors import InvalidInputError, TrainingDivergedError
 
 _AGREED = "agreed."
 _REPORT_EVERY_S = 0.5

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sqlalchemy import Engine
 
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.engine import open_engine, resolve_url
 from fastsplat.service.store.holdings import HoldingRows
@@ -17,6 +16,7 @@ from fastsplat.service.store.objects import open_blobs
 from fastsplat.service.store.rows import Rows
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.versions import VersionRows
+from fastsplat_contract.errors import ResourceError
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Literal
 from sqlalchemy import Column, Double, Engine, String, Table, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.common.errors import NotFoundError
 from fastsplat.service.store.rows import transaction
 from fastsplat.service.store.schema import metadata
+from fastsplat_contract.errors import NotFoundError
 
 KeyKind = Literal["write", "read"]
 

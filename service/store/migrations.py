@@ -19,8 +19,8 @@ from typing import Any
 from sqlalchemy import Column, Connection, Engine, Index, Integer, Table, insert, inspect, select, text, update
 from sqlalchemy.schema import CreateColumn
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store.schema import metadata, operations
+from fastsplat_contract.errors import ConflictError
 
 Step = Callable[[Connection], None]
 

@@ -30,10 +30,10 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.rows import no_scene, transaction
 from fastsplat.service.store.schema import metadata, scenes
+from fastsplat_contract.errors import ConflictError
 
 _versions = Table(
     "scene_versions",

@@ -10,7 +10,6 @@ import numpy as np
 
 from fastsplat.service.calls.service import SceneService
 from fastsplat.service.calls.translate import camera_to_json
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import embed_labels
@@ -18,6 +17,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.camera import Camera, PosedCamera
 
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")

@@ -17,18 +17,19 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest, SceneOptions
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import (
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import (
     CancelledError,
     InvalidInputError,
     PermissionDeniedError,
     UnauthenticatedError,
 )
-from fastsplat.service.settings import Settings
-from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
-from fastsplat_client.messages import query_message
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import Faces, served, serving
@@ -149,7 +150,7 @@ def test_keys_and_tls_reach_both_ports(
     with serving(service, settings) as ports:
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
         with Client(url, key=read, grpc_target=target, ca=pem / "ca.pem") as client:
-            assert client.query(scene_id, "mug")[0].answer.verdict == "exact"
+            assert client.query(scene_id, "mug")[0].verdict == "exact"
             question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
             (found,) = client.stream_query(question, [turned(0.0)])
             assert found.answers[0].masks[0].area > 0
@@ -175,7 +176,7 @@ class _Endless:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         self.begun.set()
         try:
             while True:
@@ -193,7 +194,7 @@ def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_sett
             with client_of(faces) as client, pytest.raises(DeadlineExceededError):
                 client.query("any", "mug", timeout_s=0.5)
         else:
-            call = faces.rpc.Query(query_message(QueryRequest("any", ("mug",))))
+            call = faces.rpc.Query(to_proto(QueryRequest("any", ("mug",))))
             assert endless.begun.wait(10)
             call.cancel()
         assert endless.stopped.wait(10)
@@ -210,7 +211,7 @@ class _Watched:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         try:
             return self._service.query(request)
         except BaseException as error:

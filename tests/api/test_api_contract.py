@@ -8,19 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from fastsplat.api.grpc.messages import CHUNK_BYTES, messages_of
 from fastsplat.api.grpc.server import MAX_MESSAGE_BYTES
-from fastsplat.api.grpc.translate import scene_out
 from fastsplat.api.rest import openapi
 from fastsplat.service.calls.settings import CallSettings
 from fastsplat.service.calls.translate import camera_to_json, scene_of
-from fastsplat.service.calls.types import Box, Pose, QueryAnswer, RleMask, SceneObject, ViewMask
-from fastsplat.service.query.types import Answer, Match
 from fastsplat.service.store.records import SceneRecord
-from fastsplat_client.messages import answers_of
+from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2
 from tests.api.made_scene import turned
 
@@ -94,49 +87,6 @@ def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(
     assert rpcs - set(_TWINS.values()) == {"StreamQuery"}
 
 
-_THING = SceneObject(
-    "1-1",
-    1,
-    "mug",
-    0.5,
-    (1.0, 2.0, 3.0),
-    Box(Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (1.0, 1.0, 1.0)),
-    60,
-    True,
-    (),
-)
-
-
-@settings(max_examples=8, deadline=None)
-@given(
-    sizes=st.lists(st.integers(0, 3 * CHUNK_BYTES), max_size=3),
-    pictures=st.lists(st.integers(1, 3 * CHUNK_BYTES), max_size=2),
-    mask3d_bytes=st.integers(0, 3 * CHUNK_BYTES),
-    labels=st.sampled_from([0, 1, 100, 30_000]),
-    things=st.sampled_from([0, 1, 20_000]),
-)
-def test_answers_of_any_size_fit_in_messages_and_come_together_again(
-    sizes: list[int], pictures: list[int], mask3d_bytes: int, labels: int, things: int
-) -> None:
-    letters = "".join(map(chr, range(48, 112)))
-    masks = tuple(ViewMask("", n, size, RleMask(4, 5, letters * (size // 64))) for n, size in enumerate(sizes))
-    masks += tuple(ViewMask(f"view {size}", 0, size, None, bytes(size)) for size in pictures)
-    matches = tuple(Match(n, f"{'x' * 150} {n}", 0.75, 0.5, "things", 60, True, None) for n in range(1, labels + 1))
-    answer = QueryAnswer(
-        "scene",
-        "1",
-        Answer("mug", "exact", matches, "Here.", 0.25, tuple(range(labels)), 0.9, "score", 0.5),
-        match_count=labels,
-        gaussians=9,
-        masks=masks,
-        mask3d=bytes(range(256)) * (mask3d_bytes // 256),
-        objects=(_THING,) * things,
-    )
-    messages = list(messages_of(answer))
-    assert all(message.ByteSize() < MAX_MESSAGE_BYTES / 2 for message in messages)
-    assert list(answers_of(messages)) == [answer]
-
-
 def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:
     most = CallSettings().max_listed
     label = {"label": "x" * 200, "aliases": [], "pixels": 10**9, "views": 10**6, "gaussian_count": 10**9}
@@ -156,4 +106,4 @@ def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:
     scene = scene_of(record, most)
     assert (scene.label_count, scene.camera_count) == (60_000, 20_000)
     assert len(scene.dictionary) == len(scene.cameras) == most
-    assert scene_out(scene, full=True).ByteSize() < MAX_MESSAGE_BYTES
+    assert to_proto(scene).ByteSize() < MAX_MESSAGE_BYTES

@@ -23,8 +23,8 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from fastsplat.api.server import _listen, serve
 from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from tests.api.made_scene import write_words
 from tests.api.served import Faces, served

@@ -10,18 +10,19 @@ import pytest
 
 from fastsplat.service.calls.service import SceneService, open_service
 from fastsplat.service.calls.translate import camera_to_json
-from fastsplat.service.calls.types import SceneInfo, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import CorruptImageError
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, embed_labels
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import CorruptImageError
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.scenes import Scene as SceneInfo
 
 LABELS = ("mug", "banana")
 ENCODER = "minilm_l6_int8"

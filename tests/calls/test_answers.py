@@ -10,18 +10,17 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import QueryRequest
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.errors import (
+from fastsplat.service.scene import read_ply
+from fastsplat.service.settings import Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import (
     InvalidInputError,
     LimitExceededError,
     ModelUnavailableError,
     NotFoundError,
     NotReadyError,
 )
-from fastsplat.service.query.rle import decode_rle
-from fastsplat.service.scene import read_ply
-from fastsplat.service.settings import Settings
+from fastsplat_contract.queries import PictureRequest, QueryRequest
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
 
@@ -50,7 +49,7 @@ def test_a_ready_scene_shows_what_it_holds(service, ready):
         ("banana", ("cup",), 1),
     ]
     assert info.cameras[0].name == "front.jpg" and np.array_equal(info.cameras[0].world_from_camera, np.eye(4))
-    assert service.list_scenes()[0][0].cameras == ()
+    assert service.list_scenes().scenes[0].label_count == 2
 
 
 def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(service, ready):
@@ -58,20 +57,20 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
         ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
     )
     mug, banana = service.query(request)
-    assert [answer.answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
-    assert [answer.answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
+    assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
+    assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
     for answer, side in ((mug, slice(0, 20)), (banana, slice(20, 40))):
         behind, front = answer.masks
         assert (behind.view, behind.camera_index, behind.area) == ("", 0, 0)
-        mask = decode_rle(front.rle.counts, front.rle.height, front.rle.width)
+        mask = front.array()
         assert mask.shape == (30, 40) and front.view == "front.jpg"
         assert 0 < mask.sum() == mask[:, side].sum() == front.area
 
 
 def test_nothing_is_computed_that_was_not_asked_for(service, ready):
     (answer,) = service.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",)))
-    assert answer.masks == () and answer.mask3d == b""
+    assert answer.masks == () and answer.mask3d is None and answer.objects is None
 
 
 def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
@@ -79,21 +78,21 @@ def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
     finish(newer)
     answers = service.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
     assert [answer.scene_id for answer in answers] == [newer.id, newer.id, ready.id, ready.id]
-    assert [answer.answer.text for answer in answers] == ["mug", "banana"] * 2
+    assert [answer.text for answer in answers] == ["mug", "banana"] * 2
     assert answers[0].mask3d == b"\x80" and unfinished.id not in {answer.scene_id for answer in answers}
     with pytest.raises(InvalidInputError, match="mask2d"):
         service.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
 
 
 def test_pictures_show_the_view(service, ready):
-    rgb = pixels(service.view_picture(ready.id, None, "rgb", None, "front.jpg"))
-    mask = pixels(service.view_picture(ready.id, "mug", "mask", None, "front.jpg"))
-    overlay = pixels(service.view_picture(ready.id, "mug", "overlay", None, "front.jpg"))
-    relevancy = pixels(service.view_picture(ready.id, "mug", "relevancy", None, "front.jpg"))
+    rgb = pixels(service.view_picture(PictureRequest(ready.id, "rgb", view="front.jpg")))
+    mask = pixels(service.view_picture(PictureRequest(ready.id, "mask", "mug", view="front.jpg")))
+    overlay = pixels(service.view_picture(PictureRequest(ready.id, "overlay", "mug", view="front.jpg")))
+    relevancy = pixels(service.view_picture(PictureRequest(ready.id, "relevancy", "mug", view="front.jpg")))
     assert rgb.shape == overlay.shape == relevancy.shape == (30, 40, 3)
     assert set(np.unique(mask)) == {0, 255} and mask.shape == (30, 40)
     assert np.array_equal(rgb[mask == 0], overlay[mask == 0]) and (rgb != overlay).any()
-    assert not pixels(service.view_picture(ready.id, None, "rgb", BEHIND, None)).any()
+    assert not pixels(service.view_picture(PictureRequest(ready.id, "rgb", camera=BEHIND))).any()
 
 
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
@@ -109,7 +108,7 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
     info = post()
     calls = [
         lambda: service.query(QueryRequest(info.id, ("mug",))),
-        lambda: service.view_picture(info.id, None, "rgb", None, "front.jpg"),
+        lambda: service.view_picture(PictureRequest(info.id, "rgb", view="front.jpg")),
         lambda: service.scene_ply(info.id),
         lambda: service.mask_ply(info.id, "mug"),
     ]
@@ -133,11 +132,11 @@ def test_senseless_questions_are_refused(service, ready):
         (NotFoundError, lambda: ask(QueryRequest("nowhere", ("mug",)))),
         (NotFoundError, lambda: ask(QueryRequest(ready.id, ("mug",), views=("x.jpg",), outputs=frozenset({"mask2d"})))),
         (LimitExceededError, lambda: ask(QueryRequest(ready.id, ("mug",), cameras=(BEHIND,) * 4))),
-        (InvalidInputError, lambda: picture(ready.id, None, "rgb", None, None)),
-        (InvalidInputError, lambda: picture(ready.id, None, "rgb", BEHIND, "front.jpg")),
-        (InvalidInputError, lambda: picture(ready.id, None, "mask", None, "front.jpg")),
-        (InvalidInputError, lambda: picture(ready.id, "mug", "sketch", None, "front.jpg")),
-        (NotFoundError, lambda: picture(ready.id, None, "rgb", None, "back.jpg")),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "rgb"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "rgb", camera=BEHIND, view="front.jpg"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "mask", view="front.jpg"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "sketch", "mug", view="front.jpg"))),
+        (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
         (InvalidInputError, lambda: service.query(QueryRequest("", ()))),
         (LimitExceededError, lambda: service.query(QueryRequest("", ("x" * 100_000,)))),
         (InvalidInputError, lambda: service.mask_ply(ready.id, "")),

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.calls.keys import Keys, key_id_of
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError, ResourceError
 from fastsplat.service.store import Store, open_store
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
 
 
 @pytest.fixture

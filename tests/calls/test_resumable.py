@@ -14,14 +14,17 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.calls.resumable import (
+from fastsplat.service.calls.resumable import ResumableUploads
+from fastsplat.service.store.blobs import Blobs
+from fastsplat_contract.errors import (
     ChecksumMismatchError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
     OffsetConflictError,
-    ResumableUploads,
+    ResourceError,
     UploadLockedError,
 )
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, NotFoundError, ResourceError
-from fastsplat.service.store.blobs import Blobs
 
 _ROOT = Path(__file__).parents[2]
 

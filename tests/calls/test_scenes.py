@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat.service.calls.types import QueryRequest
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.queries import QueryRequest
 
 
 def test_unknown_ids_are_not_found(service):

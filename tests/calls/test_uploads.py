@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.common.errors import (
+from fastsplat_contract.errors import (
     ConflictError,
     CorruptImageError,
     FastSplatError,
     InvalidInputError,
     LimitExceededError,
 )
+from fastsplat_contract.operations import SceneOptions
 
 
 def left_behind(service, folder: Path) -> list[str]:

@@ -16,7 +16,7 @@ from fastsplat.service.capture import admit_upload, isolation
 from fastsplat.service.capture.admission import admit_isolated
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import Cancellation, cancellable
-from fastsplat.service.common.errors import CancelledError, FastSplatError, ResourceError
+from fastsplat_contract.errors import CancelledError, FastSplatError, ResourceError
 
 
 def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:

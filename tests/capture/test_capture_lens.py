@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 
 from fastsplat.service.capture.lens import Lens, check_lens, model_names, turned, turned_pose, undistortion
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 _W, _H, _F = 320, 240, 260.0
 _OPENCV = Lens("OPENCV", _W, _H, (_F, 0.98 * _F, 163.0, 118.0, -0.18, 0.04, 0.002, -0.001))

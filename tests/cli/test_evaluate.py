@@ -10,13 +10,13 @@ from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.capture.types import AdmittedUpload
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.scene import write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data
 from tests.evaluation.test_scene_report import KEYS
 

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 
 @pytest.fixture

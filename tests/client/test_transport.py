@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
 from fastsplat_client import Client, DeadlineExceededError, RemoteError, Retry, UnreachableError
 from fastsplat_client.errors import error_of
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
 
 _QUICK = Retry(tries=3, first_s=0.01, most_s=0.02)
 _OPERATION = {
@@ -212,7 +212,7 @@ def test_every_error_of_the_service_comes_back_as_itself() -> None:
     for kind in tree(FastSplatError):
         found = error_of(kind.reason, kind.kind, "no", {"field": "f", "limit": "l", "hint": "h"})
         assert found.reason == kind.reason and found.kind is kind.kind
-        assert kind.__module__ != "fastsplat.service.common.errors" or type(found).reason == kind.reason
+        assert kind.__module__ != "fastsplat_contract.errors" or type(found).reason == kind.reason
         assert found.details() == {"field": "f", "limit": "l", "hint": "h"}
     unknown = error_of("OF_A_LATER_RELEASE", Kind.UNAVAILABLE, "no", {})
     assert isinstance(unknown, RemoteError) and unknown.reason == "OF_A_LATER_RELEASE"

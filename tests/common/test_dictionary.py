@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.absent import absent_nouns
 from fastsplat.service.evaluation.bootstrap import bootstrap_interval
 from fastsplat.service.evaluation.depth import depth_errors
 from fastsplat.service.evaluation.detection import auroc, false_positive_rate_at
 from fastsplat.service.evaluation.localization import box_of, peak, peak_in_box, peak_in_mask
 from fastsplat.service.evaluation.solid import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import naive
 
 FEW = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=12)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation import confusion
 from fastsplat.service.evaluation.segmentation import mask_counts
+from fastsplat_contract.errors import InvalidInputError
 
 
 def test_a_perfect_map_scores_one_and_absent_labels_do_not_count() -> None:

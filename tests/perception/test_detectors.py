@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.boxes import box_iou
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.detectors.coco import COCO_80
@@ -18,6 +17,7 @@ from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 _IMAGE = np.zeros((100, 200, 3), np.uint8)
 

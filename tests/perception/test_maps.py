@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.maps import clean_mask, paint, settle_masks
 from fastsplat.service.perception.storage import load_labelling, save_labelling
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Labelling, Regions
 from fastsplat.service.perception.vocabulary import counted, finished, renamed, synonyms
+from fastsplat_contract.errors import InvalidInputError
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))
 _maps = st.lists(hnp.arrays(np.uint16, (5, 6), elements=st.integers(0, 3)), min_size=1, max_size=4)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
 from fastsplat.service.query.fields import label_field
 from fastsplat.service.query.objects import masses
 from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.scene.evidence import evidence_from_dense
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from tests.query.things import Thing, look, orbit, rigid, scene_of
 
 MUG = Thing("mug", (0.1, 0.1, 0.04))

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.labels import most_probable_class
 from fastsplat.service.scene import Scene, SemanticHead
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 
 LEANING = {
     "mug": [1.0],

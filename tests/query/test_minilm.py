@@ -16,11 +16,12 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation.absence import measure_absence
 from fastsplat.service.evaluation.absent import absent_nouns
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import Answer, QuerySettings, SceneIndex, embed_labels
+from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.probability import label_set, nonconformity_bound
 from fastsplat.service.scene import Scene
+from fastsplat_contract.queries import Answer
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.
 KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat.service.query.names import candidate_names, check_texts, noun_phrase
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Splats, cuda, rasterize
+from fastsplat_contract.camera import Camera
 
 
 class _Gsplat:

@@ -12,11 +12,11 @@ import pytest
 from sqlalchemy import Column, Connection, Engine, Integer, String, Table, inspect, text
 from sqlalchemy.schema import MetaData
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.engine import open_engine, resolve_url
 from fastsplat.service.store.migrations import STEPS, add_column, migrate
 from fastsplat.service.store.schema import metadata
+from fastsplat_contract.errors import ConflictError
 
 _FIRST_RELEASE = Path(__file__).with_name("first_release.sql").read_text()
 

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.engine import resolve_url
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.service.store.jobs import FencedError
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
 

@@ -23,12 +23,12 @@ from PIL import Image
 from sqlalchemy import create_engine
 
 from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.calls.types import Operation, SceneOptions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.engine import resolve_url
+from fastsplat_contract.operations import Operation, SceneOptions
 
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0

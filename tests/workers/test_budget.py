@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.progress import silent
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.plan import Speed
@@ -20,6 +18,8 @@ from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.budget import kept_plan, plan_perception, plan_training
 from fastsplat.workers.protocol import Job
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.operations import SceneOptions
 
 
 @pytest.fixture(autouse=True)

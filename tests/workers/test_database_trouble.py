@@ -9,8 +9,8 @@ import pytest
 from sqlalchemy import event
 
 from fastsplat.service.common.progress import STAGES
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.workers.janitor import clean
+from fastsplat_contract.errors import DatabaseError
 from tests.workers.house import House
 
 

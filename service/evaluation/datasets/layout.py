@@ -16,7 +16,7 @@ from fastsplat.service.capture.given import GivenPhoto, GivenPoses
 from fastsplat.service.capture.labels import LabelTable
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.upload import ImageSizes, match_labels, read_labels, read_poses
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
 _NERFSTUDIO_DEPTH_UNIT = 1e-3  # its default: millimetres

@@ -13,13 +13,13 @@ from fastsplat.service.capture.images import check_image, load_upright
 from fastsplat.service.capture.labels import check_label_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.views import Placement, load_upright_map, placement, reduce, reduce_ids
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
 from fastsplat.service.evaluation.datasets.layout import Layout, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 TEST_EVERY = 8
 

@@ -18,10 +18,10 @@ from fastsplat.service.capture.images import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload import admit_upload
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat_contract.errors import InvalidInputError
 
 _MASKS = "mask_labels"
 

@@ -11,8 +11,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.losses import reference
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

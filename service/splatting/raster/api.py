@@ -8,11 +8,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster import harmonics
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
 
 _DEFAULTS = RasterSettings()
 

@@ -12,12 +12,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.reference import pair_bound_error
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 
 try:
     from fastsplat.service.splatting.raster import _cpu

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
 
 _DEFAULTS = RasterSettings()
 

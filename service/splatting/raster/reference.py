@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import ResourceError
 
 _CHUNK = 4_000_000
 _TILE = 16

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.losses import ImageTarget, api, chunked, image_loss, reference, semantic_loss
 from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat_contract.errors import InvalidInputError
 
 
 @pytest.fixture(params=instruction_sets())

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster import harmonics, sh_to_rgb
 from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat_contract.errors import InvalidInputError
 
 DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 

@@ -6,9 +6,9 @@ import pytest
 import torch
 from raster_scenes import NAMES, crowded, relative, render, render_with_gradients
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
 from fastsplat.service.splatting.raster.cpu import instruction_sets
+from fastsplat_contract.camera import Camera
 
 
 @pytest.fixture(params=instruction_sets())

@@ -9,10 +9,10 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster import Rendering, Splats, rasterize, rasterize_batch
 from fastsplat.service.splatting.raster.types import Backend
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
 
 
 @pytest.fixture(params=["reference", "cpu", "cuda"])

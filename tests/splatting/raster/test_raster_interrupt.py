@@ -8,8 +8,8 @@ from types import FrameType
 import pytest
 import torch
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
+from fastsplat_contract.camera import Camera
 
 
 class _StopError(Exception):

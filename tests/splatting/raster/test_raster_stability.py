@@ -9,11 +9,11 @@ import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster import RasterSettings, Splats, blend_sums, rasterize
 from fastsplat.service.splatting.raster.cpu import instruction_sets
 from fastsplat.service.splatting.raster.types import Backend
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 INF, NAN = float("inf"), float("nan")
 

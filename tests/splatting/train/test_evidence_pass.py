@@ -11,7 +11,6 @@ import torch
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene import Evidence
@@ -22,6 +21,7 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.views import load_views, speaking, split_views
+from fastsplat_contract.errors import InvalidInputError
 
 CLASSES = 4
 World = tuple[Capture, Labelling]

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.plan import (
     SceneSize,
@@ -23,6 +22,7 @@ from fastsplat.service.splatting.presets import PERCEPTION_PRESETS, PRESETS, wit
 from fastsplat.service.splatting.probe import machine_speed
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.errors import InvalidInputError
 
 TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)
 

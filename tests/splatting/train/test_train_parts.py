@@ -11,7 +11,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, split_in_place
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
@@ -29,6 +28,7 @@ from fastsplat.service.splatting.semantics import code_size, ghost_share, separa
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import new_state, relocate_and_grow, rotate
 from fastsplat.service.splatting.views import load_views, split_views, training_size
+from fastsplat_contract.camera import Camera
 
 
 @given(st.integers(0, 200), st.integers(0, 50))

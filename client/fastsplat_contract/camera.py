@@ -1,20 +1,27 @@
-"""Pinhole cameras and poses. OpenCV axes (x right, y down, z forward); pixel centres at +0.5."""
+"""Pinhole cameras and where they stand. OpenCV axes (x right, y down, z forward); pixel centers at +0.5."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract import viewpoint
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.poses import quaternion_of, rigid, unit_quaternion, vector3
+
+_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Camera:
     """Intrinsics of an undistorted image, in pixels of that image.
 
-    A point (x, y, z) of the camera frame, z > 0, lands at (fx·x/z + cx, fy·y/z + cy), where the centre of the
+    A point (x, y, z) of the camera frame, z > 0, lands at (fx·x/z + cx, fy·y/z + cy), where the center of the
     top-left pixel is (0.5, 0.5).
     """
 
@@ -33,20 +40,22 @@ class Camera:
             raise InvalidInputError(f"intrinsics fx, fy, cx, cy = {values}", field="camera.fx/fy/cx/cy")
 
     def scaled_to(self, width: int, height: int) -> Camera:
-        """The same lens seen by an image of another size (the aspect may differ by rounding)."""
+        """The same camera with an image of another size (the aspect may differ by rounding)."""
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 
 
 @dataclass(frozen=True)
 class PosedCamera:
-    """A camera and where it stands.
+    """A camera and where it stands. Travels as `viewpoint.PosedCamera`.
 
     Attributes:
         camera: intrinsics.
         world_from_camera: float64 [4, 4], rigid (rotation and translation, last row 0 0 0 1), scene units.
         name: the image's file name in the capture, or "" for a free viewpoint.
     """
+
+    wire: ClassVar[type] = viewpoint.PosedCamera
 
     camera: Camera
     world_from_camera: NDArray[np.float64]
@@ -62,6 +71,33 @@ class PosedCamera:
         inverse[:3, :3] = rotation.T
         inverse[:3, 3] = -rotation.T @ translation
         return inverse
+
+    def to_wire(self) -> viewpoint.PosedCamera:
+        """Position and quaternion x y z w with w ≥ 0, in OpenCV axes and the world frame."""
+        pose = self.world_from_camera
+        return viewpoint.PosedCamera(
+            viewpoint.Intrinsics(**vars(self.camera)),
+            vector3(pose[:3, 3]),
+            quaternion_of(pose[:3, :3]),
+            name=self.name,
+        )
+
+    @classmethod
+    def from_wire(cls, sent: viewpoint.PosedCamera) -> PosedCamera:
+        """Back from `to_wire`, of either convention."""
+        pose = rigid(unit_quaternion(sent.orientation), sent.position)
+        if sent.convention == "OPENGL":
+            pose = pose @ _OPENCV_FROM_OPENGL
+        return cls(Camera(**vars(sent.intrinsics)), pose, sent.name)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        form = handler.generate_schema(viewpoint.PosedCamera)
+        return core_schema.no_info_after_validator_function(
+            cls.from_wire,
+            form,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_wire, return_schema=form),
+        )
 
 
 def check_rigid(pose: NDArray[np.float64], *, field: str, tolerance: float = 1e-3) -> None:

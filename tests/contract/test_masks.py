@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from pycocotools import mask as oracle
 
-from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.query.rle import decode_rle, encode_rle, pack_bits, unpack_bits
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.masks import decode_rle, encode_rle, pack_bits, unpack_bits
 
 masks = arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, min_side=0, max_side=40))
 blocks = st.tuples(st.integers(1, 300), st.integers(1, 300), st.integers(0, 300), st.integers(0, 300)).map(
