@@ -35,7 +35,7 @@ _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; bas
 _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
-**Units**: scene units (metres when the scene's `scale` is METRIC), seconds, pixels with centres at +0.5.
+**Units**: scene units (meters when the scene's `scale` is METRIC), seconds, pixels with centers at +0.5.
 **Keys**: `Authorization: Bearer KEY` or `X-Api-Key: KEY`; health alone needs none.
 **Errors**: RFC 9457 problems; `reason` is stable. The same content goes over gRPC as google.rpc.Status."""
 

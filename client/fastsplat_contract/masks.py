@@ -44,7 +44,7 @@ class ViewMask(Response):
     segmentation: Annotated[Segmentation | None, Field(description="null if PNG was asked for")]
     png: Annotated[
         Base64 | None,
-        Field(description="base64 of an 8-bit grey PNG, 255 inside, 0 outside; null unless asked for"),
+        Field(description="base64 of an 8-bit gray PNG, 255 inside, 0 outside; null unless asked for"),
     ]
     area: Annotated[int, Field(description="pixels inside")]
 

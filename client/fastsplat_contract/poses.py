@@ -23,7 +23,7 @@ _UNIT_TOLERANCE = 1e-3
 
 @travels(request=True)
 class Vector3(NamedTuple):
-    """Scene units (metres when the scene's scale is METRIC)."""
+    """Scene units (meters when the scene's scale is METRIC)."""
 
     x: float
     y: float

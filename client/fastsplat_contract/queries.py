@@ -53,7 +53,7 @@ class QueryIn(Request):
         int, Field(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
     ] = 0
     mask2d_encoding: Annotated[
-        MaskEncoding, Field(description="COCO run lengths, or 8-bit grey PNG with 255 inside")
+        MaskEncoding, Field(description="COCO run lengths, or 8-bit gray PNG with 255 inside")
     ] = "rle"
     mask3d_encoding: Annotated[
         Mask3dEncoding,
@@ -172,9 +172,9 @@ class RenderIn(Request):
     kind: Annotated[
         PictureKind,
         Field(
-            description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colours; mask: 0 and "
+            description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and "
             "255; label_map: 16-bit label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so "
-            "far or farther; depth_picture: depth in turbo colours"
+            "far or farther; depth_picture: depth in turbo colors"
         ),
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None

@@ -15,7 +15,7 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED"]
 Scale = Literal["METRIC", "ARBITRARY"]
-EditAction = Literal["recolour", "remove", "move", "duplicate"]
+EditAction = Literal["recolor", "remove", "move", "duplicate"]
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -52,7 +52,7 @@ class SceneSummary(Response):
     operation_id: Annotated[str, Field(description="the operation that makes it")]
     created_at: datetime
     gaussians: Annotated[int, Field(description="G, the length of every 3D mask; 0 until ready")]
-    scale: Annotated[Scale, Field(description="METRIC: scene units are metres")]
+    scale: Annotated[Scale, Field(description="METRIC: scene units are meters")]
     version: Annotated[str, Field(description="the current version; empty until ready")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
@@ -94,7 +94,7 @@ class SceneObject(Response):
     centroid: Annotated[Vector3, Field(description="world frame, scene units")]
     box: Box
     gaussian_count: int
-    metres: Annotated[bool, Field(description="whether lengths are metres")]
+    meters: Annotated[bool, Field(description="whether lengths are meters")]
     best_views: Annotated[Many[str], Field(description="the scene's cameras that see it best, best first")]
 
 
@@ -108,7 +108,7 @@ class ObjectList(NamedTuple):
 
 
 @travels(request=True)
-class Colour(NamedTuple):
+class Color(NamedTuple):
     """RGB, each 0 to 1."""
 
     r: Annotated[float, Field(ge=0, le=1)]
@@ -123,7 +123,7 @@ class Edit(Request):
     action: EditAction
     label: str | None = None
     object_id: Annotated[str | None, Field(description="instead of `label`")] = None
-    colour: Annotated[Colour | None, Field(description="for recolour")] = None
+    color: Annotated[Color | None, Field(description="for recolor")] = None
     transform: Annotated[
         Pose | None,
         Field(description="for move and duplicate: the rigid motion x' = R x + t in the world frame"),

@@ -20,7 +20,7 @@ WORLD = "world"
 
 @dataclass(frozen=True)
 class Intrinsics(Request):
-    """A pinhole: (x, y, z) of the camera frame lands at (fx·x/z + cx, fy·y/z + cy); pixel centres at +0.5."""
+    """A pinhole: (x, y, z) of the camera frame lands at (fx·x/z + cx, fy·y/z + cy); pixel centers at +0.5."""
 
     width: Annotated[int, Field(ge=1, description="pixels")]
     height: Annotated[int, Field(ge=1, description="pixels")]
@@ -45,7 +45,7 @@ class PosedCamera(Request):
     """A camera and where it stands."""
 
     intrinsics: Intrinsics
-    position: Annotated[Vector3, Field(description="the camera's centre in the world frame")]
+    position: Annotated[Vector3, Field(description="the camera's center in the world frame")]
     orientation: Annotated[Orientation, Field(description="rotates camera axes into world axes (world_from_camera)")]
     convention: Annotated[
         Convention,

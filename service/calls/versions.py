@@ -6,7 +6,6 @@ import hashlib
 import json
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -22,8 +21,9 @@ from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.versions import NewVersion, VersionRecord
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Colour, Edit, SceneVersion
+from fastsplat_contract.scenes import Color, Edit, SceneVersion
 
 _TRIES = 5
 
@@ -39,7 +39,7 @@ class Versions:
     def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion:
         """See `SceneService.edit_scene`."""
         self._check(edits, request_id)
-        rows = [asdict(edit) for edit in edits]
+        rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         for left in reversed(range(_TRIES)):
             current = self._scenes.version(scene_id, "")
@@ -100,7 +100,7 @@ class Versions:
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                scene = apply_edit(index, SceneEdit(edit.action, edit.label, edit.object_id, edit.colour, matrix))
+                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}))
             except (InvalidInputError, NotFoundError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = self._scenes.index_of(scene)
@@ -156,6 +156,14 @@ def _version_of(record: VersionRecord, current: str) -> SceneVersion:
 
 
 def _edit_of(row: Mapping[str, Any]) -> Edit:
-    colour, transform = row["colour"], row["transform"]
-    pose = transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"]))
-    return replace(Edit(**row), colour=colour and Colour(*colour), transform=pose or None)
+    if "colour" not in row:
+        return from_plain(Edit, row)
+    # A row of before the first release of the contract: British names, numbers in lists.
+    color, transform = row["colour"], row["transform"]
+    return Edit(
+        "recolor" if row["action"] == "recolour" else row["action"],
+        row["label"],
+        row["object_id"],
+        color and Color(*color),
+        transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"])),
+    )

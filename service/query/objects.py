@@ -108,7 +108,7 @@ def _described(
         centroid=vector3(np.average(means, axis=0, weights=mass)),
         box=oriented_box(means, mass, up),
         gaussian_count=len(rows),
-        metres=scene.scale == "METRIC",
+        meters=scene.scale == "METRIC",
         best_views=views,
     )
     return Instance(thing, rows.astype(np.int32))

@@ -77,7 +77,7 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
     (mug,) = client.objects(own, label="mug")
     made = client.edit_scene(
         own,
-        [Edit("recolour", object_id=mug.id, colour=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+        [Edit("recolor", object_id=mug.id, color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
     (moved,) = client.objects(own, label="mug")
     assert moved.centroid == pytest.approx(np.add(mug.centroid, _UP.position), abs=1e-4)
@@ -93,7 +93,7 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
 
 def test_both_faces_edit_alike(faces: Faces, client: Client, own: str) -> None:
     edits = [
-        Edit("recolour", label="mug", colour=(0.5, 0.25, 0.0)),
+        Edit("recolor", label="mug", color=(0.5, 0.25, 0.0)),
         Edit("move", object_id=next(client.objects(own, label="ball")).id, transform=_UP),
     ]
     over_rest = client.edit_scene(own, edits)
@@ -143,7 +143,7 @@ def test_an_undo_that_is_repeated_undoes_once(client: Client, own: str) -> None:
         ([_REMOVE, Edit("remove", label="mug", object_id="1-1")], InvalidInputError, "edits[1].label"),
         ([Edit("remove", label="unicorn")], NotFoundError, "edits[0].label"),
         ([Edit("remove", object_id="9-9")], NotFoundError, "edits[0].object_id"),
-        ([Edit("recolour", label="mug")], InvalidInputError, "edits[0].colour"),
+        ([Edit("recolor", label="mug")], InvalidInputError, "edits[0].color"),
         ([Edit("move", label="mug")], InvalidInputError, "edits[0].transform"),
         (
             [Edit("move", label="mug", transform=Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)))],

@@ -38,7 +38,7 @@ def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
     index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
     assert [thing.label for thing in index.objects] == ["mug", "book", "table"]
     for thing, truth in zip(index.objects, (MUG, BOOK, TABLE), strict=True):
-        assert thing.metres and thing.gaussian_count == truth.count
+        assert thing.meters and thing.gaussian_count == truth.count
         assert len(next(rows for known, rows in index.instances if known is thing)) == truth.count
         assert 0.99 < thing.score <= 1
         np.testing.assert_allclose(thing.centroid, truth.centre, atol=0.1 * max(truth.size))

@@ -5,11 +5,12 @@ The wire contract of the scene service: photos in, a semantic 3D scene out, ques
 
 Conventions
   Frames:  OpenCV camera axes (x right, y down, z forward), poses world_from_camera, right-handed world.
-  Units:   scene units, which are metres when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
-           the centre of the top-left pixel at (0.5, 0.5).
+  Units:   scene units, which are meters when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
+           the center of the top-left pixel at (0.5, 0.5).
   Errors:  google.rpc.Status in `grpc-status-details-bin` with one google.rpc.ErrorInfo: `reason` is stable across
            releases, `domain` is "fastsplat", `metadata` may hold field, limit, hint and request_id.
   Size:    no message passes 4 MiB; whatever could is a stream.
+  Names:   American spelling (color, meters); the British names that stood here before the first release are gone.
   Ids:     the request metadata `x-request-id` is echoed in the trailing metadata and stands in the server's log.
 """
 
@@ -58,7 +59,7 @@ class _ScaleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Scale.ValueType
     DESCRIPTOR: _descriptor.EnumDescriptor
     SCALE_UNSPECIFIED: _Scale.ValueType  # 0
     SCALE_METRIC: _Scale.ValueType  # 1
-    """scene units are metres"""
+    """scene units are meters"""
     SCALE_ARBITRARY: _Scale.ValueType  # 2
     """poses came from images alone: lengths have no unit"""
 
@@ -66,7 +67,7 @@ class Scale(_Scale, metaclass=_ScaleEnumTypeWrapper): ...
 
 SCALE_UNSPECIFIED: Scale.ValueType  # 0
 SCALE_METRIC: Scale.ValueType  # 1
-"""scene units are metres"""
+"""scene units are meters"""
 SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
@@ -79,7 +80,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     DESCRIPTOR: _descriptor.EnumDescriptor
     EDIT_ACTION_UNSPECIFIED: _EditAction.ValueType  # 0
     """refused"""
-    EDIT_ACTION_RECOLOUR: _EditAction.ValueType  # 1
+    EDIT_ACTION_RECOLOR: _EditAction.ValueType  # 1
     EDIT_ACTION_REMOVE: _EditAction.ValueType  # 2
     EDIT_ACTION_MOVE: _EditAction.ValueType  # 3
     EDIT_ACTION_DUPLICATE: _EditAction.ValueType  # 4
@@ -89,7 +90,7 @@ class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
 
 EDIT_ACTION_UNSPECIFIED: EditAction.ValueType  # 0
 """refused"""
-EDIT_ACTION_RECOLOUR: EditAction.ValueType  # 1
+EDIT_ACTION_RECOLOR: EditAction.ValueType  # 1
 EDIT_ACTION_REMOVE: EditAction.ValueType  # 2
 EDIT_ACTION_MOVE: EditAction.ValueType  # 3
 EDIT_ACTION_DUPLICATE: EditAction.ValueType  # 4
@@ -180,7 +181,7 @@ class _MaskEncodingEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_MaskEnco
     MASK_ENCODING_RLE: _MaskEncoding.ValueType  # 1
     """COCO run lengths"""
     MASK_ENCODING_PNG: _MaskEncoding.ValueType  # 2
-    """8-bit grey, 255 inside, 0 outside"""
+    """8-bit gray, 255 inside, 0 outside"""
 
 class MaskEncoding(_MaskEncoding, metaclass=_MaskEncodingEnumTypeWrapper): ...
 
@@ -189,7 +190,7 @@ MASK_ENCODING_UNSPECIFIED: MaskEncoding.ValueType  # 0
 MASK_ENCODING_RLE: MaskEncoding.ValueType  # 1
 """COCO run lengths"""
 MASK_ENCODING_PNG: MaskEncoding.ValueType  # 2
-"""8-bit grey, 255 inside, 0 outside"""
+"""8-bit gray, 255 inside, 0 outside"""
 Global___MaskEncoding: _TypeAlias = MaskEncoding  # noqa: Y015
 
 class _Mask3dEncoding:
@@ -282,15 +283,15 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     PICTURE_KIND_OVERLAY: _PictureKind.ValueType  # 2
     """the view with the answer's mask over it"""
     PICTURE_KIND_RELEVANCY: _PictureKind.ValueType  # 3
-    """relevancy 0..1 in turbo colours"""
+    """relevancy 0..1 in turbo colors"""
     PICTURE_KIND_MASK: _PictureKind.ValueType  # 4
     """255 inside, 0 outside"""
     PICTURE_KIND_LABEL_MAP: _PictureKind.ValueType  # 5
-    """16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+    """16-bit gray: label id of each pixel, 0 undetected or too little covered"""
     PICTURE_KIND_DEPTH: _PictureKind.ValueType  # 6
-    """16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+    """16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
     PICTURE_KIND_DEPTH_PICTURE: _PictureKind.ValueType  # 7
-    """depth in turbo colours, near is red; for people"""
+    """depth in turbo colors, near is red; for people"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -302,15 +303,15 @@ PICTURE_KIND_RGB: PictureKind.ValueType  # 1
 PICTURE_KIND_OVERLAY: PictureKind.ValueType  # 2
 """the view with the answer's mask over it"""
 PICTURE_KIND_RELEVANCY: PictureKind.ValueType  # 3
-"""relevancy 0..1 in turbo colours"""
+"""relevancy 0..1 in turbo colors"""
 PICTURE_KIND_MASK: PictureKind.ValueType  # 4
 """255 inside, 0 outside"""
 PICTURE_KIND_LABEL_MAP: PictureKind.ValueType  # 5
-"""16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+"""16-bit gray: label id of each pixel, 0 undetected or too little covered"""
 PICTURE_KIND_DEPTH: PictureKind.ValueType  # 6
-"""16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+"""16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
 PICTURE_KIND_DEPTH_PICTURE: PictureKind.ValueType  # 7
-"""depth in turbo colours, near is red; for people"""
+"""depth in turbo colors, near is red; for people"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
 
 class _PictureFormat:
@@ -860,7 +861,7 @@ class SceneObject(_message.Message):
     CENTROID_FIELD_NUMBER: _builtins.int
     BOX_FIELD_NUMBER: _builtins.int
     GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
-    METRES_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
     BEST_VIEWS_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """stable within a version of a scene"""
@@ -869,8 +870,8 @@ class SceneObject(_message.Message):
     score: _builtins.float
     """how sure its Gaussians are of the label, 0..1"""
     gaussian_count: _builtins.int
-    metres: _builtins.bool
-    """whether lengths are metres"""
+    meters: _builtins.bool
+    """whether lengths are meters"""
     @_builtins.property
     def centroid(self) -> Global___Vector3:
         """world frame, scene units"""
@@ -891,19 +892,19 @@ class SceneObject(_message.Message):
         centroid: Global___Vector3 | None = ...,
         box: Global___Box | None = ...,
         gaussian_count: _builtins.int = ...,
-        metres: _builtins.bool = ...,
+        meters: _builtins.bool = ...,
         best_views: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "centroid", b"centroid"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "metres", b"metres", "score", b"score"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "meters", b"meters", "score", b"score"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SceneObject: _TypeAlias = SceneObject  # noqa: Y015
 
 @_typing.final
-class Colour(_message.Message):
+class Color(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     R_FIELD_NUMBER: _builtins.int
@@ -928,7 +929,7 @@ class Colour(_message.Message):
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___Colour: _TypeAlias = Colour  # noqa: Y015
+Global___Color: _TypeAlias = Color  # noqa: Y015
 
 @_typing.final
 class Edit(_message.Message):
@@ -939,14 +940,14 @@ class Edit(_message.Message):
     ACTION_FIELD_NUMBER: _builtins.int
     LABEL_FIELD_NUMBER: _builtins.int
     OBJECT_ID_FIELD_NUMBER: _builtins.int
-    COLOUR_FIELD_NUMBER: _builtins.int
+    COLOR_FIELD_NUMBER: _builtins.int
     TRANSFORM_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     label: _builtins.str
     object_id: _builtins.str
     @_builtins.property
-    def colour(self) -> Global___Colour:
-        """for RECOLOUR"""
+    def color(self) -> Global___Color:
+        """for RECOLOR"""
 
     @_builtins.property
     def transform(self) -> Global___Pose:
@@ -958,12 +959,12 @@ class Edit(_message.Message):
         action: Global___EditAction.ValueType = ...,
         label: _builtins.str = ...,
         object_id: _builtins.str = ...,
-        colour: Global___Colour | None = ...,
+        color: Global___Color | None = ...,
         transform: Global___Pose | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["label", "object_id"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
@@ -1524,7 +1525,7 @@ class PosedCamera(_message.Message):
     def intrinsics(self) -> Global___Intrinsics: ...
     @_builtins.property
     def position(self) -> Global___Vector3:
-        """the camera's centre in the world frame, scene units"""
+        """the camera's center in the world frame, scene units"""
 
     @_builtins.property
     def orientation(self) -> Global___Quaternion:
