@@ -47,7 +47,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         ] = [],  # noqa: B006
         negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],  # noqa: B006
         templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],  # noqa: B006
-        coverage: Annotated[float | None, Query(description="of the label set; none: the server's")] = None,
+        coverage: Annotated[
+            float | None,
+            Query(
+                description=description_of(QueryIn, "coverage"),
+                json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
+            ),
+        ] = None,
         max_matches: Annotated[
             int, Query(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
         ] = 0,

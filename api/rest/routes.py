@@ -24,7 +24,7 @@ from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, Scen
 
 _POLL_S = 0.25
 
-PageSize = Annotated[int, Query(description="0: the server's default")]
+PageSize = Annotated[int, Query(description="0: the server's default", json_schema_extra={"minimum": 0})]
 PageToken = Annotated[str, Query(description="next_page_token of the page before")]
 Version = Annotated[str, Query(description="of the scene; empty: the current one")]
 
@@ -109,9 +109,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)
-    async def undo_edit(scene_id: str, wanted: UndoIn | None = None) -> Response:
+    async def undo_edit(scene_id: str, body: UndoIn | None = None) -> Response:
         """Go back to the version before the current one."""
-        expected = wanted.version if wanted is not None else ""
+        expected = body.version if body is not None else ""
         return json_response(await threads.call(lambda: to_json(service.undo_edit(scene_id, expected))))
 
     @router.get("/scenes/{scene_id}/versions", response_model=VersionList)

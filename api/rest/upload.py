@@ -16,11 +16,22 @@ from fastsplat.api.uploads import check_announced, scene_options
 from fastsplat.service.calls.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.json_codec import json_schema_of
+from fastsplat_contract.operations import Operation, SceneOptions
 
 _FILE_FIELDS = ("capture", "images")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
+
+
+def _options() -> dict[str, Any]:
+    """The fields of `SceneOptions`, as a form has them: absent is left out."""
+    fields = {}
+    for name, said in json_schema_of(SceneOptions)["properties"].items():
+        (one,) = (choice for choice in said.get("anyOf", [said]) if choice.get("type") != "null")
+        fields[name] = {**one, "description": said["description"]}
+    return fields
+
 
 BODY_SCHEMA: dict[str, Any] = {
     "requestBody": {
@@ -52,20 +63,7 @@ BODY_SCHEMA: dict[str, Any] = {
                             "type": "string",
                             "description": "same id, same request: the first operation is returned again (AIP-155)",
                         },
-                        "labels": {
-                            "type": "array",
-                            "items": {"type": "string"},
-                            "description": "names to look for, repeated or separated by commas; none: the server "
-                            "decides",
-                        },
-                        "time_budget_s": {
-                            "type": "number",
-                            "description": "seconds for everything after the capture stage, > 0; the scene's quality "
-                            "says what was given up",
-                        },
-                        "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
-                        "preset": {"type": "string", "enum": ["draft", "balanced", "best"]},
-                        "priority": {"type": "integer", "description": "higher ones are trained first; 0 is usual"},
+                        **_options(),
                     },
                 }
             }

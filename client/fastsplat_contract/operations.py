@@ -17,6 +17,8 @@ FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 
 PresetName = Literal["draft", "balanced", "best"]
 
+MAX_PRIORITY = 100
+
 
 @dataclass(frozen=True)
 class SceneOptions(Request):
@@ -24,14 +26,23 @@ class SceneOptions(Request):
 
     proto: ClassVar[str] = "CreateSceneHeader"
 
-    labels: Annotated[Many[str], Field(description="names to look for; empty: the server decides")] = ()
+    labels: Annotated[
+        Many[str],
+        Field(description="names to look for (in a form repeated, or separated by commas); empty: the server decides"),
+    ] = ()
     time_budget_s: Annotated[
         float | None,
-        Field(description="seconds for everything after the capture stage, > 0; absent: no bound on the whole"),
+        Field(
+            gt=0,
+            description="seconds for everything after the capture stage; absent: no bound on the whole. The scene's "
+            "quality says what was given up for it",
+        ),
     ] = None
-    max_gaussians: Annotated[int | None, Field(description="hard budget, > 0; absent: the server's default")] = None
+    max_gaussians: Annotated[int | None, Field(ge=1, description="hard budget; absent: the server's default")] = None
     preset: Annotated[PresetName | None, Field(description="how much to spend; absent: the server's default")] = None
-    priority: Annotated[int, Field(description="higher ones are trained first; 0 is usual")] = 0
+    priority: Annotated[
+        int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="higher ones are trained first; 0 is usual")
+    ] = 0
 
 
 @dataclass(frozen=True)

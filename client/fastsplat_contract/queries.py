@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
 from fastsplat_contract.scenes import SceneObject
-from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, travels
+from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
 Verdict = Literal["exact", "related", "absent"]
@@ -20,6 +21,22 @@ PictureFormat = Literal["png", "npy"]
 CameraFormat = Literal["json", "transforms", "colmap"]
 
 Version = Annotated[str, Field(description="of the scene; empty: the current one")]
+
+
+def check_coverage(coverage: float) -> float:
+    """A coverage that can be asked for: above 0 and below 1.
+
+    Raises:
+        InvalidInputError: it is not, or no number.
+    """
+    if isinstance(coverage, bool) or not isinstance(coverage, (int, float)) or not 0.0 < coverage < 1.0:
+        raise InvalidInputError(
+            f"a coverage of {coverage!r}",
+            field="coverage",
+            limit="above 0 and below 1",
+            hint="Send a share, e.g. 0.9.",
+        )
+    return float(coverage)
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,11 @@ class QueryIn(Request):
         Many[str], Field(description="sentences with one {} that texts are put into; empty: the server's")
     ] = ()
     coverage: Annotated[
-        float | None, Field(description="of the label set, above 0 and below 1; null: the server's")
+        Annotated[float, AfterValidator(checked(check_coverage))] | None,
+        Field(
+            description="of the label set, above 0 and below 1; null: the server's",
+            json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
+        ),
     ] = None
     max_matches: Annotated[
         int, Field(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")

@@ -9,10 +9,9 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.settings import StoreSettings
 from fastsplat.service.splatting.presets import PRESETS
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions
 
 _DEFAULT_PAGE = 50
-_HIGHEST_PRIORITY = 100
 
 
 def check_page_size(size: int, limits: StoreSettings) -> int:
@@ -22,7 +21,7 @@ def check_page_size(size: int, limits: StoreSettings) -> int:
         InvalidInputError: negative.
     """
     if size < 0:
-        raise InvalidInputError(f"a page of {size} scenes", field="page_size", hint="Use 0 for the default.")
+        raise InvalidInputError(f"a page size of {size}", field="page_size", hint="Use 0 for the default.")
     return min(size or _DEFAULT_PAGE, limits.max_page_size)
 
 
@@ -70,11 +69,11 @@ def _check_choices(options: SceneOptions) -> None:
         raise InvalidInputError(
             f"no preset {options.preset[:40]!r}", field="preset", hint=f"Use one of {', '.join(PRESETS)}."
         )
-    if abs(options.priority) > _HIGHEST_PRIORITY:
+    if abs(options.priority) > MAX_PRIORITY:
         raise LimitExceededError(
             f"a priority of {options.priority}",
             field="priority",
-            limit=f"{-_HIGHEST_PRIORITY} to {_HIGHEST_PRIORITY}",
+            limit=f"{-MAX_PRIORITY} to {MAX_PRIORITY}",
             hint="0 is usual.",
         )
 

@@ -86,11 +86,11 @@ class SceneIndex:
             negatives: canonical negatives in place of the settings' own.
             templates: prompt templates in place of the settings' own, each with one "{}"; the labels are embedded anew
                 for templates that were not asked with lately.
-            coverage: 0..1, of the label sets, in place of the settings' own.
+            coverage: of the label sets, above 0 and below 1, in place of the settings' own.
 
         Raises:
             InvalidInputError: an empty list or text, not a string, control characters, a template without exactly one
-                "{}", a coverage outside 0..1.
+                "{}", a coverage that is not above 0 and below 1.
             LimitExceededError: too many texts, negatives or templates, or one too long.
         """
         return self._ranker.ask(texts, negatives, templates, coverage)

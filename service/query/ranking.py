@@ -27,8 +27,8 @@ from fastsplat.service.query.probability import (
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries, score
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
-from fastsplat_contract.queries import Answer, Match, Verdict
+from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
+from fastsplat_contract.queries import Answer, Match, Verdict, check_coverage
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
@@ -101,7 +101,7 @@ class Ranker:
             check_negatives(negatives, **limits)
         if templates is not None:
             check_templates(templates, **limits)
-        wanted = chosen.coverage if coverage is None else _checked_coverage(coverage)
+        wanted = chosen.coverage if coverage is None else check_coverage(coverage)
         kept = chosen.templates if templates is None else tuple(templates)
         prompted = self._prompts(chosen.negatives if negatives is None else tuple(negatives), kept)
         queries = self._cache.embed([noun_phrase(text) for text in texts], kept)
@@ -269,11 +269,3 @@ def _held_against(prompted: _Prompted, judged: _Verdict, best: float) -> float |
     if judged.named is not None or prompted.related is None:
         return None
     return prompted.exact if judged.verdict == "exact" and math.isfinite(best) else prompted.related
-
-
-def _checked_coverage(coverage: float) -> float:
-    if isinstance(coverage, bool) or not isinstance(coverage, int | float) or not 0.0 <= coverage <= 1.0:
-        raise InvalidInputError(
-            f"a coverage of {coverage!r}", field="coverage", limit="0 to 1", hint="Send a share, e.g. 0.9."
-        )
-    return float(coverage)

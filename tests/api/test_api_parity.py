@@ -77,6 +77,8 @@ _BAD: list[dict[str, object]] = [
     {"outputs": frozenset({"mask2d"}), "cameras": (turned(0.0),) * 65},
     {"coverage": 1.5},
     {"coverage": -0.1},
+    {"coverage": 0.0},
+    {"coverage": 1.0},
     {"templates": ("no slot",)},
     {"negatives": (" ",)},
     {"texts": ("mug", "ball"), "outputs": frozenset({"mask3d"}), "mask3d_encoding": "ply"},

@@ -41,9 +41,11 @@ def test_page_sizes_are_cut_and_checked(service, post):
         post(str(number))
     assert len(service.list_scenes(1000)[0]) == 4
     assert len(service.list_scenes(0)[0]) == 4
-    with pytest.raises(InvalidInputError) as caught:
-        service.list_scenes(-1)
-    assert caught.value.field == "page_size"
+    scene_id = service.list_scenes(1).scenes[0].id
+    for call in (service.list_scenes, service.list_operations, lambda size: service.list_labels(scene_id, size)):
+        with pytest.raises(InvalidInputError, match="a page size of -1") as caught:
+            call(-1)
+        assert caught.value.field == "page_size" and "scene" not in caught.value.message
 
 
 @pytest.mark.parametrize("token", ["x", "bm90IGpzb24", "W10", "W251bGwsIDFd", "🙂", "W05hTiwgImEiXQ", "[" * 5000])

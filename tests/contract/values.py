@@ -72,14 +72,15 @@ def _member(member: Member, field: Any, bounds: Mapping[str, Any]) -> st.SearchS
 
 
 def _value(kind: Any, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrategy[Any]:
+    branches = [choice for choice in bounds.get("anyOf", ()) if choice.get("type") != "null"]
+    bounds = {**bounds, **(branches[0] if branches else {})}
     if kind is bool:
         return st.booleans()
     if kind is int:
         bits = 31 if field is None or field.cpp_type == field.CPPTYPE_INT32 else 53
-        low, high = max(-(2**bits), bounds.get("minimum", -(2**bits))), bounds.get("exclusiveMaximum", 2**bits) - 1
-        return st.integers(low, high)
+        low, high = bounds.get("minimum", -(2**bits)), bounds.get("exclusiveMaximum", 2**bits) - 1
+        return st.integers(low, bounds.get("maximum", high))
     if kind is float:
-        bounds = next((choice for choice in bounds.get("anyOf", ()) if choice.get("type") == "number"), bounds)
         return st.floats(
             bounds.get("minimum", bounds.get("exclusiveMinimum")),
             bounds.get("maximum", bounds.get("exclusiveMaximum")),

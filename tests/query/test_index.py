@@ -278,6 +278,8 @@ def test_templates_of_ones_own_embed_the_labels_once(
         ({"templates": ["{}\x00"]}, InvalidInputError, "templates"),
         ({"templates": ["a {}"] * 65}, LimitExceededError, "templates"),
         ({"coverage": -0.1}, InvalidInputError, "coverage"),
+        ({"coverage": 0.0}, InvalidInputError, "coverage"),
+        ({"coverage": 1.0}, InvalidInputError, "coverage"),
         ({"coverage": 1.1}, InvalidInputError, "coverage"),
         ({"coverage": np.nan}, InvalidInputError, "coverage"),
         ({"coverage": "0.9"}, InvalidInputError, "coverage"),

@@ -186,7 +186,7 @@ def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEnc
         and "not calibrated" in (bare.explanation)
     )
     assert index.ask(["fork"], templates=QuerySettings().templates)[0] == usual
-    sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)]
+    sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (1e-9, 0.5, 0.8, 0.9, 0.95, 1 - 1e-9)]
     assert [len(chosen) for chosen in sets] == sorted(len(chosen) for chosen in sets)
     assert len(sets[0]) == 1 and sorted(sets[-1]) == list(range(len(KITCHEN) + 1))
     assert index.ask(["fork"])[0] == usual
