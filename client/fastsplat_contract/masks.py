@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from fastsplat_contract.errors import InvalidInputError, MissingPackageError
-from fastsplat_contract.wire import Base64, Response, Spread
+from fastsplat_contract.wire import Base64, Many, Response
 
 MaskEncoding = Literal["rle", "png"]
 Mask3dEncoding = Literal["bits", "runs", "indices", "ply"]
@@ -25,14 +25,13 @@ _U32 = np.dtype("<u4")
 class Segmentation(Response):
     """COCO run-length encoding: column-major, background first, ascii counts."""
 
-    proto: ClassVar[str] = "RleMask"
-
-    size: Annotated[tuple[int, int], Spread(("height", "width")), Field(description="height, width in pixels")]
+    size: Annotated[Many[int], Field(min_length=2, max_length=2, description="height, width in pixels")]
     counts: str
 
     def array(self) -> NDArray[np.bool_]:
         """bool [H, W]."""
-        return decode_rle(self.counts, *self.size)
+        height, width = self.size
+        return decode_rle(self.counts, height, width)
 
 
 @dataclass(frozen=True)
@@ -41,10 +40,10 @@ class ViewMask(Response):
 
     view: Annotated[str, Field(description="the scene's camera, or empty for a free viewpoint")]
     camera_index: Annotated[int, Field(description="which of the request's cameras; meaningless when `view` is set")]
-    segmentation: Annotated[Segmentation | None, Field(description="null if PNG was asked for")]
+    segmentation: Annotated[Segmentation | None, Field(description="absent if PNG was asked for")]
     png: Annotated[
         Base64 | None,
-        Field(description="base64 of an 8-bit gray PNG, 255 inside, 0 outside; null unless asked for"),
+        Field(description="8-bit gray PNG, 255 inside, 0 outside, base64 in JSON; absent unless asked for"),
     ]
     area: Annotated[int, Field(description="pixels inside")]
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_
 
 from pydantic.fields import FieldInfo
 
-from fastsplat_contract.wire import Carried, Spread
+from fastsplat_contract.wire import Carried
 
 
 class Member(NamedTuple):
@@ -23,7 +23,6 @@ class Member(NamedTuple):
         optional: whether it may be None.
         default: whether it has a default.
         carried: the protobuf message that has the field; "" for the type's own.
-        spread: the protobuf fields that hold the parts of a tuple; () for one field of the same name.
         description: for people.
     """
 
@@ -33,7 +32,6 @@ class Member(NamedTuple):
     optional: bool
     default: bool
     carried: str
-    spread: tuple[str, ...]
     description: str
 
 
@@ -64,14 +62,13 @@ def _members(hints: dict[str, Any], defaults: dict[str, bool]) -> Iterator[Membe
             (inner,) = (part for part in get_args(kind) if part is not NoneType)
             kind, more = _bare(inner)
             marks += more
-        spread = next((mark.names for mark in marks if isinstance(mark, Spread)), ())
-        if many := get_origin(kind) in (tuple, frozenset) and not spread:
+        if many := get_origin(kind) in (tuple, frozenset):
             kind, _ = _bare(get_args(kind)[0])
         carried = next((mark.by for mark in marks if isinstance(mark, Carried)), "")
         infos = [mark for mark in marks if isinstance(mark, FieldInfo)]
         description = next((info.description for info in infos if info.description), "")
         if not any(info.exclude for info in infos):
-            yield Member(name, kind, many, optional, default, carried, spread, description)
+            yield Member(name, kind, many, optional, default, carried, description)
 
 
 def _bare(hint: Any) -> tuple[Any, tuple[Any, ...]]:

@@ -39,7 +39,9 @@ class SceneOptions(Request):
         ),
     ] = None
     max_gaussians: Annotated[int | None, Field(ge=1, description="hard budget; absent: the server's default")] = None
-    preset: Annotated[PresetName | None, Field(description="how much to spend; absent: the server's default")] = None
+    preset: Annotated[PresetName | None, Field(description="draft, balanced or best; absent: the server's default")] = (
+        None
+    )
     priority: Annotated[
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="higher ones are trained first; 0 is usual")
     ] = 0
@@ -51,7 +53,7 @@ class StageProgress(Response):
 
     stage: Annotated[str, Field(description="capture, perception, training or export")]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
-    message: str
+    message: Annotated[str, Field(description="a short line for people")]
     seconds: Annotated[float, Field(description="spent in this stage")]
     metrics: Mapping[str, float]
 
@@ -78,7 +80,7 @@ class Operation(Response):
     created_at: datetime
     updated_at: datetime
     stages: Annotated[Many[StageProgress], Field(description="those begun so far, in order")]
-    error: OperationError | None
+    error: Annotated[OperationError | None, Field(description="absent unless it failed")]
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,12 @@ class ListOperations(Request):
 
     proto: ClassVar[str] = "ListOperationsRequest"
 
-    page_size: Annotated[int, Field(description="0: the server's default")] = 0
-    page_token: Annotated[str, Field(description="next_page_token of the page before")] = ""
+    page_size: Annotated[
+        int, Field(description="0: the server's default; more than the server's maximum counts as the maximum")
+    ] = 0
+    page_token: Annotated[
+        str, Field(description="empty: the first page; otherwise next_page_token of the page before")
+    ] = ""
     state: Annotated[OperationState | None, Field(description="only those in this state")] = None
 
 

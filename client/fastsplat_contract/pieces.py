@@ -41,6 +41,8 @@ def messages_of(answer: Answer) -> Iterator[pb.QueryResponse]:
             response, room = pb.QueryResponse(), CHUNK_BYTES
         response.objects.append(thing)
         room -= size
+    if answer.mask3d is not None:
+        response.mask3d = b""
     for chunk in chunks(answer.mask3d or b""):
         if len(chunk) > room:
             yield response
@@ -54,12 +56,8 @@ def answers_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> Iter
     """The answers in the messages of a Query that asked for `outputs`."""
     for whole in _joined(responses):
         answer = from_proto(Answer, whole.answer, carrier=whole)
-        # Over gRPC nothing and nothing asked for look alike.
-        if "mask3d" in outputs and answer.mask3d is None:
-            answer = replace(answer, mask3d=b"")
-        if "objects" in outputs and answer.objects is None:
-            answer = replace(answer, objects=())
-        yield answer
+        # Over gRPC no objects and objects that were not asked for look alike.
+        yield replace(answer, objects=()) if "objects" in outputs and answer.objects is None else answer
 
 
 def chunks(data: bytes) -> Iterator[bytes]:
@@ -86,7 +84,8 @@ def _joined(responses: Iterable[pb.QueryResponse]) -> Iterator[pb.QueryResponse]
             else:
                 whole.masks[-1].segmentation.counts += mask.segmentation.counts
         whole.objects.extend(response.objects)
-        whole.mask3d += response.mask3d
+        if response.HasField("mask3d"):
+            whole.mask3d += response.mask3d
     if whole is not None:
         yield whole
 
@@ -96,11 +95,12 @@ def _mask_pieces(masks: Iterable[ViewMask]) -> Iterator[pb.ViewMask]:
     size = _MASK_BYTES
     for mask in map(to_proto, masks):
         counts, png = mask.segmentation.counts, mask.png
-        mask.png = png[:size]
+        if mask.HasField("png"):
+            mask.png = png[:size]
         if mask.HasField("segmentation"):
             mask.segmentation.counts = counts[:size]
         yield mask
         for start in range(size, len(counts), size):
-            yield pb.ViewMask(segmentation=pb.RleMask(counts=counts[start : start + size]), continues=True)
+            yield pb.ViewMask(segmentation=pb.Segmentation(counts=counts[start : start + size]), continues=True)
         for start in range(size, len(png), size):
             yield pb.ViewMask(png=png[start : start + size], continues=True)

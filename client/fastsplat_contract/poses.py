@@ -32,7 +32,7 @@ class Vector3(NamedTuple):
 
 @travels(request=True)
 class Quaternion(NamedTuple):
-    """A rotation of unit length; mind the order x y z w."""
+    """A rotation of unit length (refused if it is off by more than 0.001); mind the order x y z w."""
 
     x: float
     y: float

@@ -75,18 +75,16 @@ def _make_writer(kind: Any) -> Convert:
     made = message_class(kind)
     fields = made.DESCRIPTOR.fields_by_name
     writes = {m: _write(m, fields.get(m.name)) for m in members(kind) if not m.carried}
-    as_they_are = [member.name for member, write in writes.items() if write is None and not member.spread]
-    converted = [(m.name, m.spread, write) for m, write in writes.items() if m.name not in as_they_are]
+    as_they_are = [member.name for member, write in writes.items() if write is None]
+    converted = [(member.name, write) for member, write in writes.items() if write is not None]
     choices = [[field.name for field in group.fields] for group in made.DESCRIPTOR.oneofs if len(group.fields) > 1]
     to_wire: Convert = kind.to_wire if hasattr(kind, "wire") else getattr(kind, "as_named", _same)
 
     def write(value: Any) -> Message:
         value = to_wire(value)
         parts = {name: getattr(value, name) for name in as_they_are}
-        for name, spread, convert in converted:
-            if spread:
-                parts |= zip(spread, getattr(value, name), strict=True)
-            elif convert is not None and (part := getattr(value, name)) is not None:
+        for name, convert in converted:
+            if (part := getattr(value, name)) is not None:
                 parts[name] = convert(part)
         for names in choices:
             both = [name for name in names if parts.get(name) is not None]
@@ -109,7 +107,7 @@ def _write(member: Member, field: Any) -> Convert | None:
         one = timestamp_of
     elif get_origin(kind) is Literal:
         one = numbers_of(kind, field.enum_type).__getitem__ if field.enum_type is not None else None
-    elif get_origin(kind) is not None and not member.spread:
+    elif get_origin(kind) is not None:
         one = _struct_of if get_args(kind)[1] is Any else dict
     elif hasattr(kind, "__get_pydantic_core_schema__"):
         one = _writer(kind)
@@ -149,8 +147,6 @@ _reader: Callable[[Any, str], Convert] = cache(_make_reader)
 def _read(member: Member, field: Any) -> Convert:
     """What takes the member's plain value out of a message; `_ABSENT` leaves it to the type's default."""
     name, kind, optional = member.name, member.kind, member.optional
-    if member.spread:
-        return lambda message: tuple(getattr(message, part) for part in member.spread)
     one: Convert | None = None
     if kind is datetime:
         one = lambda stamp: stamp.ToDatetime(timezone.utc)  # noqa: E731
@@ -163,16 +159,14 @@ def _read(member: Member, field: Any) -> Convert:
         one = json_format.MessageToDict if get_args(kind)[1] is Any else dict
     elif field.message_type is not None:
         one = _reader(kind, "")
-    may_be_unset, unset_enum = field.has_presence or optional, field.enum_type is not None and member.default
+    unspecified = field.enum_type is not None and (optional or member.default)
 
     def get(message: Any) -> Any:
         value = getattr(message, name)
         if member.many:
             return None if optional and not value else list(value) if one is None else [one(item) for item in value]
-        if may_be_unset and not (message.HasField(name) if field.has_presence else value):
+        if (field.has_presence and not message.HasField(name)) or (unspecified and value == 0):
             return None if optional else _ABSENT
-        if unset_enum and value == 0:
-            return _ABSENT
         return value if one is None else one(value)
 
     return get

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -43,7 +43,7 @@ def check_coverage(coverage: float) -> float:
 class OfScene:
     """What a request says in its path, or, over gRPC, in its message."""
 
-    scene_id: Annotated[str, Field(description="which scene; empty: all ready scenes, where that makes sense")]
+    scene_id: Annotated[str, Field(description="which scene")]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class QueryIn(Request):
     coverage: Annotated[
         Annotated[float, AfterValidator(checked(check_coverage))] | None,
         Field(
-            description="of the label set, above 0 and below 1; null: the server's",
+            description="of the label set, above 0 and below 1; absent: the server's",
             json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
         ),
     ] = None
@@ -74,7 +74,7 @@ class QueryIn(Request):
         int, Field(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
     ] = 0
     mask2d_encoding: Annotated[
-        MaskEncoding, Field(description="COCO run lengths, or 8-bit gray PNG with 255 inside")
+        MaskEncoding, Field(description="rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside")
     ] = "rle"
     mask3d_encoding: Annotated[
         Mask3dEncoding,
@@ -88,7 +88,9 @@ class QueryIn(Request):
 
 @dataclass(frozen=True)
 class QueryRequest(QueryIn, OfScene):
-    """Questions to one scene, or, where `scene_id` is empty, to all ready scenes."""
+    """Questions to one scene, or to all ready scenes."""
+
+    scene_id: Annotated[str, Field(description="empty: all ready scenes, without cameras and views")]
 
 
 # A tuple: a ranking makes as many as there are labels, and a frozen dataclass takes four times as long.
@@ -96,7 +98,7 @@ class QueryRequest(QueryIn, OfScene):
 class Match(
     NamedTuple
 ):  # a tuple: a ranking makes as many as there are labels, and a dataclass takes four times as long
-    """One dictionary entry held against one question."""
+    """One dictionary entry compared with one question."""
 
     label_id: int
     label: str
@@ -107,7 +109,7 @@ class Match(
     relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
     probability: Annotated[
         float | None,
-        Field(description="calibrated, 0..1, that this entry is wanted; null without calibration"),
+        Field(description="calibrated, 0..1, that this entry is wanted; absent without calibration"),
     ] = None
 
 
@@ -127,7 +129,7 @@ class Answer(Response):
     explanation: Annotated[str, Field(description="one sentence for people")]
     probability: Annotated[
         float | None,
-        Field(description="calibrated, 0..1, that the verdict is right; null without calibration"),
+        Field(description="calibrated, 0..1, that the verdict is right; absent without calibration"),
     ]
     label_set: Annotated[
         Many[int],
@@ -136,14 +138,14 @@ class Answer(Response):
             "nothing here answers"
         ),
     ]
-    coverage: Annotated[float | None, Field(description="0..1; null without calibration: nothing is promised")]
+    coverage: Annotated[float | None, Field(description="0..1; absent without calibration: nothing is promised")]
     decided_by: Annotated[
         DecidedBy,
         Field(description="name: the dictionary knows the name; score: the verdict comes from `threshold`"),
     ]
     threshold: Annotated[
         float | None,
-        Field(description="the score that the leading entry was held against; null if a name decided"),
+        Field(description="the score that the leading entry was compared with; absent if a name decided"),
     ]
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[int, Field(description="G, the length of the 3D mask")]
@@ -157,19 +159,20 @@ class Answer(Response):
     mask3d: Annotated[
         Base64 | None,
         Carried("QueryResponse"),
-        Field(description="base64 in the encoding asked for; null unless asked for"),
+        Field(description="in the encoding asked for, base64 in JSON; absent unless asked for"),
     ] = None
     objects: Annotated[
         Many[SceneObject] | None,
         Carried("QueryResponse"),
-        Field(description="those that answer, by label in the order of the matches; null unless asked for"),
+        Field(description="those that answer, by label in the order of the matches; absent unless asked for"),
     ] = None
     presence: Annotated[
         float | None,
-        # calibrated, 0..1, that anything here answers, whatever the verdict: answers of different texts or scenes are
-        # ordered by it; it does not travel
-        Field(exclude=True),
-    ] = field(default=None, compare=False)
+        Field(
+            description="calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of "
+            "different texts or scenes; absent without calibration"
+        ),
+    ] = None
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:
@@ -199,7 +202,7 @@ class RenderIn(Request):
         ),
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
-    camera: PosedCamera | None = None
+    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
     view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
     version: Version = ""
     format: Annotated[
@@ -222,7 +225,7 @@ class CameraFileRequest(Request):
 
     proto: ClassVar[str] = "DownloadCamerasRequest"
 
-    scene_id: str
+    scene_id: Annotated[str, Field(description="which scene")]
     format: Annotated[
         CameraFormat,
         Field(

@@ -52,7 +52,12 @@ class SceneSummary(Response):
     operation_id: Annotated[str, Field(description="the operation that makes it")]
     created_at: datetime
     gaussians: Annotated[int, Field(description="G, the length of every 3D mask; 0 until ready")]
-    scale: Annotated[Scale, Field(description="METRIC: scene units are meters")]
+    scale: Annotated[
+        Scale,
+        Field(
+            description="METRIC: scene units are meters; ARBITRARY: poses came from images alone, lengths have no unit"
+        ),
+    ]
     version: Annotated[str, Field(description="the current version; empty until ready")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
@@ -62,8 +67,12 @@ class Scene(SceneSummary):
     """A scene; dictionary, cameras and quality are empty until it is ready."""
 
     camera_count: Annotated[int, Field(description="number of the scene's own cameras")]
-    dictionary: Annotated[Many[DictionaryEntry], Field(description="the first 5,000; /labels has all")]
-    cameras: Annotated[Many[PosedCamera], Field(description="the scene's own views, the first 5,000; /cameras has all")]
+    dictionary: Annotated[
+        Many[DictionaryEntry], Field(description="the first 5,000 by label id; the list of labels has all")
+    ]
+    cameras: Annotated[
+        Many[PosedCamera], Field(description="the scene's own views, the first 5,000; the camera file has all")
+    ]
     quality: Annotated[Mapping[str, Any], Field(description="measured figures: psnr, ssim, images, registered, ...")]
 
 
@@ -123,10 +132,13 @@ class Edit(Request):
     action: EditAction
     label: str | None = None
     object_id: Annotated[str | None, Field(description="instead of `label`")] = None
-    color: Annotated[Color | None, Field(description="for recolor")] = None
+    color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
     transform: Annotated[
         Pose | None,
-        Field(description="for move and duplicate: the rigid motion x' = R x + t in the world frame"),
+        Field(
+            description="for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved "
+            "or of its copy"
+        ),
     ] = None
 
 

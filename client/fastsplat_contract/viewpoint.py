@@ -45,7 +45,7 @@ class PosedCamera(Request):
     """A camera and where it stands."""
 
     intrinsics: Intrinsics
-    position: Annotated[Vector3, Field(description="the camera's center in the world frame")]
+    position: Annotated[Vector3, Field(description="the camera's center in the world frame, scene units")]
     orientation: Annotated[Orientation, Field(description="rotates camera axes into world axes (world_from_camera)")]
     convention: Annotated[
         Convention,
@@ -57,6 +57,6 @@ class PosedCamera(Request):
     frame_id: Annotated[
         str,
         AfterValidator(checked(_known_frame)),
-        Field(description='the frame of position and orientation; only "world" is known'),
+        Field(description='the frame of position and orientation: "world", or empty, which means the same'),
     ] = WORLD
     name: Annotated[str, Field(description="in answers, the image's name in the capture; ignored in requests")] = ""

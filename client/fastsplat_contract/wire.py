@@ -138,12 +138,6 @@ class Carried(NamedTuple):
     by: str
 
 
-class Spread(NamedTuple):
-    """In protobuf the values of the tuple are fields of their own."""
-
-    names: tuple[str, ...]
-
-
 def checked(check: Callable[[T], T]) -> Callable[[T], T]:
     """A validator of pydantic that refuses what `check` refuses, with its limit and its hint."""
 

@@ -6,12 +6,17 @@ A field that was forgotten somewhere fails here by its name.
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Mapping
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
+import grpc_tools
 import pytest
+from google.protobuf import descriptor_pb2
+from grpc_tools import protoc
 
 from fastsplat_contract.members import Member, members
 from fastsplat_contract.proto_codec import message_class, numbers_of
@@ -74,11 +79,8 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("RenderViewRequest", "scene_id"),
     ("ViewMask", "continues"),  # of a mask that is cut into pieces
 }
-_EMPTY_IS_ABSENT = {"ViewMask.png", "Answer.mask3d", "Answer.objects", "RenderIn.text", "PictureRequest.text"} | {
-    "SceneOptions.preset",
-    "ListOperations.state",
-}
-"""None in Python and null in JSON; in protobuf the empty value, which is none that could be meant."""
+_EMPTY_IS_ABSENT = {"Answer.objects"}
+"""None in Python and null in JSON; in protobuf, where lists have no presence, the request says what was asked for."""
 
 
 @pytest.mark.parametrize("name", [name for name in TYPES if name not in _NOT_IN_OPENAPI])
@@ -111,15 +113,12 @@ def _json_kind(one: Mapping[str, Any]) -> Any:
     if "enum" in one:
         return tuple(one["enum"])
     if one["type"] == "array":
-        items = one.get("items") or one["prefixItems"][0]
-        return [_json_kind(items)]
+        return [_json_kind(one["items"])]
     return "date-time" if one.get("format") == "date-time" else one["type"]
 
 
 def _expected_json(member: Member) -> tuple[Any, bool]:
     kind = member.kind
-    if member.spread:
-        return ["integer"], False
     if get_origin(kind) is Literal:
         one: Any = get_args(kind)
     elif kind is datetime:
@@ -137,11 +136,9 @@ def test_protobuf_has_the_same_fields(name: str) -> None:
     fields = dict(descriptor.fields_by_name)
     for member in members(TYPES[name]):
         carrier = getattr(fastsplat_pb2, member.carried).DESCRIPTOR.fields_by_name if member.carried else fields
-        for field in member.spread or (member.name,):
-            assert field in carrier, f"{name}.{field} is not in message {member.carried or descriptor.name}"
-        if not member.spread:
-            _check_field(f"{name}.{member.name}", member, carrier[member.name])
-    names = {part for member in members(TYPES[name]) for part in member.spread or (member.name,)}
+        assert member.name in carrier, f"{name}.{member.name} is not in message {member.carried or descriptor.name}"
+        _check_field(f"{name}.{member.name}", member, carrier[member.name])
+    names = {member.name for member in members(TYPES[name])}
     for field in set(fields) - names:
         wider = {m.name for kind in TYPES.values() if _message_name(kind) == descriptor.name for m in members(kind)}
         known = field in wider or (descriptor.name, field) in _FIELDS_OF_THE_MESSAGE_ALONE
@@ -156,10 +153,9 @@ def _check_field(where: str, member: Member, field: Any) -> None:
     kind, message = member.kind, field.message_type
     is_map = message is not None and message.GetOptions().map_entry
     assert field.is_repeated == (member.many or is_map), where
-    scalar = not member.many and message is None
-    if where in _EMPTY_IS_ABSENT:
-        assert not field.has_presence, where
-    elif scalar:
+    if member.many:
+        assert not member.optional or where in _EMPTY_IS_ABSENT, where
+    elif message is None:
         assert field.has_presence == member.optional, where
     if get_origin(kind) is Literal and field.enum_type is not None:
         numbers = numbers_of(kind, field.enum_type)
@@ -186,3 +182,32 @@ def test_every_message_is_a_type_or_part_of_the_transport() -> None:
 
 def test_every_schema_is_a_type() -> None:
     assert set(_OPENAPI["components"]["schemas"]) == set(TYPES) - _NOT_IN_OPENAPI
+
+
+@pytest.mark.parametrize("name", [name for name, kind in TYPES.items() if kind not in JSON_ONLY])
+def test_protobuf_says_the_same_of_each_field(name: str) -> None:
+    own = message_class(TYPES[name]).DESCRIPTOR.name
+    for member in members(TYPES[name]):
+        assert _comments()[member.carried or own, member.name] == member.description, f"{name}.{member.name}"
+    if name == own:
+        assert _comments()[own, ""] == " ".join((TYPES[name].__doc__ or "").split())
+
+
+@cache
+def _comments() -> Mapping[tuple[str, str], str]:
+    """What the .proto file says of each message, under "", and of each field, behind it or above it, on one line."""
+    bundled = Path(grpc_tools.__file__).parent / "_proto"
+    with tempfile.NamedTemporaryFile() as file:
+        arguments = [f"-I{_ROOT / 'protos'}", f"-I{bundled}", f"-o{file.name}", "--include_source_info"]
+        assert protoc.main(["protoc", *arguments, "fastsplat/v1/fastsplat.proto"]) == 0
+        (proto,) = descriptor_pb2.FileDescriptorSet.FromString(Path(file.name).read_bytes()).file
+    comments: dict[tuple[str, str], str] = {}
+    for place in proto.source_code_info.location:
+        text = " ".join((place.leading_comments or place.trailing_comments).split())
+        match list(place.path):
+            case [4, message]:
+                comments[proto.message_type[message].name, ""] = text
+            case [4, message, 2, field]:
+                declared = proto.message_type[message]
+                comments[declared.name, declared.field[field].name] = text
+    return comments

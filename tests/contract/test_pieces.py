@@ -71,7 +71,7 @@ def test_nothing_and_nothing_asked_for_are_told_apart() -> None:
     messages = list(messages_of(_answer()))
     (bare,) = answers_of(messages, frozenset())
     assert bare.mask3d is None and bare.objects is None
-    (empty,) = answers_of(messages, _ALL)
+    (empty,) = answers_of(messages_of(_answer(mask3d=b"", objects=())), _ALL)
     assert empty.mask3d == b"" and empty.objects == ()
 
 

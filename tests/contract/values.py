@@ -60,11 +60,10 @@ def _one_of_each(values: dict[str, Any], fields: Mapping[str, Any]) -> dict[str,
 
 
 def _member(member: Member, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrategy[Any]:
-    if member.spread:
-        return st.tuples(*(st.integers(0, 2**31 - 1) for _ in member.spread))
     values = _value(member.kind, field, bounds)
     if member.many:
-        values = st.lists(values, max_size=3).map(frozenset if member.name == "outputs" else tuple)
+        least, most = bounds.get("minItems", 0), bounds.get("maxItems", 3)
+        values = st.lists(values, min_size=least, max_size=most).map(frozenset if member.name == "outputs" else tuple)
     if not member.optional:
         return values
     empty_is_none = (field is not None and not field.has_presence) or member.carried

@@ -10,6 +10,7 @@ Conventions
   Errors:  google.rpc.Status in `grpc-status-details-bin` with one google.rpc.ErrorInfo: `reason` is stable across
            releases, `domain` is "fastsplat", `metadata` may hold field, limit, hint and request_id.
   Size:    no message passes 4 MiB; whatever could is a stream.
+  Absent:  what is `optional`, or a message, may be absent; JSON says null.
   Names:   American spelling (color, meters); the British names that stood here before the first release are gone.
   Ids:     the request metadata `x-request-id` is echoed in the trailing metadata and stands in the server's log.
 """
