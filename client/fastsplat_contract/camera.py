@@ -12,9 +12,10 @@ from pydantic_core import CoreSchema, core_schema
 
 from fastsplat_contract import viewpoint
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.poses import quaternion_of, rigid, unit_quaternion, vector3
+from fastsplat_contract.poses import quaternion_of, rigid, vector3
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,8 @@ class PosedCamera:
 
     @classmethod
     def from_wire(cls, sent: viewpoint.PosedCamera) -> PosedCamera:
-        """Back from `to_wire`, of either convention."""
-        pose = rigid(unit_quaternion(sent.orientation), sent.position)
+        """Back from `to_wire`, of either convention; the quaternion is of unit length."""
+        pose = rigid(sent.orientation, sent.position)
         if sent.convention == "OPENGL":
             pose = pose @ _OPENCV_FROM_OPENGL
         return cls(Camera(**vars(sent.intrinsics)), pose, sent.name)
@@ -107,7 +108,7 @@ def check_rigid(pose: NDArray[np.float64], *, field: str, tolerance: float = 1e-
     if not np.isfinite(pose).all():
         raise InvalidInputError(f"{field}: the matrix has NaN or infinite numbers", field=field)
     rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > tolerance or np.linalg.det(rotation) < 0:
+    if np.abs(rotation @ rotation.T - _IDENTITY).max() > tolerance or np.linalg.det(rotation) < 0:
         raise InvalidInputError(
             f"{field}: the upper 3×3 block is not a rotation",
             field=field,

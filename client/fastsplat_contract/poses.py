@@ -75,42 +75,31 @@ class Pose(Request):
 
 def rigid(orientation: Quaternion, position: Vector3) -> F64:
     """float64 [4, 4] of a unit quaternion and a translation."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_of(*orientation)
-    matrix[:3, 3] = position
-    return matrix
-
-
-def rotation_of(x: float, y: float, z: float, w: float) -> F64:
-    """float64 [3, 3] of a unit quaternion."""
+    x, y, z, w = orientation
     return np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), position[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), position[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), position[2]],
+            [0.0, 0.0, 0.0, 1.0],
         ]
     )
 
 
 def quaternion_of(rotation: F64) -> Quaternion:
     """x y z w with w ≥ 0 of a rotation matrix [3, 3] (Shepperd 1978, the best-conditioned branch)."""
-    m = rotation
-    trace = float(np.trace(m))
-    squares = np.array([*(1.0 - trace + 2.0 * np.diag(m)), 1.0 + trace])  # 4x², 4y², 4z², 4w²
-    best = int(np.argmax(squares))
-    products = np.array(  # 4 q qᵀ for q = (x, y, z, w)
-        [
-            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
-            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], m[0, 2] - m[2, 0]],
-            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
-        ]
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64).tolist()
+    products = (  # 4 q qᵀ for q = (x, y, z, w)
+        (1.0 + a - e - i, b + d, c + g, h - f),
+        (b + d, 1.0 - a + e - i, f + h, c - g),
+        (c + g, f + h, 1.0 - a - e + i, d - b),
+        (h - f, c - g, d - b, 1.0 + a + e + i),
     )
-    q = products[best] / np.linalg.norm(products[best])
-    return Quaternion(*(q if q[3] >= 0 else -q).tolist())
+    best = max(range(4), key=lambda row: products[row][row])
+    length = math.copysign(math.hypot(*products[best]), products[best][3])
+    return Quaternion(*(value / length for value in products[best]))
 
 
 def vector3(values: F64) -> Vector3:
     """The three numbers of an array [3]."""
-    x, y, z = (float(value) for value in values)
-    return Vector3(x, y, z)
+    return Vector3(*np.asarray(values, dtype=np.float64).tolist())

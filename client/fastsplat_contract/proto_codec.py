@@ -23,6 +23,7 @@ T = TypeVar("T")
 Convert = Callable[[Any], Any]
 
 _ABSENT = object()
+_SCALARS = (bool, int, float, str, bytes)
 
 
 def to_proto(value: Any) -> Any:
@@ -131,12 +132,16 @@ def _struct_of(values: Mapping[str, Any]) -> struct_pb2.Struct:
 def _make_reader(kind: Any, carrier: str) -> Convert:
     """What reads a type's own message, or the fields that `carrier` has of it, into a dict."""
     fields = (getattr(fastsplat_pb2, carrier) if carrier else message_class(kind)).DESCRIPTOR.fields_by_name
-    reads = [
-        (member.name, _read(member, fields.get(member.name))) for member in members(kind) if member.carried == carrier
-    ]
+    own = {m: fields.get(m.name) for m in members(kind) if m.carried == carrier}
+    plainly = [m.name for m, field in own.items() if m.kind in _SCALARS and not (m.many or field.has_presence)]
+    reads = [(member.name, _read(member, field)) for member, field in own.items() if member.name not in plainly]
 
     def read(message: Any) -> dict[str, Any]:
-        return {name: value for name, get in reads if (value := get(message)) is not _ABSENT}
+        plain = {name: getattr(message, name) for name in plainly}
+        for name, get in reads:
+            if (value := get(message)) is not _ABSENT:
+                plain[name] = value
+        return plain
 
     return read
 

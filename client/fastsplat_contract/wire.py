@@ -76,15 +76,13 @@ def travels(*, request: bool, proto: str = "") -> Callable[[type[T]], type[T]]:
                 lambda values: cls(**values),
                 inner,
                 ref=f"{cls.__module__}.{cls.__qualname__}:{id(cls)}",
-                serialization=core_schema.wrap_serializer_function_ser_schema(
-                    lambda value, serialize: serialize(as_named(value)._asdict())
+                serialization=core_schema.plain_serializer_function_ser_schema(
+                    lambda value: dict(zip(hints, value, strict=True)),  # of a plain tuple, too
+                    return_schema=inner,
                 ),
             )
 
-        def as_named(value: Any) -> Any:
-            return value if isinstance(value, cls) else cls(*value)  # a plain tuple is taken for one
-
-        cls.proto, cls.as_named = proto, as_named
+        cls.proto, cls.as_named = proto, lambda value: value if isinstance(value, cls) else cls(*value)
         cls.__get_pydantic_core_schema__ = schema_of
         cls.__get_pydantic_json_schema__ = lambda schema, handler: _described(cls, schema, handler)
         return cls
