@@ -54,6 +54,7 @@ _RULES: Mapping[str, Rule] = {
     "GET /livez": _OPEN,
     "GET /readyz": _OPEN,
     "GET /query": _READ,
+    "GET /v1/server": _READ,
     "OPTIONS /v1/uploads": _READ,
     "POST /v1/uploads": _UPLOAD,
     "HEAD /v1/uploads/{upload_id}": _WRITE,

@@ -105,7 +105,8 @@ async def serve(
         metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
         opened.push_async_callback(asyncio.to_thread, stop_metrics)
         grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, doors, tls)
-        http_server = _http_server(create_app(service, settings, threads, doors, readiness), settings, tls)
+        app = create_app(service, settings, threads, doors, readiness, grpc_server.port)
+        http_server = _http_server(app, settings, tls)
         serving = asyncio.create_task(http_server.serve([listener]))
         stopping = asyncio.create_task(stop.wait())
         watching: asyncio.Task[None] | None = None

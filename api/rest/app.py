@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,14 @@ from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.queries import query_routes
-from fastsplat.api.rest.routes import operation_routes, scene_routes
+from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.calls.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.problems import Problem
+from fastsplat_contract.server import ServerInfo
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (
@@ -59,6 +61,7 @@ def create_app(
     threads: Threads | None = None,
     doors: Doors | None = None,
     readiness: Readiness | None = None,
+    grpc_port: int | None = None,
 ) -> FastAPI:
     """The REST face of `service`, with the web page at `/`.
 
@@ -68,6 +71,7 @@ def create_app(
         threads: where blocking calls run, to share them with another face; its owner closes it.
         doors: who may come in, shared with the other face; without, and with keys on, nobody.
         readiness: what `/readyz` tells; without, never ready.
+        grpc_port: where gRPC listens, for clients that ask.
     """
     threads = threads or Threads()
     app = _App(
@@ -81,6 +85,8 @@ def create_app(
     app.add_middleware(AccessLayer, routed=app, doors=doors or open_doors(settings, None))
     app.add_middleware(OuterLayer)
     problems.install(app)
+    address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
+    app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
     app.include_router(tus_routes(service, threads, settings.capture.max_upload_bytes), tags=["uploads"])
     app.include_router(operation_routes(service, threads), tags=["operations"])

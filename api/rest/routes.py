@@ -21,12 +21,25 @@ from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.server import ServerInfo
 
 _POLL_S = 0.25
 
 PageSize = Annotated[int, Query(description="0: the server's default", json_schema_extra={"minimum": 0})]
 PageToken = Annotated[str, Query(description="next_page_token of the page before")]
 Version = Annotated[str, Query(description="of the scene; empty: the current one")]
+
+
+def server_routes(info: ServerInfo) -> APIRouter:
+    """The server itself."""
+    router = APIRouter(prefix="/v1", responses=PROBLEMS)
+
+    @router.get("/server", response_model=ServerInfo)
+    async def get_server() -> Response:
+        """The release that runs, and where its gRPC interface is."""
+        return json_response(to_json(info))
+
+    return router
 
 
 def scene_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:

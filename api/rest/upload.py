@@ -19,7 +19,7 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitEx
 from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.operations import Operation, SceneOptions
 
-_FILE_FIELDS = ("capture", "images")
+_FILE_FIELDS = ("capture", "images", "files")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
 
@@ -51,6 +51,12 @@ BODY_SCHEMA: dict[str, Any] = {
                             "type": "array",
                             "items": {"type": "string", "format": "binary"},
                             "description": "photos, each with its own file name; folders in the name are kept",
+                        },
+                        "files": {
+                            "type": "array",
+                            "items": {"type": "string", "format": "binary"},
+                            "description": "the files of a capture's folder under their names in it: photos, masks, "
+                            "label maps, transforms.json, labels.json, a COLMAP model, points",
                         },
                         "uploads": {
                             "type": "array",
@@ -132,7 +138,7 @@ def _receive(
                 raise InvalidInputError(
                     f"files are not accepted under {part.field[:80]!r}",
                     field=part.field[:80],
-                    hint='Send one archive or video as "capture", or photos as "images".',
+                    hint='Send one archive or video as "capture", photos as "images", or a folder as "files".',
                 )
             elif part.filename:  # a browser sends an empty name when nothing was chosen
                 captures += part.field == "capture"

@@ -21,6 +21,7 @@ from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
@@ -47,6 +48,7 @@ from fastsplat_contract.scenes import (
     UndoIn,
     VersionList,
 )
+from fastsplat_contract.server import ServerInfo
 
 T = TypeVar("T")
 
@@ -62,7 +64,8 @@ class Client:
     Args:
         url: of the REST interface.
         key: an access key; "" where the server needs none.
-        grpc_target: "host:port" for standing questions; by default the URL's host and port 8001.
+        grpc_target: "host:port" of gRPC, for standing questions; by default what the server at `url` says. The key goes
+            to these two addresses and to no other.
         ca: PEM certificates to trust in place of the system's, for both interfaces.
         timeout_s: of a call that names none, retries included.
         retry: see `Retry`.
@@ -83,8 +86,10 @@ class Client:
         piece_bytes: int = PIECE_BYTES,
     ) -> None:
         self._transport = Transport(url, key, ca, timeout_s, retry)
-        target = grpc_target or f"{urlsplit(url).hostname}:8001"
-        self._grpc = Grpc(target, key, urlsplit(url).scheme == "https", ca)
+        self._url = urlsplit(url)
+        self._grpc_target = grpc_target
+        self._key = key
+        self._ca = ca
         self._timeout_s = timeout_s
         self._retry = retry
         self._piece_bytes = piece_bytes
@@ -99,6 +104,10 @@ class Client:
         """Close the connections."""
         self._transport.close()
 
+    def server(self) -> ServerInfo:
+        """What the server says of itself: its release, and where its gRPC interface is."""
+        return self._get(ServerInfo, "/v1/server")
+
     def create_scene(
         self,
         capture: Path,
@@ -108,9 +117,10 @@ class Client:
         request_id: str = "",
         timeout_s: float = 3600.0,
     ) -> Operation:
-        """Upload a folder of photos, an archive or a video; its training is queued, durably, on return.
+        """Upload a folder, an archive or a video; its training is queued, durably, on return.
 
-        A folder travels as one form. An archive or a video goes piece by piece, and a connection that breaks is taken
+        A folder travels as one form: photos, and what lies beside them: transforms.json or a COLMAP model, masks, label
+        maps with labels.json, points. An archive or a video goes piece by piece, and a connection that breaks is taken
         up where it was.
         """
         chosen = options or SceneOptions()
@@ -255,7 +265,7 @@ class Client:
     ) -> tuple[Answer, ...]:
         """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
         if protocol == "gRPC":
-            return self._grpc.ask(request, self._timeout_s if timeout_s is None else timeout_s)
+            return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = _without_scene(request)
         if request.scene_id:
             path = f"{_scene(request.scene_id)}:query"
@@ -340,12 +350,31 @@ class Client:
             poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
                 before.
         """
-        return self._grpc.stream_query(question, poses)
+        return self._grpc().stream_query(question, poses)
 
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:
         where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
         body = _without_scene(replace(request, **where))
         return self._transport.call("POST", f"{_scene(request.scene_id)}:render", json=body).content
+
+    def _grpc(self) -> Grpc:
+        """Where gRPC is.
+
+        Raises:
+            InvalidInputError: neither the caller nor the server says it.
+        """
+        if not self._grpc_target:
+            address = self.server().grpc
+            if address is None:
+                raise InvalidInputError(
+                    "the server does not say where its gRPC interface is",
+                    field="grpc_target",
+                    hint='Name it: Client(url, grpc_target="host:port").',
+                )
+            host = self._url.hostname or ""
+            same_host = f"[{host}]" if ":" in host else host
+            self._grpc_target = f"{same_host}{address}" if address.startswith(":") else address
+        return Grpc(self._grpc_target, self._key, self._url.scheme == "https", self._ca)
 
     def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
         return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))

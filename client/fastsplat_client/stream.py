@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import grpc
-from google.rpc import error_details_pb2  # type: ignore[import-untyped]
-from grpc_status import rpc_status
+from google.protobuf.message import DecodeError
 
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
 from fastsplat_contract.camera import PosedCamera
@@ -20,6 +19,7 @@ from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
+from fastsplat_contract.v1 import status_pb2
 
 
 @dataclass(frozen=True)
@@ -110,16 +110,32 @@ class Grpc:
 def error_from(error: grpc.RpcError) -> FastSplatError:
     """What a failed RPC says, as the exception that the server raised."""
     assert isinstance(error, grpc.Call)
-    status = rpc_status.from_call(error)
-    info = error_details_pb2.ErrorInfo()
-    for detail in status.details if status is not None else ():
-        if detail.Unpack(info):
-            return error_of(info.reason, _kind(error), error.details() or "", info.metadata)
+    info, retry_after_s = _details(error)
+    if info is not None:
+        return error_of(info.reason, _kind(error), error.details() or "", info.metadata, retry_after_s)
     if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
         return DeadlineExceededError("no answer in time", hint="Give it more time.")
     if error.code() is grpc.StatusCode.CANCELLED:
         return CancelledError("the call was cancelled")
     return UnreachableError(f"{error.code().name}: {error.details()}", hint="Is the server running?")
+
+
+def _details(error: grpc.Call) -> tuple[status_pb2.ErrorInfo | None, float | None]:
+    """The ErrorInfo of a google.rpc.Status, and the seconds of its RetryInfo, where there are such."""
+    metadata = {str(key): value for key, value in error.trailing_metadata() or ()}
+    content = metadata.get("grpc-status-details-bin", b"")
+    info: status_pb2.ErrorInfo | None = None
+    retry_after_s: float | None = None
+    try:
+        for detail in status_pb2.Status.FromString(content if isinstance(content, bytes) else b"").details:
+            if detail.type_url.endswith("/google.rpc.ErrorInfo"):
+                info = status_pb2.ErrorInfo.FromString(detail.value)
+            elif detail.type_url.endswith("/google.rpc.RetryInfo"):
+                delay = status_pb2.RetryInfo.FromString(detail.value).retry_delay
+                retry_after_s = delay.seconds + delay.nanos * 1e-9
+    except DecodeError:
+        return None, None  # not from this service
+    return info, retry_after_s
 
 
 def _kind(error: grpc.Call) -> Kind:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import shutil
 import socket
 import threading
 import time
@@ -17,6 +19,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.calls.service import SceneService
+from fastsplat.service.capture.manifest import read_manifest
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
@@ -54,6 +57,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
 
 
+_SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3)
 
 
@@ -72,6 +76,28 @@ def test_a_capture_arrives_whole_with_its_options(
         assert record.priority == 3 and record.options["preset"] == "draft"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
+
+
+def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
+    faces: Faces, service: SceneService, tmp_path: Path
+) -> None:
+    transforms = json.loads((_SAMPLE / "transforms.json").read_text())
+    transforms["frames"] = transforms["frames"][::9]
+    names = [frame[key] for frame in transforms["frames"] for key in ("file_path", "mask_path")]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(_SAMPLE / name, tmp_path / name)
+    (tmp_path / "transforms.json").write_text(json.dumps(transforms))
+    with client_of(faces) as client:
+        operation = client.create_scene(tmp_path)
+    record = service._store.rows.operation(operation.id)
+    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    manifest, files = read_manifest(stored)
+    assert manifest.source == "nerfstudio" and len(manifest.photos) == len(transforms["frames"])
+    assert len(manifest.label_maps) == len(transforms["frames"])  # the sample's masks are label maps: no detector runs
+    for name in ("transforms.json", *names):
+        assert (files / name).read_bytes() == (tmp_path / name).read_bytes()
+    service.delete_scene(operation.scene_id)
 
 
 @pytest.mark.parametrize(("options", "field"), [({"preset": "huge"}, "preset"), ({"priority": 101}, "priority")])
@@ -149,7 +175,7 @@ def test_keys_and_tls_reach_both_ports(
     read, write = (service.admin.keys.create(kind, kind)[1] for kind in ("read", "write"))
     with serving(service, settings) as ports:
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
-        with Client(url, key=read, grpc_target=target, ca=pem / "ca.pem") as client:
+        with Client(url, key=read, ca=pem / "ca.pem") as client:  # which asks the server where gRPC is
             assert client.query(scene_id, "mug")[0].verdict == "exact"
             question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
             (found,) = client.stream_query(question, [turned(0.0)])

@@ -79,9 +79,10 @@ _TWINS = {
 
 
 def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone() -> None:
-    """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC."""
+    """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC; who has found gRPC need not
+    ask where it is."""
     routes = {f"{method.upper()} {path}" for path, methods in openapi.describe()["paths"].items() for method in methods}
-    elsewhere = {"GET /livez", "GET /readyz"} | {route for route in routes if "/v1/uploads" in route}
+    elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
     assert set(_TWINS) == routes - elsewhere
     rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
     assert rpcs - set(_TWINS.values()) == {"StreamQuery"}

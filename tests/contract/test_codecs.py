@@ -25,7 +25,7 @@ from fastsplat_contract.wire import Request
 from tests.contract.catalog import TYPES
 from tests.contract.values import JSON_ONLY, values_of
 
-_RANDOM = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+_RANDOM = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 _REQUESTS = [kind for kind in TYPES.values() if issubclass(kind, Request)]
 
 

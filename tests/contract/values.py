@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any, Literal, get_args, get_origin
 
 from hypothesis import strategies as st
@@ -14,8 +14,9 @@ from fastsplat_contract.poses import Quaternion
 from fastsplat_contract.problems import Problem
 from fastsplat_contract.proto_codec import message_class
 from fastsplat_contract.queries import QueryOut
+from fastsplat_contract.server import ServerInfo
 
-JSON_ONLY = {Problem, QueryOut}
+JSON_ONLY = {Problem, QueryOut, ServerInfo}
 """What has no message of its own."""
 
 _TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
@@ -93,7 +94,7 @@ def _value(kind: Any, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrateg
     if kind is bytes:
         return st.binary(max_size=20)
     if kind is datetime:
-        return st.datetimes(datetime(1970, 1, 1), datetime(2200, 1, 1), timezones=st.just(UTC))
+        return st.datetimes(datetime(1970, 1, 1), datetime(2200, 1, 1), timezones=st.just(timezone.utc))
     if get_origin(kind) is Literal:
         return st.sampled_from(get_args(kind))
     if get_origin(kind) is not None:
