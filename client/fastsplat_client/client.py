@@ -18,10 +18,9 @@ from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
-from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion
+from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
@@ -358,22 +357,7 @@ class Client:
         return self._transport.call("POST", f"{_scene(request.scene_id)}:render", json=body).content
 
     def _grpc(self) -> Grpc:
-        """Where gRPC is.
-
-        Raises:
-            InvalidInputError: neither the caller nor the server says it.
-        """
-        if not self._grpc_target:
-            address = self.server().grpc
-            if address is None:
-                raise InvalidInputError(
-                    "the server does not say where its gRPC interface is",
-                    field="grpc_target",
-                    hint='Name it: Client(url, grpc_target="host:port").',
-                )
-            host = self._url.hostname or ""
-            same_host = f"[{host}]" if ":" in host else host
-            self._grpc_target = f"{same_host}{address}" if address.startswith(":") else address
+        self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
         return Grpc(self._grpc_target, self._key, self._url.scheme == "https", self._ca)
 
     def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:

@@ -13,10 +13,11 @@ from google.protobuf.message import DecodeError
 
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import CancelledError, FastSplatError, Kind
+from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, Kind
 from fastsplat_contract.pieces import answers_of
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.server import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 from fastsplat_contract.v1 import status_pb2
@@ -105,6 +106,22 @@ class Grpc:
                 yield from _answers(call, asked)
             finally:
                 call.cancel()
+
+
+def grpc_address(server: ServerInfo, host: str) -> str:
+    """ "host:port" of a server that was asked at `host`.
+
+    Raises:
+        InvalidInputError: it does not say where its gRPC interface is.
+    """
+    if server.grpc is None:
+        raise InvalidInputError(
+            "the server does not say where its gRPC interface is",
+            field="grpc_target",
+            hint='Name it: Client(url, grpc_target="host:port").',
+        )
+    own = f"[{host}]" if ":" in host else host
+    return f"{own}{server.grpc}" if server.grpc.startswith(":") else server.grpc
 
 
 def error_from(error: grpc.RpcError) -> FastSplatError:

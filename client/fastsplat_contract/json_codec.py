@@ -15,10 +15,8 @@ T = TypeVar("T")
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 _IN_JSONS_WORDS = {
-    "tuple_type": "Input should be a valid list",
-    "frozen_set_type": "Input should be a valid list",
-    "dataclass_type": "Input should be an object",
-    "dict_type": "Input should be an object",
+    **dict.fromkeys(("tuple_type", "frozen_set_type"), "Input should be a valid list"),
+    **dict.fromkeys(("dataclass_type", "dict_type"), "Input should be an object"),
     "unexpected_keyword_argument": "Extra inputs are not permitted",
 }
 
@@ -49,13 +47,8 @@ def to_plain(value: Any) -> Any:
 def from_plain(kind: type[T], plain: Any, path: str = "") -> T:
     """Back from `to_plain`, strictly: no unknown field, no silent conversion, no NaN.
 
-    Args:
-        kind: a type of the contract.
-        plain: what JSON or a protobuf message holds.
-        path: names `plain` in errors, e.g. "cameras[0]".
-
     Raises:
-        InvalidInputError: names the field.
+        InvalidInputError: names the field; it lies in `path`, e.g. "cameras[0]".
     """
     try:
         value: T = _adapter(kind).validate_python(plain)
@@ -68,12 +61,10 @@ def from_plain(kind: type[T], plain: Any, path: str = "") -> T:
 def invalid_input(errors: Sequence[Mapping[str, Any]], skip: int = 0) -> InvalidInputError:
     """The first of pydantic's errors; `skip` leaves out the first parts of its location."""
     first = errors[0]
-    context = first.get("ctx") or {}
+    said = first["ctx"] if first["type"] == "contract" else {}
+    message = _IN_JSONS_WORDS.get(first["type"], first["msg"])
     return InvalidInputError(
-        _IN_JSONS_WORDS.get(first["type"], first["msg"]),
-        field=path_of(first["loc"][skip:]),
-        limit=str(context.get("limit", "")) if first["type"] == "contract" else "",
-        hint=str(context.get("hint", "")) if first["type"] == "contract" else "",
+        message, field=path_of(first["loc"][skip:]), limit=said.get("limit", ""), hint=said.get("hint", "")
     )
 
 

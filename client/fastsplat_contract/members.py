@@ -14,24 +14,14 @@ from fastsplat_contract.wire import Carried
 
 
 class Member(NamedTuple):
-    """One field of a type.
-
-    Attributes:
-        name: the field's.
-        kind: its type without marks and without None; of many values, the type of one.
-        many: whether there are any number of values.
-        optional: whether it may be None.
-        default: whether it has a default.
-        carried: the protobuf message that has the field; "" for the type's own.
-        description: for people.
-    """
+    """One field of a type."""
 
     name: str
-    kind: Any
-    many: bool
-    optional: bool
-    default: bool
-    carried: str
+    kind: Any  # without marks and without None; of many values, the type of one
+    many: bool  # whether there are any number of values
+    optional: bool  # whether it may be None
+    default: bool  # whether it has one
+    carried: str  # the protobuf message that has the field; "" for the type's own
     description: str
 
 
@@ -65,10 +55,8 @@ def _members(hints: dict[str, Any], defaults: dict[str, bool]) -> Iterator[Membe
         if many := get_origin(kind) in (tuple, frozenset):
             kind, _ = _bare(get_args(kind)[0])
         carried = next((mark.by for mark in marks if isinstance(mark, Carried)), "")
-        infos = [mark for mark in marks if isinstance(mark, FieldInfo)]
-        description = next((info.description for info in infos if info.description), "")
-        if not any(info.exclude for info in infos):
-            yield Member(name, kind, many, optional, default, carried, description)
+        descriptions = (mark.description for mark in marks if isinstance(mark, FieldInfo))
+        yield Member(name, kind, many, optional, default, carried, next(filter(None, descriptions), ""))
 
 
 def _bare(hint: Any) -> tuple[Any, tuple[Any, ...]]:

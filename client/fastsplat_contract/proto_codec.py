@@ -6,12 +6,12 @@ plain dicts first, and these are checked as JSON is: bounds, and the paths that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime, timezone
 from functools import cache
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin
 
-from google.protobuf import json_format, struct_pb2, timestamp_pb2
+from google.protobuf import json_format
 from google.protobuf.message import Message
 
 from fastsplat_contract.errors import InvalidInputError
@@ -36,16 +36,10 @@ def to_proto(value: Any) -> Any:
 
 
 def from_proto(kind: type[T], message: Message, path: str = "", carrier: Message | None = None) -> T:
-    """Back from `to_proto`, checked as strictly as JSON.
-
-    Args:
-        kind: a type of the contract.
-        message: of that type.
-        path: names `message` in errors, e.g. "cameras[0]".
-        carrier: the message that has the fields which are not in `message` itself.
+    """Back from `to_proto`, as strictly as `from_plain`; `carrier` has the fields that are not in `message` itself.
 
     Raises:
-        InvalidInputError: names the field.
+        InvalidInputError: names the field; it lies in `path`.
     """
     plain = _reader(kind, "")(message)
     if carrier is not None:
@@ -65,28 +59,20 @@ def numbers_of(literal: Any, enum: Any) -> dict[str, int]:
     return {value: enum.values_by_name[prefix + value.upper()].number for value in get_args(literal)}
 
 
-def timestamp_of(moment: datetime) -> timestamp_pb2.Timestamp:
-    """A moment as a message."""
-    message = timestamp_pb2.Timestamp()
-    message.FromDatetime(moment.astimezone(timezone.utc))
-    return message
-
-
 def _make_writer(kind: Any) -> Convert:
     made = message_class(kind)
     fields = made.DESCRIPTOR.fields_by_name
-    writes = {m: _write(m, fields.get(m.name)) for m in members(kind) if not m.carried}
-    as_they_are = [member.name for member, write in writes.items() if write is None]
-    converted = [(member.name, write) for member, write in writes.items() if write is not None]
+    own = [(m.name, m.many, _converters(m, fields[m.name])[0]) for m in members(kind) if not m.carried]
+    as_they_are = [name for name, _, convert in own if convert is None]
     choices = [[field.name for field in group.fields] for group in made.DESCRIPTOR.oneofs if len(group.fields) > 1]
-    to_wire: Convert = kind.to_wire if hasattr(kind, "wire") else getattr(kind, "as_named", _same)
+    to_wire: Convert = kind.to_wire if hasattr(kind, "wire") else getattr(kind, "as_named", lambda value: value)
 
     def write(value: Any) -> Message:
         value = to_wire(value)
         parts = {name: getattr(value, name) for name in as_they_are}
-        for name, convert in converted:
-            if (part := getattr(value, name)) is not None:
-                parts[name] = convert(part)
+        for name, many, convert in own:
+            if convert is not None and (part := getattr(value, name)) is not None:
+                parts[name] = [convert(item) for item in part] if many else convert(part)
         for names in choices:
             both = [name for name in names if parts.get(name) is not None]
             if len(both) > 1:
@@ -97,48 +83,16 @@ def _make_writer(kind: Any) -> Convert:
     return write
 
 
-_writer: Callable[[Any], Convert] = cache(_make_writer)
-
-
-def _write(member: Member, field: Any) -> Convert | None:
-    """What makes the message's value of the member's; None where they are the same."""
-    kind = member.kind
-    one: Convert | None = None
-    if kind is datetime:
-        one = timestamp_of
-    elif get_origin(kind) is Literal:
-        one = numbers_of(kind, field.enum_type).__getitem__ if field.enum_type is not None else None
-    elif get_origin(kind) is not None:
-        one = _struct_of if get_args(kind)[1] is Any else dict
-    elif hasattr(kind, "__get_pydantic_core_schema__"):
-        one = _writer(kind)
-    return one if one is None or not member.many else lambda values: [one(value) for value in values]
-
-
-def _same(value: Any) -> Any:
-    return value
-
-
-def _refuse(name: str, number: int) -> Any:
-    raise InvalidInputError(f"{name} of {number} is unknown", field=name, hint="The contract names those there are.")
-
-
-def _struct_of(values: Mapping[str, Any]) -> struct_pb2.Struct:
-    message = struct_pb2.Struct()
-    message.update(dict(values))
-    return message
-
-
 def _make_reader(kind: Any, carrier: str) -> Convert:
     """What reads a type's own message, or the fields that `carrier` has of it, into a dict."""
     fields = (getattr(fastsplat_pb2, carrier) if carrier else message_class(kind)).DESCRIPTOR.fields_by_name
-    own = {m: fields.get(m.name) for m in members(kind) if m.carried == carrier}
-    plainly = [m.name for m, field in own.items() if m.kind in _SCALARS and not (m.many or field.has_presence)]
-    reads = [(member.name, _read(member, field)) for member, field in own.items() if member.name not in plainly]
+    own = {m: fields[m.name] for m in members(kind) if m.carried == carrier}
+    as_they_are = [m.name for m, field in own.items() if m.kind in _SCALARS and not (m.many or field.has_presence)]
+    gets = [(member.name, _get(member, field)) for member, field in own.items() if member.name not in as_they_are]
 
     def read(message: Any) -> dict[str, Any]:
-        plain = {name: getattr(message, name) for name in plainly}
-        for name, get in reads:
+        plain = {name: getattr(message, name) for name in as_they_are}
+        for name, get in gets:
             if (value := get(message)) is not _ABSENT:
                 plain[name] = value
         return plain
@@ -146,32 +100,42 @@ def _make_reader(kind: Any, carrier: str) -> Convert:
     return read
 
 
+_writer: Callable[[Any], Convert] = cache(_make_writer)
 _reader: Callable[[Any, str], Convert] = cache(_make_reader)
 
 
-def _read(member: Member, field: Any) -> Convert:
-    """What takes the member's plain value out of a message; `_ABSENT` leaves it to the type's default."""
-    name, kind, optional = member.name, member.kind, member.optional
-    one: Convert | None = None
-    if kind is datetime:
-        one = lambda stamp: stamp.ToDatetime(timezone.utc)  # noqa: E731
-    elif field.enum_type is not None:
-        names = {number: value for value, number in numbers_of(kind, field.enum_type).items()}
-        one = lambda number: names.get(number, number)  # noqa: E731 - the type refuses a number
-        if member.many:
-            one = lambda number: names[number] if number in names else _refuse(name, number)  # noqa: E731
-    elif get_origin(kind) not in (None, Literal):
-        one = json_format.MessageToDict if get_args(kind)[1] is Any else dict
-    elif field.message_type is not None:
-        one = _reader(kind, "")
+def _get(member: Member, field: Any) -> Convert:
+    """What takes a member's plain value out of a message; `_ABSENT` leaves it to the type's default."""
+    name, optional, convert = member.name, member.optional, _converters(member, field)[1]
     unspecified = field.enum_type is not None and (optional or member.default)
 
     def get(message: Any) -> Any:
         value = getattr(message, name)
         if member.many:
-            return None if optional and not value else list(value) if one is None else [one(item) for item in value]
+            return None if optional and not value else [convert(item) for item in value] if convert else list(value)
         if (field.has_presence and not message.HasField(name)) or (unspecified and value == 0):
             return None if optional else _ABSENT
-        return value if one is None else one(value)
+        return convert(value) if convert else value
 
     return get
+
+
+def _converters(member: Member, field: Any) -> tuple[Convert | None, Convert | None]:
+    """What makes the message's value of the member's (of one of many), and back; None where they are the same."""
+    if field.enum_type is not None:
+        numbers = numbers_of(member.kind, field.enum_type)
+        names = {number: value for value, number in numbers.items()}
+
+        def named(number: int) -> Any:
+            if member.many and number not in names:
+                raise InvalidInputError(f"{member.name} of {number} is unknown", field=member.name)
+            return names.get(number, number)  # a number without a name is refused by the type
+
+        return numbers.__getitem__, named
+    if member.kind is datetime:
+        return None, lambda stamp: stamp.ToDatetime(timezone.utc)
+    if field.message_type is None:
+        return None, None
+    if get_origin(member.kind) is None:
+        return _writer(member.kind), _reader(member.kind, "")
+    return None, json_format.MessageToDict if get_args(member.kind)[1] is Any else dict

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import inspect
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, PlainSerializer
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -21,19 +21,17 @@ JsonSchema = dict[str, Any]
 
 
 class Message:
-    """Base of the dataclasses that travel, as JSON objects and as protobuf messages: no silent conversion, no NaN.
-
-    Class attributes: `proto`, the protobuf message's name where it is not the class's own.
-    """
+    """Base of the dataclasses that travel, as JSON objects and as protobuf messages: no silent conversion, no NaN."""
 
     proto: ClassVar[str] = ""
+    """The protobuf message's name where it is not the class's own."""
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, allow_inf_nan=False)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         schema = handler(source)
-        resolved: Any = handler.resolve_ref_schema(schema)
-        resolved["strict"] = False  # the values are strict; the object itself comes as a dict
+        # The values are strict; the object itself comes as a dict.
+        cast(dict[str, Any], handler.resolve_ref_schema(schema))["strict"] = False
         return schema
 
     @classmethod
@@ -56,12 +54,7 @@ class Response(Message):
 
 
 def travels(*, request: bool, proto: str = "") -> Callable[[type[T]], type[T]]:
-    """A class decorator: a NamedTuple travels as an object with its fields' names, as a `Message` does.
-
-    Args:
-        request: whether clients send it, so that a field that is unknown is refused.
-        proto: as in `Message`.
-    """
+    """A class decorator: a NamedTuple travels as an object, as a `Request` or a `Response` does."""
 
     def decorate(cls: Any) -> Any:
         def schema_of(source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -100,9 +93,8 @@ class _List:
     """A tuple or set is an array in JSON, whatever its order and however often a value is there."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        schema: Any = {**handler(source), "strict": False}
-        resolved: CoreSchema = schema
-        return resolved
+        schema = handler(source)
+        return cast(CoreSchema, {**schema, "strict": False})
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         return {name: value for name, value in handler(schema).items() if name != "uniqueItems"}
