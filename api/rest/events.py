@@ -60,5 +60,5 @@ async def _events(operation: Operation, known: str, look: Callable[[], Awaitable
 
 def _id(operation: Operation) -> str:
     # A running stage's seconds count by themselves; they are told with the next change.
-    told = replace(operation, stages=tuple(replace(stage, seconds=0.0) for stage in operation.stages))
-    return hashlib.sha256(to_json(told)).hexdigest()[:16]
+    timeless = replace(operation, stages=tuple(replace(stage, seconds=0.0) for stage in operation.stages))
+    return hashlib.sha256(to_json(timeless)).hexdigest()[:16]

@@ -29,8 +29,8 @@ def immutable_file(request: Request, path: Path, media_type: str, filename: str,
     """
     etag = f'"{tag}"'
     headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
-    wanted = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
-    if etag in wanted or "*" in wanted:
+    tags = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
+    if etag in tags or "*" in tags:
         return Response(status_code=304, headers=headers)
     size = path.stat().st_size
     range_header = request.headers.get("range")

@@ -142,8 +142,8 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:
         """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
-        path, found = await called(request, threads, lambda: service.scene_ply(scene_id, version))
-        return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{found}")
+        path, current = await called(request, threads, lambda: service.scene_ply(scene_id, version))
+        return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{current}")
 
     @router.get(
         "/v1/scenes/{scene_id}/mask.ply",

@@ -75,9 +75,9 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     async def get_upload(request: Request, upload_id: str) -> Response:
         """How far an upload has come: Upload-Offset of Upload-Length bytes."""
         owner, uploads = caller_id(), _uploads(service)
-        found = await threads.call(lambda: uploads.get(owner, upload_id))
-        more = {"Upload-Metadata": found.metadata} if found.metadata else {}
-        return _told(200, found, **{"Upload-Length": str(found.length), "Cache-Control": "no-store"}, **more)
+        upload = await threads.call(lambda: uploads.get(owner, upload_id))
+        more = {"Upload-Metadata": upload.metadata} if upload.metadata else {}
+        return _told(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
 
     @router.patch("/{upload_id}", status_code=204, response_class=Response, openapi_extra=_BODY)
     @_spoken

@@ -122,11 +122,11 @@ class Client:
         maps with labels.json, points. An archive or a video goes piece by piece, and a connection that breaks is taken
         up where it was.
         """
-        chosen = options or SceneOptions()
-        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(chosen.priority))]
-        fields += [("labels", label) for label in chosen.labels]
+        options = options or SceneOptions()
+        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
+        fields += [("labels", label) for label in options.labels]
         for field in ("time_budget_s", "max_gaussians", "preset"):
-            if (value := getattr(chosen, field)) is not None:
+            if (value := getattr(options, field)) is not None:
                 fields.append((field, str(value)))
         if capture.is_file():
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
@@ -251,8 +251,8 @@ class Client:
             choices: version, negatives, templates, coverage, max_matches, mask2d_encoding and mask3d_encoding, as in
                 `QueryRequest`.
         """
-        asked = (texts,) if isinstance(texts, str) else tuple(texts)
-        request = QueryRequest(scene_id, asked, tuple(cameras), tuple(views), frozenset(outputs), **choices)
+        questions = (texts,) if isinstance(texts, str) else tuple(texts)
+        request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)
         return self.ask(request, timeout_s=timeout_s)
 
     def ask(
@@ -306,9 +306,9 @@ class Client:
         content = self._render(viewpoint, PictureRequest(scene_id, "depth", version=version, format="npy"))
         return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
 
-    def cameras(self, scene_id: str, wanted: CameraFormat = "json") -> bytes:
+    def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": wanted}).content
+        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": file_format}).content
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""

@@ -100,10 +100,10 @@ class Grpc:
     ) -> Iterator[PoseAnswer]:
         """See `Client.stream_query`."""
         with self.opened() as (stub, metadata):
-            asked: list[QueryRequest] = []
-            call = stub.StreamQuery(_requests(question, poses, asked), metadata=metadata)
+            questions: list[QueryRequest] = []
+            call = stub.StreamQuery(_requests(question, poses, questions), metadata=metadata)
             try:
-                yield from _answers(call, asked)
+                yield from _answers(call, questions)
             finally:
                 call.cancel()
 
@@ -161,13 +161,13 @@ def _kind(error: grpc.Call) -> Kind:
 
 
 def _requests(
-    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], asked: list[QueryRequest]
+    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], questions: list[QueryRequest]
 ) -> Iterator[pb.StreamQueryRequest]:
-    """What is sent; `asked` grows by each question."""
+    """What is sent; `questions` grows by each question."""
     sequence = 0
     for part in itertools.chain((question,), poses):
         if isinstance(part, StandingQuestion):
-            asked.append(part.request)
+            questions.append(part.request)
             standing = pb.StandingQuestion(query=to_proto(part.request), heartbeat_s=part.heartbeat_s)
             yield pb.StreamQueryRequest(question=standing)
         else:
@@ -175,7 +175,7 @@ def _requests(
             yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(part)))
 
 
-def _answers(call: Iterable[pb.StreamQueryResponse], asked: Sequence[QueryRequest]) -> Iterator[PoseAnswer]:
+def _answers(call: Iterable[pb.StreamQueryResponse], questions: Sequence[QueryRequest]) -> Iterator[PoseAnswer]:
     pieces: list[pb.QueryResponse] = []
     dropped = 0
     for reply in call:
@@ -185,6 +185,6 @@ def _answers(call: Iterable[pb.StreamQueryResponse], asked: Sequence[QueryReques
         elif part == "dropped":
             dropped += reply.dropped.count
         elif part == "done":
-            answers = tuple(answers_of(pieces, asked[reply.question - 1].outputs))
+            answers = tuple(answers_of(pieces, questions[reply.question - 1].outputs))
             yield PoseAnswer(reply.sequence, reply.question, answers, dropped, reply.done.seconds)
             pieces, dropped = [], 0

@@ -53,11 +53,11 @@ class Answers:
 
     def scene_ply(self, scene_id: str, version: str) -> tuple[Path, str]:
         """See `SceneService.scene_ply`."""
-        found = self._scenes.version(scene_id, version)
-        path = self._scenes.folder(scene_id, found) / "scene.ply"
+        version = self._scenes.version(scene_id, version)
+        path = self._scenes.folder(scene_id, version) / "scene.ply"
         if not path.is_file():
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
-        return path, found
+        return path, version
 
     def mask_ply(self, scene_id: str, text: str, version: str) -> bytes:
         """See `SceneService.mask_ply`."""

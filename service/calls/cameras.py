@@ -24,7 +24,7 @@ MEDIA_TYPES: dict[CameraFormat, str] = {
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def camera_file(cameras: Sequence[PosedCamera], wanted: str) -> bytes:
+def camera_file(cameras: Sequence[PosedCamera], file_format: str) -> bytes:
     """The cameras in one of three formats.
 
     "json": {"cameras": [...]}, each as the REST interface writes one. "transforms": nerfstudio's transforms.json,
@@ -34,14 +34,14 @@ def camera_file(cameras: Sequence[PosedCamera], wanted: str) -> bytes:
     Raises:
         InvalidInputError: another format.
     """
-    if wanted == "json":
+    if file_format == "json":
         return _json({"cameras": [to_plain(posed) for posed in cameras]})
-    if wanted == "transforms":
+    if file_format == "transforms":
         return _json({"camera_model": "OPENCV", "frames": [_frame(posed) for posed in cameras]})
-    if wanted == "colmap":
+    if file_format == "colmap":
         return _colmap(cameras)
     raise InvalidInputError(
-        f"no camera format {wanted[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
+        f"no camera format {file_format[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
     )
 
 

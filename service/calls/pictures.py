@@ -69,13 +69,13 @@ def picture(index: SceneIndex, request: PictureRequest) -> bytes:
             return pictures.png_bytes(_depth_picture(depth))
         return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
     (answer,) = index.ask((question_of(request),))
-    seen = index.mask2d(answer, posed)
+    mask2d = index.mask2d(answer, posed)
     if kind == "mask":
-        return pictures.png_bytes(seen.mask.astype(np.uint8) * 255)
+        return pictures.png_bytes(mask2d.mask.astype(np.uint8) * 255)
     if kind == "relevancy":
-        return pictures.png_bytes(pictures.relevancy_picture(seen.rgb, seen.relevancy))
+        return pictures.png_bytes(pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy))
     names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
-    return pictures.png_bytes(pictures.named_overlay(seen.rgb, seen.label_ids, names))
+    return pictures.png_bytes(pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names))
 
 
 def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:

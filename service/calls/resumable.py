@@ -192,14 +192,14 @@ class ResumableUploads:
             NotFoundError: as `get`.
             OffsetConflictError: it is not whole.
         """
-        found = self.get(owner, upload_id)
-        if found.offset != found.length:
+        upload = self.get(owner, upload_id)
+        if upload.offset != upload.length:
             raise OffsetConflictError(
-                f"upload {upload_id} has {found.offset} of {found.length} bytes",
+                f"upload {upload_id} has {upload.offset} of {upload.length} bytes",
                 field="uploads",
                 hint="Send the rest first.",
             )
-        return found.name, self._blobs.upload(upload_id) / _DATA
+        return upload.name, self._blobs.upload(upload_id) / _DATA
 
     def _pending_bytes(self, owner: str) -> int:
         """What this key's unfinished uploads will weigh."""

@@ -56,10 +56,10 @@ class OpenScenes:
             NotFoundError: there is no such scene or version.
             NotReadyError: it is still being made, or its job failed.
         """
-        found = self.version(scene_id, version)
-        folder = self.folder(scene_id, found)
-        index = self._open.get((scene_id, found), lambda: _weigh(folder), lambda: self._load(scene_id, found))
-        return use(index, found)
+        name = self.version(scene_id, version)
+        folder = self.folder(scene_id, name)
+        index = self._open.get((scene_id, name), lambda: _weigh(folder), lambda: self._load(scene_id, name))
+        return use(index, name)
 
     def version(self, scene_id: str, version: str) -> str:
         """The name of a version that can be read; "" stands for the current one.

@@ -158,7 +158,7 @@ class SceneService:
         """
         return self._answers.objects(scene_id, version, label, page_size, page_token)
 
-    def camera_file(self, scene_id: str, wanted: CameraFormat) -> bytes:
+    def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
         """The scene's own cameras as a file, see `service.calls.cameras`.
 
         Raises:
@@ -166,7 +166,7 @@ class SceneService:
             InvalidInputError: no such format, or one that cannot hold the cameras' names.
         """
         self._scenes.version(scene_id, "")
-        return camera_file(scene_of(self._store.rows.scene(scene_id)).cameras, wanted)
+        return camera_file(scene_of(self._store.rows.scene(scene_id)).cameras, file_format)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
