@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from fastsplat.service.calls.keys import KeyRing, key_id_of
+from fastsplat.service.application.keys import KeyRing, key_id_of
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fastsplat.api.auth import Principal, Rule
-from fastsplat.service.limits import LimitSettings
+from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import OverloadedError, RateLimitedError
 
 _REMEMBERED = 10_000

@@ -24,7 +24,7 @@ from fastsplat.api.metrics import Metrics, serve_metrics
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls, tls_of
-from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
 

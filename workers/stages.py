@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.application.stored import camera_to_json
 from fastsplat.service.capture import build_capture, load_capture
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from sqlalchemy.exc import DBAPIError
 
-from fastsplat.service.calls.translate import options_of
+from fastsplat.service.application.stored import options_of
 from fastsplat.service.common.progress import STAGES, ProgressEvent
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store

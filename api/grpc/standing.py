@@ -13,7 +13,7 @@ from typing import Any
 from google.protobuf import timestamp_pb2
 
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.pieces import messages_of

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from fastsplat.api.auth import caller_id
 from fastsplat.api.uploads import scene_options
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.v1 import fastsplat_pb2 as pb

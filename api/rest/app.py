@@ -23,11 +23,11 @@ from fastsplat.api.rest.queries import query_routes
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.problems import Problem
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (

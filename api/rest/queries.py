@@ -12,7 +12,7 @@ from fastsplat.api.rest.calls import PROBLEMS, answered, called, file_response
 from fastsplat.api.rest.files import immutable_file
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
 from fastsplat_contract.members import description_of
 from fastsplat_contract.queries import (

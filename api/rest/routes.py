@@ -13,15 +13,15 @@ from fastsplat.api.rest.calls import PROBLEMS, answered, called, json_response
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.cameras import MEDIA_TYPES
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.camera_files import MEDIA_TYPES
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 
 _POLL_S = 0.25
 

@@ -16,8 +16,8 @@ from starlette.responses import Response
 from fastsplat.api.auth import caller_id
 from fastsplat.api.rest.problems import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,

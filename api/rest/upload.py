@@ -13,7 +13,7 @@ from fastsplat.api.auth import caller_id
 from fastsplat.api.rest.multipart import Part, read_parts
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import json_schema_of

@@ -25,7 +25,7 @@ import grpc
 from benchmarks.serve.load import Load
 from benchmarks.serve.process import Api, load_of
 from benchmarks.serve.scenes import add_scene, room
-from fastsplat.service.calls.service import open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import open_store
 from fastsplat_contract.queries import QueryRequest

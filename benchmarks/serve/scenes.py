@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.application.stored import camera_to_json
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import embed_labels

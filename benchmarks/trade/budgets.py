@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.trade.__main__ import machine
-from fastsplat.service.calls.service import open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
 

@@ -45,7 +45,7 @@ from fastsplat_contract.scenes import (
     SceneSummary,
     SceneVersion,
 )
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 
 __all__ = [
     "Answer",

@@ -47,7 +47,7 @@ from fastsplat_contract.scenes import (
     UndoIn,
     VersionList,
 )
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 
 T = TypeVar("T")
 

@@ -17,7 +17,7 @@ from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInp
 from fastsplat_contract.pieces import answers_of
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryRequest
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 from fastsplat_contract.v1 import status_pb2
@@ -90,7 +90,7 @@ class Grpc:
                 raise error_from(error) from error
 
     def ask(self, request: QueryRequest, timeout_s: float) -> tuple[Answer, ...]:
-        """See `Client.ask`."""
+        """One answer a text, over gRPC; raises as `Client.ask`."""
         with self.opened() as (stub, metadata):
             call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
             return tuple(answers_of(call, request.outputs))
@@ -98,7 +98,7 @@ class Grpc:
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
     ) -> Iterator[PoseAnswer]:
-        """See `Client.stream_query`."""
+        """The answer to each pose that the server looks at; raises as `Client.stream_query`."""
         with self.opened() as (stub, metadata):
             questions: list[QueryRequest] = []
             call = stub.StreamQuery(_requests(question, poses, questions), metadata=metadata)

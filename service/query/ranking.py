@@ -93,7 +93,7 @@ class Ranker:
         templates: Sequence[str] | None,
         coverage: float | None,
     ) -> tuple[Answer, ...]:
-        """See `SceneIndex.ask`."""
+        """One answer a text, in order, each with the whole dictionary; arguments and errors as `SceneIndex.ask`."""
         chosen = self._settings
         check_texts(texts, max_texts=chosen.max_texts, max_chars=chosen.max_text_chars)
         limits = {"max_prompts": chosen.max_prompts, "max_chars": chosen.max_text_chars}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.stored import camera_to_json
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import embed_labels

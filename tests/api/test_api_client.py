@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.manifest import read_manifest
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings

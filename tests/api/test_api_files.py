@@ -13,8 +13,8 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.cameras import camera_file
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError

@@ -11,7 +11,7 @@ import grpc
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal
 

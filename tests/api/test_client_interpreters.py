@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.queries import QueryRequest
 from tests.api.made_scene import turned
 from tests.api.served import Faces

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.calls.service import open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.scene import write_scene
 from fastsplat.service.settings import Settings, load_settings

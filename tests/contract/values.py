@@ -14,7 +14,7 @@ from fastsplat_contract.poses import Quaternion
 from fastsplat_contract.problems import Problem
 from fastsplat_contract.proto_codec import message_class
 from fastsplat_contract.queries import QueryOut
-from fastsplat_contract.server import ServerInfo
+from fastsplat_contract.server_info import ServerInfo
 
 JSON_ONLY = {Problem, QueryOut, ServerInfo}
 """What has no message of its own."""

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.application.stored import camera_to_json
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene

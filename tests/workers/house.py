@@ -22,7 +22,7 @@ import psycopg
 from PIL import Image
 from sqlalchemy import create_engine
 
-from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.common.progress import STAGES

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.scene import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from fastsplat.service.calls.cache import LeastRecentlyUsed
+from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.translate import operation_of, options_of
+from fastsplat.service.application.stored import operation_of, options_of
 from fastsplat.service.store import open_store
 from fastsplat.service.store.versions import NewVersion
 from fastsplat.workers.protocol import Job, read_job

@@ -23,8 +23,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from fastsplat.service.calls.quotas import Quotas
-from fastsplat.service.calls.uploads import disk_error, safe_parts
+from fastsplat.service.application.quotas import Quotas
+from fastsplat.service.application.uploads import disk_error, safe_parts
 from fastsplat.service.store.blobs import Blobs, remove, sync_folder
 from fastsplat_contract.errors import (
     ChecksumMismatchError,

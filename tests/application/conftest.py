@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.calls.translate import camera_to_json
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.stored import camera_to_json
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.common.dictionary import dictionary_of

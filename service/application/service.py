@@ -8,17 +8,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
-from fastsplat.service.calls.admin import Admin
-from fastsplat.service.calls.answers import Answers
-from fastsplat.service.calls.cameras import camera_file
-from fastsplat.service.calls.paging import page_of, read_page_token, write_page_token
-from fastsplat.service.calls.quotas import Quotas
-from fastsplat.service.calls.resumable import ResumableUploads
-from fastsplat.service.calls.scenes import OpenScenes
-from fastsplat.service.calls.translate import label_of, operation_of, scene_of, stored_options, summary_of
-from fastsplat.service.calls.uploads import UploadSession
-from fastsplat.service.calls.validate import check_page_size, check_request
-from fastsplat.service.calls.versions import Versions
+from fastsplat.service.application.admin import Admin
+from fastsplat.service.application.answers import Answers
+from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.open_scenes import OpenScenes
+from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.quotas import Quotas
+from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.application.stored import label_of, operation_of, scene_of, stored_options, summary_of
+from fastsplat.service.application.uploads import UploadSession
+from fastsplat.service.application.validate import check_page_size, check_request
+from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
 from fastsplat.service.settings import Settings
@@ -159,7 +159,7 @@ class SceneService:
         return self._answers.objects(scene_id, version, label, page_size, page_token)
 
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
-        """The scene's own cameras as a file, see `service.calls.cameras`.
+        """The scene's own cameras as a file, see `service.application.camera_files`.
 
         Raises:
             NotFoundError, NotReadyError: as `query`.

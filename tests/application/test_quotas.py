@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import AdmittedUpload
-from fastsplat.service.limits import QuotaSettings
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.operations import SceneOptions
 

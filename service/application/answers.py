@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from fastsplat.service.calls.masks import encode_mask3d, mask_ply, view_mask
-from fastsplat.service.calls.paging import page_of
-from fastsplat.service.calls.pictures import picture, question_of
-from fastsplat.service.calls.scenes import OpenScenes, view_of
-from fastsplat.service.calls.validate import check_page_size
+from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
+from fastsplat.service.application.open_scenes import OpenScenes, view_of
+from fastsplat.service.application.paging import page_of
+from fastsplat.service.application.pictures import picture, question_of
+from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.names import check_texts
@@ -29,7 +29,7 @@ class Answers:
         self._scenes = scenes
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
-        """See `SceneService.query`."""
+        """One answer a text, of one scene or of every READY one; raises as `SceneService.query`."""
         self._check(request)
         if request.scene_id:
             return self._scenes.reading(
@@ -46,13 +46,13 @@ class Answers:
         return tuple(answers)
 
     def picture(self, request: PictureRequest) -> bytes:
-        """See `SceneService.view_picture`."""
+        """The bytes of one picture; raises as `SceneService.view_picture`."""
         if question := question_of(request):
             self._check_texts((question,))
         return self._scenes.reading(request.scene_id, request.version, lambda index, _: picture(index, request))
 
     def scene_ply(self, scene_id: str, version: str) -> tuple[Path, str]:
-        """See `SceneService.scene_ply`."""
+        """The scene's PLY file and its version; raises as `SceneService.scene_ply`."""
         version = self._scenes.version(scene_id, version)
         path = self._scenes.folder(scene_id, version) / "scene.ply"
         if not path.is_file():
@@ -60,7 +60,7 @@ class Answers:
         return path, version
 
     def mask_ply(self, scene_id: str, text: str, version: str) -> bytes:
-        """See `SceneService.mask_ply`."""
+        """The PLY of the Gaussians that answer a text; raises as `SceneService.mask_ply`."""
         self._check_texts((text,))
 
         def read(index: SceneIndex, _: str) -> bytes:
@@ -70,7 +70,7 @@ class Answers:
         return self._scenes.reading(scene_id, version, read)
 
     def objects(self, scene_id: str, version: str, label: str, page_size: int, page_token: str) -> ObjectList:
-        """See `SceneService.list_objects`."""
+        """One page of a scene's objects; raises as `SceneService.list_objects`."""
         size = check_page_size(page_size, self._settings.store)
 
         def read(index: SceneIndex, read_version: str) -> ObjectList:

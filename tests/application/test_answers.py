@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.scene import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera

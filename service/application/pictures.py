@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from fastsplat.service.calls.scenes import view_of
+from fastsplat.service.application.open_scenes import view_of
 from fastsplat.service.query import SceneIndex, pictures
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import Connection
 
-from fastsplat.service.limits import QuotaSettings
+from fastsplat.service.settings import QuotaSettings
 from fastsplat.service.store.holdings import Held, HoldingRows, take
 from fastsplat_contract.errors import QuotaError
 

@@ -10,8 +10,8 @@ from types import ModuleType
 
 from fastsplat.api.grpc.server import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
-from fastsplat.service.calls.settings import CallSettings
-from fastsplat.service.calls.translate import camera_to_json, scene_of
+from fastsplat.service.application.stored import camera_to_json, scene_of
+from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.records import SceneRecord
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from sqlalchemy import text
 
-from fastsplat.service.calls.figures import Figures
-from fastsplat.service.calls.keys import Keys
+from fastsplat.service.application.figures import Figures
+from fastsplat.service.application.keys import Keys
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.figures import FigureRows

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.calls.resumable import ResumableUploads
+from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.store.blobs import Blobs
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
@@ -70,7 +70,7 @@ def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: Resumab
 _APPEND = """
 import sys
 from pathlib import Path
-from fastsplat.service.calls import resumable
+from fastsplat.service.application import resumable
 resumable._DURABLE_BYTES = 1 << 16
 uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset

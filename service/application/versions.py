@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.calls.scenes import OpenScenes
-from fastsplat.service.calls.validate import check_request_id
+from fastsplat.service.application.open_scenes import OpenScenes
+from fastsplat.service.application.validate import check_request_id
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, write_ply, write_scene
@@ -37,7 +37,7 @@ class Versions:
         self._scenes = scenes
 
     def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion:
-        """See `SceneService.edit_scene`."""
+        """The version that the edits make, or made before; raises as `SceneService.edit_scene`."""
         self._check(edits, request_id)
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
@@ -55,13 +55,13 @@ class Versions:
         raise AssertionError
 
     def undo(self, scene_id: str, expected: str) -> SceneVersion:
-        """See `SceneService.undo_edit`."""
+        """The version before the current one, now current; raises as `SceneService.undo_edit`."""
         current = self._scenes.version(scene_id, "")
         self._store.versions.step_back(scene_id, expected or current)
         return next(version for version in self.all(scene_id) if version.current)
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """See `SceneService.list_versions`."""
+        """Every version, oldest first; raises as `SceneService.list_versions`."""
         self._scenes.version(scene_id, "")
         scene = self._store.rows.scene(scene_id)
         return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
