@@ -96,7 +96,9 @@ class Settings(BaseSettings):
     http_port: int = 8000
     grpc_port: int = 8001
     grpc_address: str = Field(
-        "", description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port"
+        "",
+        pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
+        description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
     )
     metrics_host: str = "127.0.0.1"
     metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")

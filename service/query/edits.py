@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,13 @@ from fastsplat.service.scene.evidence import rows_of
 from fastsplat.service.scene.types import F32, Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.scenes import EditAction
 
 if TYPE_CHECKING:
     from fastsplat.service.query.index import SceneIndex
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
-Action = Literal["recolor", "remove", "move", "duplicate"]
 
 _SH_C0 = 0.28209479177387814  # Y_00
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
@@ -54,7 +54,7 @@ class Edit:
             units; None otherwise.
     """
 
-    action: Action
+    action: EditAction
     label: str | None = None
     object_id: str | None = None
     color: tuple[float, float, float] | None = None

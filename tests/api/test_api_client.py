@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from PIL import Image
+from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.manifest import read_manifest
@@ -190,6 +191,20 @@ def test_keys_and_tls_reach_both_ports(
         doomed = add_scene(service, api_settings, "doomed")
         with Client(url, key=write, ca=pem / "ca.pem") as client:
             client.delete_scene(doomed)
+
+
+def test_clients_are_told_where_grpc_is(faces: Faces, service: SceneService, api_settings: Settings) -> None:
+    with Client(str(faces.rest.base_url)) as client:
+        assert client.server().grpc == f":{faces.ports.grpc}"
+    mapped = api_settings.model_copy(update={"grpc_address": "robots.example:443"})
+    with serving(service, mapped) as ports, Client(f"http://127.0.0.1:{ports.http}") as client:
+        assert client.server().grpc == "robots.example:443"
+
+
+@pytest.mark.parametrize("address", ["robots.example", "8001", "a b:1", "host:", "http://host:1"])
+def test_an_address_without_a_port_is_none(address: str) -> None:
+    with pytest.raises(ValidationError):
+        Settings(grpc_address=address)
 
 
 class _Endless:
