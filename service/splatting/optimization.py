@@ -18,7 +18,7 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.strategy import DensificationStrategy
 from fastsplat.service.splatting.training_views import TrainingView
-from fastsplat.service.splatting.types import TrainingDivergedError
+from fastsplat_contract.errors import TrainingDivergedError
 
 
 class Trainer:

@@ -18,7 +18,6 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
@@ -45,6 +44,7 @@ from fastsplat.service.splatting.training_views import (
 )
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
+from fastsplat_contract.errors import InvalidInputError
 
 
 def train(

@@ -20,7 +20,7 @@ from fastsplat.service.capture import sandbox, validate_upload
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import Cancellation, cancellable
-from fastsplat.service.common.errors import CancelledError, FastSplatError, ResourceError
+from fastsplat_contract.errors import CancelledError, FastSplatError, ResourceError
 
 
 def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:

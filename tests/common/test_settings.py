@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, Field
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.settings import ENV_PREFIX, SettingGroup, environment_variable
 from fastsplat.service.settings import JobSettings, Settings, load_settings
+from fastsplat_contract.errors import InvalidInputError
 
 ROOT = Path(__file__).parent.parent.parent
 _GROUPS = {
