@@ -10,6 +10,7 @@ from grpc import aio
 
 from fastsplat.api.auth import Principal, Rule, current_principal, decided, rule_of, sent_key
 from fastsplat.api.doors import Doors
+from fastsplat.api.grpc.decoding import replaced, wrapped_behavior
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.limits import Entry
 from fastsplat_contract.errors import FastSplatError
@@ -49,7 +50,7 @@ class AccessInterceptor(aio.ServerInterceptor):
 
 
 def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, doors: Doors) -> Handler:
-    inner = _behaviour(handler)
+    inner = wrapped_behavior(handler)
 
     async def entry(context: Context) -> Entry:
         current_principal.set(principal)
@@ -83,7 +84,7 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, doo
             finally:
                 ended(_status(context))
 
-    return _like(handler, many if handler.response_streaming else one)
+    return replaced(handler, many if handler.response_streaming else one)
 
 
 def _status(context: Context) -> str:
@@ -105,25 +106,4 @@ def _refusing(handler: Handler | None, method: str, error: FastSplatError) -> Ha
 
     if handler is None:
         return grpc.unary_unary_rpc_method_handler(one)
-    return _like(handler, many if handler.response_streaming else one)
-
-
-def _behaviour(handler: Handler) -> Callable[[Any, Context], Any]:
-    found: Any
-    if handler.request_streaming:
-        found = handler.stream_stream if handler.response_streaming else handler.stream_unary
-    else:
-        found = handler.unary_stream if handler.response_streaming else handler.unary_unary
-    behaviour: Callable[[Any, Context], Any] = found
-    return behaviour
-
-
-def _like(handler: Handler, behaviour: Callable[[Any, Context], Any]) -> Handler:
-    """`behaviour` in the place of the handler's own."""
-    make = {
-        (False, False): grpc.unary_unary_rpc_method_handler,
-        (False, True): grpc.unary_stream_rpc_method_handler,
-        (True, False): grpc.stream_unary_rpc_method_handler,
-        (True, True): grpc.stream_stream_rpc_method_handler,
-    }[handler.request_streaming, handler.response_streaming]
-    return make(behaviour, handler.request_deserializer, handler.response_serializer)
+    return replaced(handler, many if handler.response_streaming else one)

@@ -10,6 +10,7 @@ from grpc_reflection.v1alpha import reflection
 
 from fastsplat.api.doors import Doors
 from fastsplat.api.grpc.access import AccessInterceptor
+from fastsplat.api.grpc.decoding import DecodingInterceptor
 from fastsplat.api.grpc.servicer import SceneServicer
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls
@@ -56,7 +57,7 @@ async def start_server(
         ResourceError: the port cannot be had.
     """
     server = aio.server(
-        interceptors=[AccessInterceptor(doors)],
+        interceptors=[AccessInterceptor(doors), DecodingInterceptor()],
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
