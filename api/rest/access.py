@@ -115,8 +115,15 @@ def _own(context: RouteContext) -> bool:
 def _check_local(headers: Headers) -> None:
     """Without keys, a page of another site that a browser on this machine shows must not reach in.
 
-    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`.
+    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`; those for an image carry no origin,
+    but browsers say that they come from another site.
     """
+    if headers.get("sec-fetch-site") == "cross-site":
+        raise PermissionDeniedError(
+            "without keys, requests from pages of other sites are refused",
+            field="sec-fetch-site",
+            hint="Switch the keys on.",
+        )
     for name in ("host", "origin"):
         value = headers.get(name, "")
         host = value.rpartition("://")[2]

@@ -34,6 +34,10 @@ _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"
 )  # FastAPI's own page wants a CDN, and a robot's LAN has none
 _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+_DOCS_POLICY = (  # Swagger UI draws with inline styles, and its page starts with an inline script
+    "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
 _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
@@ -99,13 +103,15 @@ def create_app(
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
-        return get_swagger_ui_html(
+        page = get_swagger_ui_html(
             openapi_url="/openapi.json",
             title=app.title,
             swagger_js_url="/docs-files/swagger-ui-bundle.js",
             swagger_css_url="/docs-files/swagger-ui.css",
             swagger_favicon_url="/web/icon.svg",
         )
+        page.headers["Content-Security-Policy"] = _DOCS_POLICY
+        return page
 
     app.mount("/docs-files", StaticFiles(directory=_SWAGGER), name="docs-files")
     app.mount("/web", StaticFiles(directory=_WEB), name="web")

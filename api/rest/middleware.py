@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from fastsplat.api.errors import accepted_request_id
 from fastsplat.api.requests import log_request
 from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
+from fastsplat.api.rest.request_heads import AmbiguousRequestError, check_head
 
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")
@@ -36,6 +37,7 @@ class OuterLayer:
         scope.setdefault("state", {})["request_id"] = request_id
         started = time.perf_counter()
         status = 0
+        ambiguous = False
 
         async def tagged_send(message: Message) -> None:
             nonlocal status
@@ -44,16 +46,23 @@ class OuterLayer:
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-Id"] = request_id
                 headers["X-Content-Type-Options"] = "nosniff"
+                headers["Referrer-Policy"] = "no-referrer"
+                if scope["scheme"] == "https":
+                    headers["Strict-Transport-Security"] = "max-age=31536000"
+                if ambiguous:
+                    headers["Connection"] = "close"
             await send(message)
 
         is_upload = _UPLOADS.fullmatch(f"{scope['method']} {scope['path']}") is not None
         try:
+            check_head(Headers(scope=scope), scope["http_version"])
             await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
         except ClientDisconnect:
             _log.info("request %s: the client went away", request_id)
         except Exception as error:
             if status:
                 raise  # too late for another answer; the server closes the connection
+            ambiguous = isinstance(error, AmbiguousRequestError)
             await problem_response(request_id, error)(scope, receive, tagged_send)
         log_request(_log, request_id, scope["method"], scope["path"], status, started)
 
