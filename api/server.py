@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import uvicorn
 from fastapi import FastAPI
 
-from fastsplat.api.auth import check_exposure, is_loopback
-from fastsplat.api.doors import open_doors
+from fastsplat.api.access.exposure import check_exposure, is_loopback
+from fastsplat.api.access.gate import build_gate
 from fastsplat.api.grpc.server import start_server
 from fastsplat.api.health import Readiness
 from fastsplat.api.metrics import Metrics, serve_metrics
@@ -95,7 +95,7 @@ async def serve(
     metrics = Metrics()
     if admin is not None:
         metrics.watch_jobs(admin.figures)
-    doors = open_doors(settings, admin, metrics)
+    gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
     threads = Threads(settings.limits.threads, metrics)
     async with AsyncExitStack() as opened:
@@ -104,8 +104,8 @@ async def serve(
         opened.callback(listener.close)
         metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
         opened.push_async_callback(asyncio.to_thread, stop_metrics)
-        grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, doors, tls)
-        app = create_app(service, settings, threads, doors, readiness, grpc_server.port)
+        grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, gate, tls)
+        app = create_app(service, settings, threads, gate, readiness, grpc_server.port)
         http_server = _http_server(app, settings, tls)
         serving = asyncio.create_task(http_server.serve([listener]))
         stopping = asyncio.create_task(stop.wait())

@@ -59,7 +59,7 @@ def serve(
     workers: Workers = 1,
 ) -> None:
     """Run the API and one worker a device on this machine until SIGTERM or SIGINT."""
-    from fastsplat.api.auth import check_exposure
+    from fastsplat.api.access.exposure import check_exposure
     from fastsplat.cli.devices import worker_roles
     from fastsplat.cli.serve import Role
     from fastsplat.cli.serve import serve as run

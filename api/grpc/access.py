@@ -8,11 +8,13 @@ from typing import Any, TypeAlias
 import grpc
 from grpc import aio
 
-from fastsplat.api.auth import Principal, Rule, current_principal, decided, rule_of, sent_key
-from fastsplat.api.doors import Doors
+from fastsplat.api.access.authenticator import extract_api_key
+from fastsplat.api.access.caller import Principal, current_principal
+from fastsplat.api.access.gate import Gate
+from fastsplat.api.access.policy import Rule, is_known_route, rule_of
+from fastsplat.api.access.rate_limits import Permit
 from fastsplat.api.grpc.decoding import replaced, wrapped_behavior
 from fastsplat.api.grpc.guard import Context, guarded
-from fastsplat.api.limits import Entry
 from fastsplat_contract.errors import FastSplatError
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
@@ -22,10 +24,10 @@ _CODES = {code.value[0]: code.name for code in grpc.StatusCode}
 
 
 class AccessInterceptor(aio.ServerInterceptor):
-    """Asks the doorkeeper and the limiter, then runs the handler."""
+    """Asks the gate, then runs the handler."""
 
-    def __init__(self, doors: Doors) -> None:
-        self._doors = doors
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
 
     async def intercept_service(
         self,
@@ -36,51 +38,51 @@ class AccessInterceptor(aio.ServerInterceptor):
         method = str(handler_call_details.method)
         rule = rule_of(method)
         metadata = {str(name): value for name, value in handler_call_details.invocation_metadata or ()}
-        key = sent_key(str(metadata.get("authorization", "")), str(metadata.get("x-api-key", "")))
+        key = extract_api_key(str(metadata.get("authorization", "")), str(metadata.get("x-api-key", "")))
         handler = await continuation(handler_call_details)
         if rule.need == "open" and handler is not None:
             return handler
         try:
-            principal = await self._doors.admit(key, rule)
+            principal = await self._gate.authenticate(key, rule)
         except FastSplatError as error:
             return _refusing(handler, method, error)
         if handler is None or principal is None:
             return handler
-        return _wrapped(handler, method if decided(method) else _UNKNOWN, principal, rule, self._doors)
+        return _wrapped(handler, method if is_known_route(method) else _UNKNOWN, principal, rule, self._gate)
 
 
-def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, doors: Doors) -> Handler:
+def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gate: Gate) -> Handler:
     inner = wrapped_behavior(handler)
 
-    async def entry(context: Context) -> Entry:
+    async def enter(context: Context) -> Permit:
         current_principal.set(principal)
         try:
-            return doors.enter(principal, rule)
+            return gate.enter(principal, rule)
         except FastSplatError as error:
             async with guarded(context, route):  # aborts with the error's status
                 raise error
             raise AssertionError from error
 
     async def one(request: Any, context: Context) -> Any:
-        with doors.metrics.request(route) as ended:
+        with gate.metrics.request(route) as ended:
             try:
-                came_in = await entry(context)
+                permit = await enter(context)
                 try:
                     return await inner(request, context)
                 finally:
-                    came_in.leave()
+                    permit.leave()
             finally:
                 ended(_status(context))
 
     async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-        with doors.metrics.request(route) as ended:
+        with gate.metrics.request(route) as ended:
             try:
-                came_in = await entry(context)
+                permit = await enter(context)
                 try:
                     async for response in inner(request, context):
                         yield response
                 finally:
-                    came_in.leave()
+                    permit.leave()
             finally:
                 ended(_status(context))
 

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 from grpc import aio
 from grpc_status import rpc_status
 
+from fastsplat.api.access.access_log import log_request
 from fastsplat.api.errors import accepted_request_id, refusal_of
-from fastsplat.api.requests import log_request
 
 Context: TypeAlias = aio.ServicerContext[Any, Any]
 

@@ -8,7 +8,7 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from fastsplat.api.doors import Doors
+from fastsplat.api.access.gate import Gate
 from fastsplat.api.grpc.access import AccessInterceptor
 from fastsplat.api.grpc.decoding import DecodingInterceptor
 from fastsplat.api.grpc.servicer import SceneServicer
@@ -49,7 +49,7 @@ class RunningServer:
 
 
 async def start_server(
-    service: SceneService, threads: Threads, host: str, port: int, doors: Doors, tls: Tls | None
+    service: SceneService, threads: Threads, host: str, port: int, gate: Gate, tls: Tls | None
 ) -> RunningServer:
     """Listen on host:port (0 takes a free port) with health checks (not serving until told otherwise) and reflection.
 
@@ -57,7 +57,7 @@ async def start_server(
         ResourceError: the port cannot be had.
     """
     server = aio.server(
-        interceptors=[AccessInterceptor(doors), DecodingInterceptor()],
+        interceptors=[AccessInterceptor(gate), DecodingInterceptor()],
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fastsplat.api.auth import caller_id
+from fastsplat.api.access.caller import caller_id
 from fastsplat.api.uploads import scene_options
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError

@@ -10,28 +10,31 @@ from starlette.datastructures import Headers
 from starlette.routing import Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fastsplat.api.auth import UNMATCHED, Principal, Rule, current_principal, is_loopback, rule_of, sent_key
-from fastsplat.api.doors import Doors
+from fastsplat.api.access.authenticator import extract_api_key
+from fastsplat.api.access.caller import Principal, current_principal
+from fastsplat.api.access.exposure import check_local
+from fastsplat.api.access.gate import Gate
+from fastsplat.api.access.policy import UNMATCHED, Rule, rule_of
 from fastsplat.api.errors import status_of
-from fastsplat_contract.errors import FastSplatError, PermissionDeniedError
+from fastsplat_contract.errors import FastSplatError
 
 NO_ROUTE = "unmatched"
 """The name of all that no route has, in metrics."""
 
 
 class AccessLayer:
-    """ASGI middleware: matches as the router will, then asks the doorkeeper and the limiter.
+    """ASGI middleware: matches as the router will, then asks the gate.
 
     Args:
         app: the next layer.
         routed: the application whose routes decide.
-        doors: see there.
+        gate: see there.
     """
 
-    def __init__(self, app: ASGIApp, routed: FastAPI, doors: Doors) -> None:
+    def __init__(self, app: ASGIApp, routed: FastAPI, gate: Gate) -> None:
         self._app = app
         self._routed = routed
-        self._doors = doors
+        self._gate = gate
         self._routes: tuple[_Route, ...] = ()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -45,7 +48,7 @@ class AccessLayer:
             return
         route = self.matched_route(scope)
         rule = UNMATCHED if route == NO_ROUTE else rule_of(route)
-        with self._doors.metrics.request(route) as ended:
+        with self._gate.metrics.request(route) as ended:
 
             async def counted_send(message: Message) -> None:
                 if message["type"] == "http.response.start":
@@ -53,16 +56,16 @@ class AccessLayer:
                 await send(message)
 
             try:
-                principal = await self._admitted(Headers(scope=scope), rule)
+                principal = await self._authenticated(Headers(scope=scope), rule)
                 current_principal.set(principal)
                 if principal is None:
                     await self._app(scope, receive, counted_send)
                     return
-                entry = self._doors.enter(principal, rule)
+                permit = self._gate.enter(principal, rule)
                 try:
                     await self._app(scope, receive, counted_send)
                 finally:
-                    entry.leave()
+                    permit.leave()
             except Exception as error:  # answered by the layer outside
                 ended(str(status_of(error).http if isinstance(error, FastSplatError) else 500))
                 raise
@@ -77,13 +80,13 @@ class AccessLayer:
                 return route.names.get(method, route.name)
         return NO_ROUTE
 
-    async def _admitted(self, headers: Headers, rule: Rule) -> Principal | None:
-        doors = self._doors
-        if not doors.keys_are_on and rule.need != "open":
-            with doors.refusals_counted():
-                _check_local(headers)
-        key = sent_key(headers.get("authorization", ""), headers.get("x-api-key", ""))
-        return await doors.admit(key, rule)
+    async def _authenticated(self, headers: Headers, rule: Rule) -> Principal | None:
+        gate = self._gate
+        if not gate.auth_enabled and rule.need != "open":
+            with gate.refusals_counted():
+                check_local(headers)
+        key = extract_api_key(headers.get("authorization", ""), headers.get("x-api-key", ""))
+        return await gate.authenticate(key, rule)
 
 
 def route_name(context: RouteContext, method: str) -> str:
@@ -110,27 +113,3 @@ class _Route:
 
 def _own(context: RouteContext) -> bool:
     return isinstance(context.original_route, APIRoute) or context.original_route is not context.route
-
-
-def _check_local(headers: Headers) -> None:
-    """Without keys, a page of another site that a browser on this machine shows must not reach in.
-
-    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`; those for an image carry no origin,
-    but browsers say that they come from another site.
-    """
-    if headers.get("sec-fetch-site") == "cross-site":
-        raise PermissionDeniedError(
-            "without keys, requests from pages of other sites are refused",
-            field="sec-fetch-site",
-            hint="Switch the keys on.",
-        )
-    for name in ("host", "origin"):
-        value = headers.get(name, "")
-        host = value.rpartition("://")[2]
-        host = host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]
-        if value and not is_loopback(host):
-            raise PermissionDeniedError(
-                f"without keys, requests for or from {host[:80]!r} are refused",
-                field=name,
-                hint="Ask http://localhost, or switch the keys on.",
-            )

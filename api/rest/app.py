@@ -12,8 +12,8 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
-from fastsplat.api.auth import rule_of
-from fastsplat.api.doors import Doors, open_doors
+from fastsplat.api.access.gate import Gate, build_gate
+from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
@@ -63,7 +63,7 @@ def create_app(
     service: SceneService,
     settings: Settings,
     threads: Threads | None = None,
-    doors: Doors | None = None,
+    gate: Gate | None = None,
     readiness: Readiness | None = None,
     grpc_port: int | None = None,
 ) -> FastAPI:
@@ -73,7 +73,7 @@ def create_app(
         service: what answers.
         settings: limits on uploads.
         threads: where blocking calls run, to share them with another face; its owner closes it.
-        doors: who may come in, shared with the other face; without, and with keys on, nobody.
+        gate: who may call, shared with the other protocol; without, and with keys on, nobody.
         readiness: what `/readyz` tells; without, never ready.
         grpc_port: where gRPC listens, for clients that ask.
     """
@@ -86,7 +86,7 @@ def create_app(
         redoc_url=None,
         redirect_slashes=False,  # a redirect would tell those without a key which paths there are
     )
-    app.add_middleware(AccessLayer, routed=app, doors=doors or open_doors(settings, None))
+    app.add_middleware(AccessLayer, routed=app, gate=gate or build_gate(settings, None))
     app.add_middleware(OuterLayer)
     problem_answers.install(app)
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")

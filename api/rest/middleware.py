@@ -10,8 +10,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from fastsplat.api.access.access_log import log_request
 from fastsplat.api.errors import accepted_request_id
-from fastsplat.api.requests import log_request
 from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
 from fastsplat.api.rest.request_heads import AmbiguousRequestError, check_head
 

@@ -13,7 +13,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from fastsplat.api.auth import caller_id
+from fastsplat.api.access.caller import caller_id
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads

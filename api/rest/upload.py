@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.requests import ClientDisconnect, Request
 
-from fastsplat.api.auth import caller_id
+from fastsplat.api.access.caller import caller_id
 from fastsplat.api.rest.multipart import Part, read_parts
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options

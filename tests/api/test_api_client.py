@@ -135,10 +135,12 @@ def _flaky(port: int, after: int) -> Iterator[tuple[str, list[int]]]:
 
     accepting = threading.Thread(target=accept)
     accepting.start()
-    yield f"http://127.0.0.1:{listener.getsockname()[1]}", carried
-    listener.shutdown(socket.SHUT_RDWR)
-    listener.close()
-    accepting.join()
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}", carried
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        accepting.join()
 
 
 def _pump(source: socket.socket, sink: socket.socket, most: int) -> int:

@@ -13,15 +13,16 @@ from grpc_status import rpc_status
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.api.auth import Principal, Rule
-from fastsplat.api.limits import Limiter
+from fastsplat.api.access.caller import Principal
+from fastsplat.api.access.policy import Rule
+from fastsplat.api.access.rate_limits import RateLimiter
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat_contract.errors import NotFoundError, OverloadedError, RateLimitedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _COMPUTES = Rule("read")
-_STANDS = Rule("read", standing=True)
+_STANDS = Rule("read", long_lived=True)
 
 
 class _Clock:
@@ -32,13 +33,13 @@ class _Clock:
         return self.now
 
 
-def _limiter(**limits: Any) -> tuple[Limiter, _Clock]:
+def _limiter(**limits: Any) -> tuple[RateLimiter, _Clock]:
     clock = _Clock()
-    return Limiter(LimitSettings(**limits), clock), clock
+    return RateLimiter(LimitSettings(**limits), clock), clock
 
 
 def _key(name: str) -> Principal:
-    return Principal(name, True)
+    return Principal(name)
 
 
 @settings(deadline=None, max_examples=50)
@@ -84,7 +85,7 @@ def test_calls_under_way_are_bounded_by_key_and_together() -> None:
 
 def test_one_key_cannot_hold_all_threads_that_take_uploads() -> None:
     limiter, _ = _limiter(uploads=2)
-    upload = Rule("write", standing=True, upload=True)
+    upload = Rule("write", long_lived=True, upload=True)
     held = [limiter.enter(_key("a"), upload), limiter.enter(_key("a"), upload)]
     with pytest.raises(RateLimitedError, match="uploads"):
         limiter.enter(_key("a"), upload)

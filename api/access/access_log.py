@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 
-from fastsplat.api.auth import current_principal
+from fastsplat.api.access.caller import current_principal
 
 _MAX_CHARS = 200
 
@@ -16,7 +16,7 @@ def log_request(
     """One record: who asked for what, the outcome, how long it took. Never a header, a query string or a body.
 
     Args:
-        log: the face's logger.
+        log: the protocol's logger.
         request_id: as the answer carries it.
         method: HTTP's, or "gRPC".
         path: without its query string, or the RPC.

@@ -11,7 +11,8 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fastsplat.api.auth import Principal, Rule
+from fastsplat.api.access.caller import Principal
+from fastsplat.api.access.policy import Rule
 from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import OverloadedError, RateLimitedError
 
@@ -26,7 +27,7 @@ class _Account:
     uploads: int = 0
 
 
-class Limiter:
+class RateLimiter:
     """Accounts of all keys of one process."""
 
     def __init__(self, settings: LimitSettings, clock: Callable[[], float] = time.monotonic) -> None:
@@ -36,7 +37,7 @@ class Limiter:
         self.admitted = 0
         """Calls that compute, or wait for a thread."""
 
-    def enter(self, principal: Principal, rule: Rule) -> Entry:
+    def enter(self, principal: Principal, rule: Rule) -> Permit:
         """Count a call as under way until it leaves.
 
         Raises:
@@ -64,7 +65,7 @@ class Limiter:
                 hint="Wait as long as the answer says, then send it again.",
                 retry_after_s=(1 - account.tokens) / limits.rate_per_s,
             )
-        if not rule.standing and self.admitted >= limits.admitted:
+        if not rule.long_lived and self.admitted >= limits.admitted:
             raise OverloadedError(
                 "the server has all the work it can answer in good time",
                 limit=f"{limits.admitted} calls of all keys at a time (FASTSPLAT_LIMITS__ADMITTED)",
@@ -73,8 +74,8 @@ class Limiter:
         account.tokens -= 1
         account.in_flight += 1
         account.uploads += rule.upload
-        self.admitted += not rule.standing
-        return Entry(self, account, rule)
+        self.admitted += not rule.long_lived
+        return Permit(self, account, rule)
 
     def _account(self, key_id: str) -> _Account:
         now = self._clock()
@@ -89,14 +90,14 @@ class Limiter:
         return account
 
 
-class Entry:
+class Permit:
     """One call that has come in; it must `leave`, once."""
 
-    def __init__(self, limiter: Limiter, account: _Account, rule: Rule) -> None:
+    def __init__(self, limiter: RateLimiter, account: _Account, rule: Rule) -> None:
         self._limiter, self._account, self._rule = limiter, account, rule
 
     def leave(self) -> None:
         """The call is over."""
         self._account.in_flight -= 1
         self._account.uploads -= self._rule.upload
-        self._limiter.admitted -= not self._rule.standing
+        self._limiter.admitted -= not self._rule.long_lived

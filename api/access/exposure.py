@@ -1,0 +1,59 @@
+"""Where a server without keys may be reached from: this machine alone, and no page of another site that it shows."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach an address of this name."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def check_exposure(settings: Settings) -> None:
+    """Keys may be off only where nobody else can come in.
+
+    Raises:
+        InvalidInputError: `auth` is off, and `host` is not this machine's own.
+    """
+    if settings.auth == "off" and not is_loopback(settings.host):
+        raise InvalidInputError(
+            f"without keys the server does not listen on {settings.host}",
+            field="auth",
+            limit="loopback (FASTSPLAT_HOST=127.0.0.1)",
+            hint="Leave FASTSPLAT_AUTH on, or bind to loopback.",
+        )
+
+
+def check_local(headers: Mapping[str, str]) -> None:
+    """Without keys, a page of another site that a browser on this machine shows must not reach in.
+
+    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`; those for an image carry no origin,
+    but browsers say that they come from another site.
+
+    Raises:
+        PermissionDeniedError: the browser says so, or one of the two names another machine.
+    """
+    if headers.get("sec-fetch-site") == "cross-site":
+        raise PermissionDeniedError(
+            "without keys, requests from pages of other sites are refused",
+            field="sec-fetch-site",
+            hint="Switch the keys on.",
+        )
+    for name in ("host", "origin"):
+        value = headers.get(name, "")
+        host = value.rpartition("://")[2]
+        host = host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]
+        if value and not is_loopback(host):
+            raise PermissionDeniedError(
+                f"without keys, requests for or from {host[:80]!r} are refused",
+                field=name,
+                hint="Ask http://localhost, or switch the keys on.",
+            )

@@ -1,0 +1,110 @@
+"""What each call needs, for both protocols: decided on the route that was matched, never on the text of a path.
+
+A row is a call of the contract: its RPC, and the REST routes that do the same. What no row names needs a key that may
+write, so that nothing is open by mistake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+from fastsplat_contract.v1 import fastsplat_pb2
+
+Need = Literal["open", "read", "write"]
+
+
+class Rule(NamedTuple):
+    """What a call needs.
+
+    Attributes:
+        need: no key, any key, or one that may write.
+        long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
+        upload: it occupies one of the threads that take uploads for as long as its sender likes.
+    """
+
+    need: Need
+    long_lived: bool = False
+    upload: bool = False
+
+
+_OPEN = Rule("open")
+_READ = Rule("read")
+_WRITE = Rule("write")
+_WATCH = Rule("read", long_lived=True)
+_UPLOAD = Rule("write", long_lived=True, upload=True)
+
+UNMATCHED = Rule("read", long_lived=True)
+"""A path that no route has, or not with this method: with any key one learns that there is none."""
+
+_CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
+    "CreateScene": (_UPLOAD, ("POST /v1/scenes",)),
+    "GetScene": (_READ, ("GET /v1/scenes/{scene_id}",)),
+    "ListScenes": (_READ, ("GET /v1/scenes",)),
+    "DeleteScene": (_WRITE, ("DELETE /v1/scenes/{scene_id}",)),
+    "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
+    "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
+    "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
+    "EditScene": (_WRITE, ("POST /v1/scenes/{scene_id}:edit",)),
+    "UndoEdit": (_WRITE, ("POST /v1/scenes/{scene_id}:undo",)),
+    "ListOperations": (_READ, ("GET /v1/operations",)),
+    "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),
+    "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
+    "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
+    "CancelOperation": (_WRITE, ("POST /v1/operations/{operation_id}:cancel",)),
+    "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
+    "StreamQuery": (_WATCH, ()),
+    "DownloadCameras": (_READ, ("GET /v1/scenes/{scene_id}/cameras",)),
+    "RenderView": (
+        _READ,
+        (
+            "POST /v1/scenes/{scene_id}:render",
+            "GET /v1/scenes/{scene_id}/{kind}.png",
+            "GET /v1/scenes/{scene_id}/{kind}.npy",
+        ),
+    ),
+    "DownloadScenePly": (_WATCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
+    "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
+}
+
+_ONE_PROTOCOL: Mapping[str, Rule] = {
+    # The page and the API's description hold nothing of anybody; a browser cannot send a key to ask for them.
+    "GET /": _OPEN,
+    "GET /docs": _OPEN,
+    "GET /openapi.json": _OPEN,
+    "HEAD /openapi.json": _OPEN,
+    "MOUNT /docs-files": _OPEN,
+    "MOUNT /web": _OPEN,
+    "GET /livez": _OPEN,
+    "GET /readyz": _OPEN,
+    "/grpc.health.v1.Health/Check": _OPEN,
+    "/grpc.health.v1.Health/List": _OPEN,
+    "/grpc.health.v1.Health/Watch": _OPEN,
+    "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
+    "GET /v1/server": _READ,
+    # tus, by which CreateScene's files may come over HTTP
+    "OPTIONS /v1/uploads": _READ,
+    "POST /v1/uploads": _UPLOAD,
+    "HEAD /v1/uploads/{upload_id}": _WRITE,
+    "PATCH /v1/uploads/{upload_id}": _UPLOAD,
+    "DELETE /v1/uploads/{upload_id}": _WRITE,
+}
+
+_SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
+
+RULES: Mapping[str, Rule] = {
+    **{f"/{_SERVICE}/{rpc}": rule for rpc, (rule, _) in _CALLS.items()},
+    **{route: rule for rule, routes in _CALLS.values() for route in routes},
+    **_ONE_PROTOCOL,
+}
+"""Every rule by "METHOD /path/{template}", "MOUNT /path" or "/package.Service/Method"."""
+
+
+def rule_of(route: str) -> Rule:
+    """The rule of a route, named as in `RULES`; one that is not there needs a key that may write."""
+    return RULES.get(route, _WRITE)
+
+
+def is_known_route(route: str) -> bool:
+    """Whether the table names this route."""
+    return route in RULES
