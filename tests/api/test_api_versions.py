@@ -165,9 +165,9 @@ def test_a_bad_edit_is_named_and_changes_nothing(
 def test_versions_are_bounded(service: SceneService, api_settings: Settings, own: str) -> None:
     calls = api_settings.calls.model_copy(update={"max_versions": 2})
     with open_service(api_settings.model_copy(update={"calls": calls})) as bounded:
-        bounded.edit_scene(own, [_REMOVE])
+        bounded.versions.edit(own, [_REMOVE])
         with pytest.raises(LimitExceededError):
-            bounded.edit_scene(own, [_REMOVE])
+            bounded.versions.edit(own, [_REMOVE])
     assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 2
 
 
