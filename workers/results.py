@@ -11,7 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.store.blobs import remove, sync_folder, sync_tree
+from fastsplat.service.common.atomic import publish_directory
+from fastsplat.service.store.blobs import remove
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.errors import FastSplatError, Kind, ResourceError
 
@@ -30,14 +31,10 @@ def start_stage(job: Job, stage: str) -> Path:
 def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
     """Publish a stage's result, durably. If another attempt was faster, its result stays."""
     (folder / _TIMES).write_text(json.dumps({"seconds": seconds, "attempt": job.attempt}))
-    sync_tree(folder)
     try:
-        folder.rename(job.result(stage))
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise
+        publish_directory(folder, job.result(stage))
+    except FileExistsError:
         remove(folder)
-    sync_folder(job.folder)
 
 
 def stage_seconds(job: Job, stage: str) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TypeVar
@@ -13,6 +12,7 @@ from google.protobuf import empty_pb2
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import receive_scene
+from fastsplat.api.operations import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError
@@ -25,9 +25,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
 M = TypeVar("M")
-_POLL_S = 0.25
 _NEWS_S = 0.05
-_LONGEST_WAIT_S = 300.0
 
 
 class SceneServicer(pb_grpc.SceneServiceServicer):
@@ -36,6 +34,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     def __init__(self, service: SceneService, threads: Threads) -> None:
         self._service = service
         self._threads = threads
+        self._operations = Operations(service, threads)
 
     async def CreateScene(  # noqa: N802
         self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
@@ -80,7 +79,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "ListObjects"):
             return await self._message(
                 pb.ListObjectsResponse,
-                lambda: self._service.list_objects(
+                lambda: self._service.answers.list_objects(
                     request.scene_id, request.version, request.label, request.page_size, request.page_token
                 ),
             )
@@ -90,7 +89,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
 
         def edited() -> SceneVersion:
             body = from_proto(EditIn, request)
-            return self._service.edit_scene(request.scene_id, body.edits, body.request_id)
+            return self._service.versions.edit(request.scene_id, body.edits, body.request_id)
 
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)
@@ -99,7 +98,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Go back one version."""
         async with guarded(context, "UndoEdit"):
             return await self._message(
-                pb.SceneVersion, lambda: self._service.undo_edit(request.scene_id, request.version)
+                pb.SceneVersion, lambda: self._service.versions.undo(request.scene_id, request.version)
             )
 
     async def ListVersions(  # noqa: N802
@@ -108,13 +107,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Every version."""
         async with guarded(context, "ListVersions"):
             return await self._message(
-                pb.ListVersionsResponse, lambda: VersionList(self._service.list_versions(request.scene_id))
+                pb.ListVersionsResponse, lambda: VersionList(self._service.versions.all(request.scene_id))
             )
 
     async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """Where a job stands."""
         async with guarded(context, "GetOperation"):
-            return await self._operation(request.operation_id)
+            return _as(pb.Operation, await self._operations.get(request.operation_id))
 
     async def ListOperations(  # noqa: N802
         self, request: pb.ListOperationsRequest, context: Context
@@ -135,38 +134,22 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """The operation when it is done, or when the time is up."""
         async with guarded(context, "WaitOperation"):
-            timeout_s = request.timeout_s
-            if not (math.isfinite(timeout_s) and 0 <= timeout_s <= _LONGEST_WAIT_S):
-                raise InvalidInputError(
-                    f"a wait of {timeout_s} s", field="timeout_s", limit=f"0 to {_LONGEST_WAIT_S:g} s"
-                )
-            deadline = asyncio.get_running_loop().time() + timeout_s
-            while True:
-                operation = await self._operation(request.operation_id)
-                left = deadline - asyncio.get_running_loop().time()
-                if operation.done or left <= 0:
-                    return operation
-                await asyncio.sleep(min(_POLL_S, left))
+            return _as(pb.Operation, await self._operations.wait(request.operation_id, request.timeout_s))
 
     async def WatchOperation(  # noqa: N802
         self, request: pb.WatchOperationRequest, context: Context
     ) -> AsyncIterator[pb.Operation]:
         """The operation now and on every change, until it is done."""
         async with guarded(context, "WatchOperation"):
-            sent: pb.Operation | None = None
-            while sent is None or not sent.done:
-                operation = await self._operation(request.operation_id)
-                if operation != sent:
-                    yield operation
-                    sent = operation
-                if not operation.done:
-                    await asyncio.sleep(_POLL_S)
+            first = await self._operations.current(request.operation_id)
+            async for change in self._operations.changes(first):
+                yield _as(pb.Operation, change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
         """Ranked labels, masks and objects."""
 
         def asked() -> list[pb.QueryResponse]:
-            answers = self._service.query(from_proto(QueryRequest, request))
+            answers = self._service.answers.query(from_proto(QueryRequest, request))
             return [message for answer in answers for message in messages_of(answer)]
 
         async with guarded(context, "Query"):
@@ -184,7 +167,9 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:  # noqa: N802
         """One picture."""
         async with guarded(context, "RenderView"):
-            picture = await self._threads.call(lambda: self._service.view_picture(from_proto(PictureRequest, request)))
+            picture = await self._threads.call(
+                lambda: self._service.answers.picture(from_proto(PictureRequest, request))
+            )
             for chunk in chunks(picture):
                 yield pb.Chunk(data=chunk)
 
@@ -208,7 +193,9 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 raise InvalidInputError(
                     "an offset without a version", field="version", hint="Name the version whose file broke off."
                 )
-            path, _ = await self._threads.call(lambda: self._service.scene_ply(request.scene_id, request.version))
+            path, _ = await self._threads.call(
+                lambda: self._service.answers.scene_ply(request.scene_id, request.version)
+            )
             async for chunk in self._file(path, request.offset):
                 yield chunk
 
@@ -218,13 +205,10 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """The Gaussians that answer a text as a 3DGS PLY."""
         async with guarded(context, "DownloadMaskPly"):
             ply = await self._threads.call(
-                lambda: self._service.mask_ply(request.scene_id, request.text, request.version)
+                lambda: self._service.answers.mask_ply(request.scene_id, request.text, request.version)
             )
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
-
-    async def _operation(self, operation_id: str) -> pb.Operation:
-        return await self._message(pb.Operation, lambda: self._service.get_operation(operation_id))
 
     async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
         """A service call's result as its message, both made on a thread."""

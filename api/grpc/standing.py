@@ -56,7 +56,7 @@ async def answer_stream(
     try:
         while True:
             if not await inbox.wait():
-                await threads.call(lambda: service.current_version(inbox.scene_id))  # raises if the scene is gone
+                await threads.call(lambda: service.versions.current(inbox.scene_id))  # raises if the scene is gone
                 yield _heartbeat(inbox.number)
                 continue
             if inbox.ended:
@@ -191,7 +191,7 @@ class _Inbox:
 
 def _accept(service: SceneService, query: QueryRequest) -> str:
     """The scene's version, once the question has been found to make sense (a 2D mask needs the poses to come)."""
-    answers = service.query(replace(query, outputs=frozenset(), max_matches=1))
+    answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1))
     return answers[0].version
 
 
@@ -200,7 +200,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     started = time.perf_counter()
 
     def asked() -> list[pb.QueryResponse]:
-        return [message for answer in service.query(query) for message in messages_of(answer)]
+        return [message for answer in service.answers.query(query) for message in messages_of(answer)]
 
     work = asyncio.ensure_future(threads.call(asked))
     try:

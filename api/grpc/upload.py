@@ -39,7 +39,7 @@ def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneReques
                 raise InvalidInputError(
                     f"{size} bytes came, {file.size_bytes} were announced", field=file.name, hint="Send it again."
                 )
-        return upload.commit(header.name, header.request_id, options)
+        return service.create_scene(upload, header.name, header.request_id, options)
 
 
 class _Files:

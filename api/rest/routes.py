@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
-from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
-from fastsplat.api.rest.calls import PROBLEMS, answered, called, json_response
+from fastsplat.api.operations import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
+from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.camera_files import MEDIA_TYPES
@@ -23,7 +22,7 @@ from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.server_info import ServerInfo
 
-_POLL_S = 0.25
+_WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
 
 PageSize = Annotated[int, Query(description="0: the server's default", json_schema_extra={"minimum": 0})]
 PageToken = Annotated[str, Query(description="next_page_token of the page before")]
@@ -55,12 +54,12 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     @router.get("/scenes", response_model=SceneList)
     async def list_scenes(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:
         """Scenes in pages, newest first."""
-        return await answered(request, threads, lambda: service.list_scenes(page_size, page_token))
+        return await json_of_call(request, threads, lambda: service.list_scenes(page_size, page_token))
 
     @router.get("/scenes/{scene_id}", response_model=Scene)
     async def get_scene(request: Request, scene_id: str) -> Response:
         """One scene with its dictionary, cameras and quality."""
-        return await answered(request, threads, lambda: service.get_scene(scene_id))
+        return await json_of_call(request, threads, lambda: service.get_scene(scene_id))
 
     @router.delete("/scenes/{scene_id}", status_code=204, response_class=Response)
     async def delete_scene(scene_id: str) -> Response:
@@ -73,7 +72,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         request: Request, scene_id: str, page_size: PageSize = 0, page_token: PageToken = ""
     ) -> Response:
         """The dictionary in pages, by label id."""
-        return await answered(request, threads, lambda: service.list_labels(scene_id, page_size, page_token))
+        return await json_of_call(request, threads, lambda: service.list_labels(scene_id, page_size, page_token))
 
     @router.get("/scenes/{scene_id}/objects", response_model=ObjectList)
     async def list_objects(
@@ -85,8 +84,8 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         page_token: PageToken = "",
     ) -> Response:
         """The things of a scene as oriented boxes, in pages."""
-        return await answered(
-            request, threads, lambda: service.list_objects(scene_id, version, label, page_size, page_token)
+        return await json_of_call(
+            request, threads, lambda: service.answers.list_objects(scene_id, version, label, page_size, page_token)
         )
 
     @router.get(
@@ -111,26 +110,26 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         ] = "json",
     ) -> Response:
         """The scene's own cameras as a file."""
-        content = await called(request, threads, lambda: service.camera_file(scene_id, format))
+        content = await run_cancellable(request, threads, lambda: service.camera_file(scene_id, format))
         return Response(content, media_type=MEDIA_TYPES[format])
 
     @router.post("/scenes/{scene_id}:edit", response_model=SceneVersion)
-    async def edit_scene(scene_id: str, body: EditIn) -> Response:
+    async def edit_scene(request: Request, scene_id: str, body: EditIn) -> Response:
         """Make a new version of a scene: the edits in order, all or none; it is current on return."""
-        return json_response(
-            await threads.call(lambda: to_json(service.edit_scene(scene_id, body.edits, body.request_id)))
+        return await json_of_call(
+            request, threads, lambda: service.versions.edit(scene_id, body.edits, body.request_id)
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)
-    async def undo_edit(scene_id: str, body: UndoIn | None = None) -> Response:
+    async def undo_edit(request: Request, scene_id: str, body: UndoIn | None = None) -> Response:
         """Go back to the version before the current one."""
         expected = body.version if body is not None else ""
-        return json_response(await threads.call(lambda: to_json(service.undo_edit(scene_id, expected))))
+        return await json_of_call(request, threads, lambda: service.versions.undo(scene_id, expected))
 
     @router.get("/scenes/{scene_id}/versions", response_model=VersionList)
     async def list_versions(request: Request, scene_id: str) -> Response:
         """Every version of a scene, oldest first."""
-        return await answered(request, threads, lambda: VersionList(service.list_versions(scene_id)))
+        return await json_of_call(request, threads, lambda: VersionList(service.versions.all(scene_id)))
 
     return router
 
@@ -139,8 +138,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     """The jobs that make scenes: look, list, wait, watch, cancel."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
-    async def looked(operation_id: str) -> Operation:
-        return await threads.call(lambda: service.get_operation(operation_id))
+    operations = Operations(service, threads)
 
     @router.get("/operations", response_model=OperationList)
     async def list_operations(
@@ -150,24 +148,18 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         state: Annotated[OperationState | None, Query(description="only those in this state")] = None,
     ) -> Response:
         """Operations in pages, newest first."""
-        return await answered(request, threads, lambda: service.list_operations(page_size, page_token, state))
+        return await json_of_call(request, threads, lambda: service.list_operations(page_size, page_token, state))
 
     @router.get("/operations/{operation_id}:wait", response_model=Operation)
     async def wait_operation(
         request: Request,
         operation_id: str,
-        timeout_s: Annotated[float, Query(ge=0, le=300, description="seconds to wait at most")] = 30.0,
+        timeout_s: Annotated[
+            float, Query(description="seconds to wait at most", json_schema_extra=_WAIT_BOUNDS)
+        ] = 30.0,
     ) -> Response:
         """The operation as soon as it is done, or as it stands when the time is up."""
-        deadline = asyncio.get_running_loop().time() + timeout_s
-        while True:
-            operation = await looked(operation_id)
-            left = deadline - asyncio.get_running_loop().time()
-            if operation.done or left <= 0:
-                return json_response(to_json(operation))
-            if await request.is_disconnected():
-                raise ClientDisconnect
-            await asyncio.sleep(min(_POLL_S, left))
+        return json_response(to_json(await while_connected(request, operations.wait(operation_id, timeout_s))))
 
     @router.get(
         "/operations/{operation_id}/events",
@@ -179,16 +171,16 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def watch_operation(request: Request, operation_id: str) -> Response:
         """The operation now and on every change, until it is done; `Last-Event-ID` continues."""
-        return await operation_events(request, lambda: looked(operation_id))
+        return await operation_events(request, operations, operation_id)
 
     @router.get("/operations/{operation_id}", response_model=Operation)
     async def get_operation(request: Request, operation_id: str) -> Response:
         """Where a job stands, stage by stage."""
-        return await answered(request, threads, lambda: service.get_operation(operation_id))
+        return await json_of_call(request, threads, lambda: service.get_operation(operation_id))
 
     @router.post("/operations/{operation_id}:cancel", response_model=Operation)
     async def cancel_operation(request: Request, operation_id: str) -> Response:
         """Ask a job to stop; one that is over stays as it is."""
-        return await answered(request, threads, lambda: service.cancel_operation(operation_id))
+        return await json_of_call(request, threads, lambda: service.cancel_operation(operation_id))
 
     return router

@@ -151,7 +151,7 @@ def _receive(
         for upload_id in form.uploads:
             upload.adopt(*service.resumable.complete(owner, upload_id))
         options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
-        return upload.commit(form.name, form.request_id, options)
+        return service.create_scene(upload, form.name, form.request_id, options)
 
 
 def _text(part: Part, room: int) -> bytes:

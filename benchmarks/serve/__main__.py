@@ -87,7 +87,7 @@ def _overhead(settings: Settings, scene: str, api: Api, note: Note) -> None:
     with grpc.insecure_channel(f"127.0.0.1:{api.grpc_port}") as channel, api.http() as http, service:
         stub = rpc.SceneServiceStub(channel)
         ways = {
-            "in_process": lambda text: service.query(QueryRequest(scene, (text,))),
+            "in_process": lambda text: service.answers.query(QueryRequest(scene, (text,))),
             "rest": lambda text: http.get("/query", params={"text": text, "scene": scene}).raise_for_status(),
             "grpc": lambda text: list(stub.Query(pb.QueryRequest(scene_id=scene, texts=[text]), metadata=metadata)),
         }

@@ -75,7 +75,7 @@ def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[st
             with service.new_upload() as upload:
                 for name, content in files.items():
                     upload.write(name, [content])
-                operation = upload.commit("", "", SceneOptions(time_budget_s=seconds))
+                operation = service.create_scene(upload, "", "", SceneOptions(time_budget_s=seconds))
             load = os.getloadavg()[0]
             while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
                 time.sleep(0.3)

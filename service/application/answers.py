@@ -21,7 +21,7 @@ from fastsplat_contract.scenes import ObjectList
 
 
 class Answers:
-    """What can be asked of finished scenes; see `SceneService` for each call."""
+    """What can be asked of finished scenes. Every method is safe from any thread."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
         self._store = store
@@ -29,7 +29,18 @@ class Answers:
         self._scenes = scenes
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
-        """One answer a text, of one scene or of every READY one; raises as `SceneService.query`."""
+        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
+
+        Cameras, views and versions belong to one scene.
+
+        Raises:
+            NotFoundError: unknown scene, version or view.
+            NotReadyError: the scene's training has not finished, or has failed.
+            InvalidInputError: an empty text, or "mask2d" without a camera or view.
+            LimitExceededError: too many or too long texts, too many or too large cameras.
+            ModelUnavailableError: the scene's text encoder is not in the model directory.
+            CancelledError: nobody waits for the answer any more.
+        """
         query = self._check(request)
         if request.scene_id:
             return self._ask(query, request)
@@ -44,21 +55,33 @@ class Answers:
         return tuple(answers)
 
     def picture(self, request: PictureRequest) -> bytes:
-        """The bytes of one picture; raises as `SceneService.view_picture`."""
+        """One view of a scene as a picture, or as an array file.
+
+        Raises:
+            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
+        """
         question = question_of(request)
         query = check_query((question,), self._settings.query) if question else None
         return self._scenes.reading(request.scene_id, request.version, lambda index, _: picture(index, request, query))
 
-    def scene_ply(self, scene_id: str, version: str) -> tuple[Path, str]:
-        """The scene's PLY file and its version; raises as `SceneService.scene_ply`."""
+    def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
+        """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
+
+        Raises:
+            NotFoundError, NotReadyError: as `query`.
+        """
         version = self._scenes.version(scene_id, version)
         path = self._scenes.folder(scene_id, version) / "scene.ply"
         if not path.is_file():
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version
 
-    def mask_ply(self, scene_id: str, text: str, version: str) -> bytes:
-        """The PLY of the Gaussians that answer a text; raises as `SceneService.mask_ply`."""
+    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
+        """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
+
+        Raises:
+            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
+        """
         query = check_query((text,), self._settings.query)
 
         def read(index: SceneIndex, _: str) -> bytes:
@@ -67,8 +90,24 @@ class Answers:
 
         return self._scenes.reading(scene_id, version, read)
 
-    def objects(self, scene_id: str, version: str, label: str, page_size: int, page_token: str) -> ObjectList:
-        """One page of a scene's objects; raises as `SceneService.list_objects`."""
+    def list_objects(
+        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
+    ) -> ObjectList:
+        """The things of a scene as oriented boxes, in pages as `list_scenes`.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            label: only those of this dictionary entry, by its label or an alias; "" for all.
+            page_size, page_token: as `SceneService.list_scenes`.
+
+        Returns:
+            The page, the token of the next one ("" after the last), and the version that was read.
+
+        Raises:
+            NotFoundError: there is no such scene, version or label.
+            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
+        """
         size = check_page_size(page_size, self._settings.store)
 
         def read(index: SceneIndex, read_version: str) -> ObjectList:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from fastsplat.service.store.blobs import sync_folder
+from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.store.key_repository import KeyKind, KeyRecord, KeyRepository
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
@@ -136,7 +136,7 @@ def _shared_secret(path: Path) -> str:
             os.fsync(file.fileno())
         try:
             os.link(partial, path)
-            sync_folder(path.parent)
+            sync_directory(path.parent)
         except FileExistsError:
             pass
     finally:

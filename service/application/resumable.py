@@ -25,8 +25,9 @@ from typing import BinaryIO, Literal
 
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.uploads import disk_error
+from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
-from fastsplat.service.store.blobs import Blobs, remove, sync_folder
+from fastsplat.service.store.blobs import Blobs, remove
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
     InvalidInputError,
@@ -116,8 +117,8 @@ class ResumableUploads:
             _write_durably(folder / _OFFSET, _digits(0))
             # Last: a folder without it is no upload.
             _write_durably(folder / _INFO, json.dumps(asdict(_Info(owner, name, length, metadata))))
-            sync_folder(folder)
-            sync_folder(folder.parent)
+            sync_directory(folder)
+            sync_directory(folder.parent)
         except OSError as error:
             remove(folder)
             raise disk_error(error, "upload") from error

@@ -27,8 +27,8 @@ from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
-from fastsplat_contract.scenes import Edit, LabelList, ObjectList, Scene, SceneList, SceneVersion
+from fastsplat_contract.queries import CameraFormat
+from fastsplat_contract.scenes import LabelList, Scene, SceneList
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
@@ -46,8 +46,10 @@ class SceneService:
         self._check_files = admit or _admit_upload
         self._admitting = threading.BoundedSemaphore(settings.capture.concurrent_validations)
         self._scenes = OpenScenes(store, settings)
-        self._answers = Answers(store, settings, self._scenes)
-        self._versions = Versions(store, settings, self._scenes)
+        self.answers = Answers(store, settings, self._scenes)
+        """Questions, pictures and files of finished scenes."""
+        self.versions = Versions(store, settings, self._scenes)
+        """Edits of finished scenes."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
             store.blobs, settings.capture.max_upload_bytes, settings.uploads.expiry_s, self._quotas
@@ -84,7 +86,47 @@ class SceneService:
         self._quotas.check_room(owner, 0)
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture, self._admit, owner)
+        return UploadSession(upload_id, folder, self._settings.capture, owner)
+
+    def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
+        """Check what came, and queue its job. Durable once this returns; the upload is over either way.
+
+        Args:
+            upload: the files, see `new_upload`.
+            name: the scene's name for people; may be empty.
+            request_id: the same id with the same content returns the same operation; "" for none.
+            options: see `SceneOptions`.
+
+        Raises:
+            ConflictError: the request id was used before for other content.
+            FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
+        """
+        with upload.committing():
+            check_request(name, request_id, options, self._settings.store)
+            digest = upload.digest(name, options)
+            earlier = self._store.scenes.find_request(request_id, digest)
+            if earlier is not None:
+                remove(upload.folder)
+                return operation_of(earlier)
+            with self._admitting:
+                upload.replace_files(self._check_files(upload.raw, self._settings.capture).folder)
+            self._store.blobs.keep_upload(upload.id)
+            job = NewJob(
+                scene_id=_new_id(),
+                operation_id=_new_id(),
+                name=name,
+                request_id=request_id,
+                request_digest=digest,
+                upload_id=upload.id,
+                options={"admitted": upload.raw.name, **options_to_json(options)},
+                priority=options.priority,
+            )
+            record, new = self._store.scenes.create(
+                job, lambda connection: self._quotas.reserve(connection, upload.owner, job.scene_id, upload.bytes)
+            )
+            if not new:
+                self._store.blobs.drop_upload(upload.id)
+            return operation_of(record)
 
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.
@@ -139,31 +181,11 @@ class SceneService:
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(tuple(label_of(row) for row in page), token)
 
-    def list_objects(
-        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
-    ) -> ObjectList:
-        """The things of a scene as oriented boxes, in pages as `list_scenes`.
-
-        Args:
-            scene_id: which scene.
-            version: of the scene; "" is the current one.
-            label: only those of this dictionary entry, by its label or an alias; "" for all.
-            page_size, page_token: as `list_scenes`.
-
-        Returns:
-            The page, the token of the next one ("" after the last), and the version that was read.
-
-        Raises:
-            NotFoundError: there is no such scene, version or label.
-            NotReadyError, InvalidInputError: as `query` and `list_scenes`.
-        """
-        return self._answers.objects(scene_id, version, label, page_size, page_token)
-
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
         """The scene's own cameras as a file, see `service.application.camera_files`.
 
         Raises:
-            NotFoundError, NotReadyError: as `query`.
+            NotFoundError, NotReadyError: as `Answers.query`.
             InvalidInputError: no such format, or one that cannot hold the cameras' names.
         """
         self._scenes.version(scene_id, "")
@@ -200,123 +222,6 @@ class SceneService:
             self._store.blobs.drop_upload(operation.upload_id)
             remove(self._store.blobs.job(operation.id))
             remove(self._store.blobs.log(operation.id))
-
-    def edit_scene(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
-        """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
-
-        Questions that are being answered keep the version they began with.
-
-        Args:
-            scene_id: which scene.
-            edits: at least one.
-            request_id: the same id with the same edits returns the version that they made; "" for none.
-
-        Raises:
-            NotFoundError: there is no such scene, label or object.
-            NotReadyError: its training has not finished, or has failed.
-            InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, or versions.
-            ConflictError: the request id was used before for other edits.
-        """
-        return self._versions.edit(scene_id, edits, request_id)
-
-    def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one; returns it.
-
-        Args:
-            scene_id: which scene.
-            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit_scene`.
-            ConflictError: there is nothing to undo, or another version is current.
-        """
-        return self._versions.undo(scene_id, version)
-
-    def list_versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version of a scene, oldest first.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit_scene`.
-        """
-        return self._versions.all(scene_id)
-
-    def current_version(self, scene_id: str) -> str:
-        """The version that a question would read now.
-
-        Raises:
-            NotFoundError, NotReadyError: as `query`.
-        """
-        return self._scenes.version(scene_id, "")
-
-    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
-        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
-
-        Cameras, views and versions belong to one scene.
-
-        Raises:
-            NotFoundError: unknown scene, version or view.
-            NotReadyError: the scene's training has not finished, or has failed.
-            InvalidInputError: an empty text, or "mask2d" without a camera or view.
-            LimitExceededError: too many or too long texts, too many or too large cameras.
-            ModelUnavailableError: the scene's text encoder is not in the model directory.
-            CancelledError: nobody waits for the answer any more.
-        """
-        return self._answers.query(request)
-
-    def view_picture(self, request: PictureRequest) -> bytes:
-        """One view of a scene as a picture, or as an array file.
-
-        Raises:
-            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
-        """
-        return self._answers.picture(request)
-
-    def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
-        """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
-
-        Raises:
-            NotFoundError, NotReadyError: as `query`.
-        """
-        return self._answers.scene_ply(scene_id, version)
-
-    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
-        """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
-
-        Raises:
-            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
-        """
-        return self._answers.mask_ply(scene_id, text, version)
-
-    def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
-        check_request(name, request_id, options, self._settings.store)
-        digest = upload.digest(name, options)
-        earlier = self._store.scenes.find_request(request_id, digest)
-        if earlier is not None:
-            remove(upload.folder)
-            return operation_of(earlier)
-        with self._admitting:
-            admitted = self._check_files(upload.raw, self._settings.capture).folder
-        if admitted != upload.raw:  # unpacked or laid out anew: what was sent is not needed any more
-            admitted = admitted.rename(upload.folder / admitted.name)
-            remove(upload.raw)
-        self._store.blobs.keep_upload(upload.id)
-        job = NewJob(
-            scene_id=_new_id(),
-            operation_id=_new_id(),
-            name=name,
-            request_id=request_id,
-            request_digest=digest,
-            upload_id=upload.id,
-            options={"admitted": str(admitted.relative_to(upload.folder)), **options_to_json(options)},
-            priority=options.priority,
-        )
-        record, new = self._store.scenes.create(
-            job, lambda connection: self._quotas.reserve(connection, upload.owner, job.scene_id, upload.bytes)
-        )
-        if not new:
-            self._store.blobs.drop_upload(upload.id)
-        return operation_of(record)
 
 
 def open_service(settings: Settings, admit: Admit | None = None) -> SceneService:

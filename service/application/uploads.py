@@ -6,7 +6,8 @@ import errno
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -16,15 +17,15 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.operations import SceneOptions
 
 _CHUNK = 1 << 20
 
 
 class UploadSession:
-    """Files of one future scene, kept in a folder of their own until `commit`: `raw` inside `folder`.
+    """Files of one future scene, kept in a folder of their own until they are a scene's: `raw` inside `folder`.
 
-    A context manager: leaving it without a commit removes everything. One thread at a time.
+    A context manager: leaving it before `SceneService.create_scene` removes everything. One thread at a time.
     """
 
     def __init__(
@@ -32,7 +33,6 @@ class UploadSession:
         upload_id: str,
         folder: Path,
         settings: CaptureSettings,
-        admit: Callable[[UploadSession, str, str, SceneOptions], Operation],
         owner: str = "",
     ) -> None:
         self.id = upload_id
@@ -40,7 +40,6 @@ class UploadSession:
         self.folder = folder
         self.raw = folder / "raw"
         self._settings = settings
-        self._admit = admit
         self._digests: dict[str, str] = {}
         self._bytes = 0
         self._open = True
@@ -126,17 +125,13 @@ class UploadSession:
                 hint="Send fewer or smaller images.",
             )
 
-    def commit(self, name: str, request_id: str, options: SceneOptions) -> Operation:
-        """Check what came, and queue its job. Durable once this returns; the session is over either way.
-
-        Args:
-            name: the scene's name for people; may be empty.
-            request_id: the same id with the same content returns the same operation; "" for none.
-            options: see `SceneOptions`.
+    @contextmanager
+    def committing(self) -> Iterator[None]:
+        """A block that takes the files over; the session ends with it, and if it raises nothing is left of them.
 
         Raises:
-            ConflictError: the request id was used before for other content.
-            FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
+            InvalidInputError: no file has come, or the session is over.
+            ResourceError: the disk is full.
         """
         self._check_open()
         try:
@@ -144,9 +139,9 @@ class UploadSession:
                 raise InvalidInputError(
                     "the upload has no files", field="files", hint="Send images, an archive or a video."
                 )
-            return self._admit(self, name, request_id, options)
+            yield
         except DatabaseError:
-            raise  # the job may be there although the answer was lost; if it is not, the janitor removes the files
+            raise  # the job may be there although the answer was lost; if it is not, the worker's cleanup removes them
         except OSError as error:
             remove(self.folder)
             raise disk_error(error, "files") from error
@@ -156,13 +151,20 @@ class UploadSession:
         finally:
             self._open = False
 
+    def replace_files(self, folder: Path) -> None:
+        """Let `folder`, what was unpacked or laid out anew from `raw`, take the place of `raw`; the same one stays."""
+        if folder != self.raw:
+            admitted = folder.rename(self.folder / folder.name)
+            remove(self.raw)
+            self.raw = admitted
+
     @property
     def bytes(self) -> int:
         """What the files weigh that have come."""
         return self._bytes
 
     def abort(self) -> None:
-        """Forget all that came. Does nothing after a commit."""
+        """Forget all that came. Does nothing once the files are a scene's."""
         if self._open:
             self._open = False
             remove(self.folder)

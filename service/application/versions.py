@@ -29,15 +29,30 @@ _TRIES = 5
 
 
 class Versions:
-    """The versions of scenes; see `SceneService` for each call."""
+    """The versions of scenes. Every method is safe from any thread."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
 
-    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion:
-        """The version that the edits make, or made before; raises as `SceneService.edit_scene`."""
+    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
+        """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
+
+        Questions that are being answered keep the version they began with.
+
+        Args:
+            scene_id: which scene.
+            edits: at least one.
+            request_id: the same id with the same edits returns the version that they made; "" for none.
+
+        Raises:
+            NotFoundError: there is no such scene, label or object.
+            NotReadyError: its training has not finished, or has failed.
+            InvalidInputError: an edit that makes no sense.
+            LimitExceededError: too many edits, or versions.
+            ConflictError: the request id was used before for other edits.
+        """
         self._check(edits, request_id)
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
@@ -54,17 +69,38 @@ class Versions:
                     raise
         raise AssertionError
 
-    def undo(self, scene_id: str, expected: str) -> SceneVersion:
-        """The version before the current one, now current; raises as `SceneService.undo_edit`."""
+    def undo(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go back to the version before the current one; returns it.
+
+        Args:
+            scene_id: which scene.
+            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            ConflictError: there is nothing to undo, or another version is current.
+        """
         current = self._scenes.version(scene_id, "")
-        self._store.versions.step_back(scene_id, expected or current)
-        return next(version for version in self.all(scene_id) if version.current)
+        self._store.versions.step_back(scene_id, version or current)
+        return next(known for known in self.all(scene_id) if known.current)
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version, oldest first; raises as `SceneService.list_versions`."""
+        """Every version of a scene, oldest first.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+        """
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
         return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
+
+    def current(self, scene_id: str) -> str:
+        """The version that a question would read now.
+
+        Raises:
+            NotFoundError, NotReadyError: as `Answers.query`.
+        """
+        return self._scenes.version(scene_id, "")
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
         return next(known for known in self.all(scene_id) if known.version == version)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.label_evidence import rows_of
@@ -92,7 +93,7 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     gaussians = index.scene.gaussians
     if not len(rows):
         return rows
-    opacities = 1.0 / (1.0 + np.exp(-gaussians.logit_opacities.astype(np.float64)))
+    opacities = expit(gaussians.logit_opacities.astype(np.float64))
     finite = np.isfinite(gaussians.means).all(axis=1)
     visible = np.flatnonzero(finite & (opacities >= MIN_OPACITY))
     taken = np.zeros(len(gaussians), dtype=np.bool_)

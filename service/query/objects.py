@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.connectivity import components
@@ -48,7 +49,7 @@ def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
     """
     gaussians = scene.gaussians
     areas = masses(gaussians.log_scales, gaussians.logit_opacities)
-    sizes = _sigmoid(gaussians.logit_opacities) * field.confidence
+    sizes = expit(gaussians.logit_opacities.astype(np.float64)) * field.confidence
     solid = (gaussians.logit_opacities >= np.log(MIN_OPACITY / (1 - MIN_OPACITY))) & (field.classes > 0)
     rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
     if not len(rows):
@@ -72,7 +73,7 @@ def masses(log_scales: F32, logit_opacities: F32) -> F64:
     """float64 [G]: opacity times the product of the two larger standard deviations: how much surface a Gaussian is."""
     logs = log_scales.astype(np.float64)
     area = np.exp(logs.sum(axis=1) - logs.min(axis=1))
-    return np.asarray(np.maximum(area * _sigmoid(logit_opacities), np.finfo(np.float64).tiny))
+    return np.asarray(np.maximum(area * expit(logit_opacities.astype(np.float64)), np.finfo(np.float64).tiny))
 
 
 def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64) -> list[NDArray[np.int64]]:
@@ -112,7 +113,3 @@ def _described(
         best_views=views,
     )
     return Instance(thing, rows.astype(np.int32))
-
-
-def _sigmoid(logits: F32) -> F64:
-    return np.asarray(1.0 / (1.0 + np.exp(-logits.astype(np.float64))))

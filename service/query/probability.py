@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+from scipy.special import expit  # type: ignore[import-untyped]
 
 F64 = NDArray[np.float64]
 
@@ -67,7 +68,8 @@ def leads(scores: F64, background: float) -> F64:
 def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:
     """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
     model = calibration.entry
-    return _sigmoid(model.score * scores + model.lead * leads(scores, calibration.background) + model.offset)
+    logits = model.score * scores + model.lead * leads(scores, calibration.background) + model.offset
+    return np.asarray(expit(logits))
 
 
 def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) -> F64:
@@ -76,7 +78,7 @@ def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) 
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
     model = calibration.present
-    return np.asarray(np.maximum(_sigmoid(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
+    return np.asarray(np.maximum(expit(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
 
 
 def candidates(entry: F64, present: float) -> F64:
@@ -176,7 +178,3 @@ def _doubted(labels: tuple[int, ...], confidence: F64, coverage: float) -> tuple
     if 0 in labels or confidence[np.array(labels) - 1].max() >= coverage:
         return labels
     return (*labels, 0)
-
-
-def _sigmoid(x: F64) -> F64:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import os
-import secrets
-import shutil
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.scene.arrays import (
     Array,
     Shapes,
@@ -77,27 +75,15 @@ def write_scene(scene: Scene, folder: Path) -> None:
         ),
         cameras,
     )
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = folder.parent / f".{folder.name}.{secrets.token_hex(6)}.tmp"
     try:
-        beside.mkdir()
-        save_arrays(arrays, beside / _ARRAYS)
-        if evidence:
-            save_arrays(evidence, beside / _EVIDENCE)
-        (beside / _CAMERAS).write_bytes(cameras)
-        (beside / _MANIFEST).write_bytes(manifest)
-        for path in sorted(beside.iterdir()):
-            _sync(path)
-        _sync(beside)
-        try:
-            beside.rename(folder)
-        except OSError as error:
-            if folder.exists():  # somebody else was faster
-                raise _exists(folder) from error
-            raise
-        _sync(folder.parent)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        with atomic_directory(folder, replace=False) as beside:
+            save_arrays(arrays, beside / _ARRAYS)
+            if evidence:
+                save_arrays(evidence, beside / _EVIDENCE)
+            (beside / _CAMERAS).write_bytes(cameras)
+            (beside / _MANIFEST).write_bytes(manifest)
+    except FileExistsError as error:  # another writer was faster
+        raise _exists(folder) from error
 
 
 def read_scene(folder: Path) -> Scene:
@@ -190,14 +176,6 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise SceneFileError(f"{path.name} cannot be read: {error}", field=path.name, hint=_RESTORE) from error
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _exists(folder: Path) -> ConflictError:

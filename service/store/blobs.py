@@ -12,12 +12,13 @@ object store instead, see `service.store.object_store`; then `scenes` here is a 
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
+
+from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,9 @@ class Blobs:
 
     def keep_upload(self, upload_id: str) -> None:
         """Make a complete upload durable, and visible to workers everywhere."""
-        sync_tree(self.upload(upload_id))
+        folder = self.upload(upload_id)
+        sync_tree(folder)
+        sync_directory(folder.parent)
 
     def fetch_upload(self, upload_id: str) -> Path:
         """Folder of a kept upload, complete, on this machine."""
@@ -78,10 +81,8 @@ class Blobs:
         """
         target = self.version(scene_id, version)
         target.parent.mkdir(parents=True, exist_ok=True)
-        sync_tree(source)
-        source.rename(target)
-        sync_folder(target.parent)
-        sync_folder(target.parent.parent)
+        publish_directory(source, target)
+        sync_directory(target.parent.parent)
         return target
 
     def fetch_version(self, scene_id: str, version: str) -> Path | None:
@@ -125,25 +126,3 @@ def remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
-
-
-def sync_tree(folder: Path) -> None:
-    """fsync every file and folder below and including `folder`."""
-    for current, _, files in os.walk(folder):
-        for name in files:
-            _sync(Path(current) / name, os.O_RDONLY)
-        sync_folder(Path(current))
-    sync_folder(folder.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make what was created in, renamed into or removed from a folder survive a power cut."""
-    _sync(folder, os.O_RDONLY | os.O_DIRECTORY)
-
-
-def _sync(path: Path, flags: int) -> None:
-    handle = os.open(path, flags)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

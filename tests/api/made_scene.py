@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import uuid
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,12 @@ import numpy as np
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import embed_labels
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.codec import camera_to_json
-from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat_contract.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene, store_scene
 
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")
@@ -50,30 +48,22 @@ def made_scene(encoder: TextEncoder) -> Scene:
     blob = np.repeat(np.arange(4), _PER_BLOB)
     spread = np.where(blob[:, None] == 3, [0.8, 0.05, 0.5], 0.12)
     count = len(blob)
-    codes = np.zeros((count, 3), dtype=np.float32)
-    codes[blob < 3] = np.eye(3, dtype=np.float32)[blob[blob < 3]]
-    gaussians = Gaussians(
-        means=(centres[blob] + spread * rng.normal(size=(count, 3))).astype(np.float32),
-        quats=rng.normal(size=(count, 4)).astype(np.float32),
-        log_scales=np.log(rng.uniform(0.05, 0.12, size=(count, 3))).astype(np.float32),
-        logit_opacities=rng.uniform(1.0, 3.0, size=count).astype(np.float32),
-        sh=((colours[blob] - 0.5) / 0.28209479177387814)[:, None, :].astype(np.float32),
-        codes=codes,
-    )
-    weight = np.vstack([np.zeros((1, 3)), 8.0 * np.eye(3)]).astype(np.float32)
     dictionary = Dictionary(tuple(DictionaryEntry(label, pixels=100, views=3) for label in LABELS))
-    return Scene(
-        gaussians=gaussians,
-        head=SemanticHead(weight, np.array([2.0, 0.0, 0.0, 0.0], dtype=np.float32)),
-        dictionary=dictionary,
-        label_embeddings=embed_labels(dictionary, encoder),
-        label_templates=QuerySettings().templates,
-        text_encoder=(encoder.name, encoder.sha256),
-        cameras=tuple(
+    return labelled_scene(
+        centres[blob] + spread * rng.normal(size=(count, 3)),
+        np.where(blob < 3, blob + 1, 0),
+        dictionary,
+        quats=rng.normal(size=(count, 4)),
+        scales=rng.uniform(0.05, 0.12, size=(count, 3)),
+        logit_opacities=rng.uniform(1.0, 3.0, size=count),
+        sh=((colours[blob] - 0.5) / SH_C0)[:, None, :],
+        undetected_bias=2.0,
+        encoder=encoder,
+        templates=QuerySettings().templates,
+        cameras=[
             dataclasses.replace(turned(angle), name=name)
             for angle, name in ((0.0, "front.png"), (0.3, "photos/left side & ü.png"), (-0.3, "a/b/right.png"))
-        ),
-        scale="METRIC",
+        ],
         quality={"psnr": 31.5, "images": 3, "registered": 3, "stage_seconds": {"training": 12.5}},
     )
 
@@ -89,32 +79,5 @@ def turned(angle: float) -> PosedCamera:
 def add_scene(service: SceneService, settings: Settings, name: str = "made") -> str:
     """Store the scene as a job that succeeded; returns its id."""
     encoder = open_text_encoder(ENCODER, settings.models)
-    scene = made_scene(encoder)
-    store = service._store
-    scene_id, operation_id = uuid.uuid4().hex, uuid.uuid4().hex
-    store.scenes.create(
-        NewJob(
-            scene_id=scene_id,
-            operation_id=operation_id,
-            name=name,
-            request_id="",
-            request_digest="",
-            upload_id=uuid.uuid4().hex,
-            options={"labels": [], "time_budget_s": None, "max_gaussians": None},
-        )
-    )
-    folder = store.blobs.version(scene_id, "1")
-    write_scene(scene, folder / "artefact")
-    write_ply(scene.gaussians, folder / "scene.ply")
-    rows = [
-        {"label_id": n, "label": e.label, "aliases": [], "pixels": e.pixels, "views": e.views, "gaussian_count": 60}
-        for n, e in enumerate(scene.dictionary.entries, start=1)
-    ]
-    cameras = [camera_to_json(posed) for posed in scene.cameras]
-    claim = store.jobs.claim(operation_id)
-    assert claim is not None
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
-    store.jobs.report(claim, [stage])
-    summary = SceneSummary("1", len(scene.gaussians), scene.scale, rows, cameras, scene.quality)
-    store.jobs.succeed(claim, summary)
-    return scene_id
+    return store_scene(service._store, made_scene(encoder), name, stages=[stage])

@@ -216,6 +216,10 @@ class _Endless:
         self._service = service
         self.begun, self.stopped = threading.Event(), threading.Event()
 
+    @property
+    def answers(self) -> _Endless:
+        return self
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
@@ -251,12 +255,16 @@ class _Watched:
         self.over = threading.Event()
         self.error: BaseException | None = None
 
+    @property
+    def answers(self) -> _Watched:
+        return self
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         try:
-            return self._service.query(request)
+            return self._service.answers.query(request)
         except BaseException as error:
             self.error = error
             raise

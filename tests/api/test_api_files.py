@@ -33,7 +33,7 @@ def client(faces: Faces) -> Client:
 
 
 def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService, scene_id: str) -> None:
-    path, version = service.scene_ply(scene_id)
+    path, version = service.answers.scene_ply(scene_id)
     truth, url = path.read_bytes(), f"/v1/scenes/{scene_id}/scene.ply"
     whole = faces.rest.get(url)
     tag = whole.headers["etag"]
@@ -67,7 +67,7 @@ def test_a_copy_that_is_still_right_is_not_sent_again(faces: Faces, scene_id: st
 
 
 def test_the_client_downloads_whole_files(client: Client, service: SceneService, scene_id: str, tmp_path: Path) -> None:
-    path, version = service.scene_ply(scene_id)
+    path, version = service.answers.scene_ply(scene_id)
     assert version in client.download_scene(scene_id, tmp_path / "scene.ply")
     assert (tmp_path / "scene.ply").read_bytes() == path.read_bytes()
 

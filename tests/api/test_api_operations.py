@@ -6,11 +6,13 @@ import itertools
 import threading
 import uuid
 from collections.abc import Iterator
+from dataclasses import replace
 
 import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
@@ -21,7 +23,7 @@ from fastsplat_contract.scenes import DictionaryEntry
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 
 @pytest.fixture
@@ -71,6 +73,34 @@ def test_events_tell_every_change_until_the_job_is_done(client: Client, service:
     assert told[1].stages[0].fraction == 0.25
     assert all(one != other for one, other in itertools.pairwise(told))
     assert client.operation(queued) == told[-1]
+
+
+def test_the_seconds_of_a_running_stage_alone_are_no_event_on_either_protocol(
+    service: SceneService, api_settings: Settings, queued: str
+) -> None:
+    _advance(service, queued, [0.25])
+    running = service.get_operation(queued)
+    done = replace(running, state="CANCELLED", done=True)
+
+    class Scripted:
+        """A service whose operation runs for a while without news; each client sees the script from its beginning."""
+
+        def __init__(self) -> None:
+            self.states = [_after(running, seconds) for seconds in (1.0, 2.0, 3.0)] + [done]
+
+        def get_operation(self, operation_id: str) -> Operation:
+            return self.states.pop(0) if len(self.states) > 1 else done
+
+    for watch in (
+        lambda faces: list(faces.rpc.WatchOperation(pb.WatchOperationRequest(operation_id=queued))),
+        lambda faces: list(client_of(faces).watch(queued)),
+    ):
+        with served(Scripted(), api_settings) as faces:
+            assert len(watch(faces)) == 2
+
+
+def _after(operation: Operation, seconds: float) -> Operation:
+    return replace(operation, stages=tuple(replace(stage, seconds=seconds) for stage in operation.stages))
 
 
 def test_last_event_id_continues_after_what_is_known(faces: Faces, service: SceneService, queued: str) -> None:

@@ -96,7 +96,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     refused: set[str] = set()
     with client_of(faces) as client:
         for request in _questions(scene_id, 200):
-            truth = outcome(lambda: service.query(request))  # noqa: B023
+            truth = outcome(lambda: service.answers.query(request))  # noqa: B023
             if request.scene_id or "mask2d" not in request.outputs:  # GET /query knows no cameras
                 assert_same(outcome(lambda: client.ask(request)), truth)  # noqa: B023
             assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)  # noqa: B023
@@ -124,7 +124,7 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             params = {"text": "mug", "encoding": encoding}
             assert faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params).content == answer.mask3d
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding="ply")
-        assert answer.mask3d == service.mask_ply(scene_id, "mug")
+        assert answer.mask3d == service.answers.mask_ply(scene_id, "mug")
         (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
         (png,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"], mask2d_encoding="png")
         for one, other in zip(rle.masks, png.masks, strict=True):
@@ -145,7 +145,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
     text = None if kind == "rgb" else "ball"
     wire_kind = pb.PictureKind.Value(f"PICTURE_KIND_{kind.upper()}")
     for view in _VIEWS:
-        truth = service.view_picture(PictureRequest(scene_id, kind, text, view=view))
+        truth = service.answers.picture(PictureRequest(scene_id, kind, text, view=view))
         assert Image.open(io.BytesIO(truth)).size == (48, 36)
         params = {"view": view} | ({"text": text} if text else {})
         response = faces.rest.get(f"/v1/scenes/{scene_id}/{kind}.png", params=params)
@@ -153,7 +153,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
         request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", view=view)
         assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
     camera = turned(0.25)
-    truth = service.view_picture(PictureRequest(scene_id, kind, text, camera))
+    truth = service.answers.picture(PictureRequest(scene_id, kind, text, camera))
     body = {"kind": kind, "text": text, "camera": to_plain(camera)}
     assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == truth
     request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", camera=to_proto(camera))
@@ -161,7 +161,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
 
 
 def test_files_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.scene_ply(scene_id)[0].read_bytes()
+    truth = service.answers.scene_ply(scene_id)[0].read_bytes()
     response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply")
     assert response.content == truth and response.headers["etag"]
     part = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply", headers={"Range": "bytes=10-19"})
@@ -169,12 +169,12 @@ def test_files_are_the_same_bytes(faces: Faces, service: SceneService, scene_id:
     chunks = faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id))
     assert b"".join(chunk.data for chunk in chunks) == truth
 
-    mask = service.mask_ply(scene_id, "mug")
+    mask = service.answers.mask_ply(scene_id, "mug")
     assert faces.rest.get(f"/v1/scenes/{scene_id}/mask.ply", params={"text": "mug"}).content == mask
     chunks = faces.rpc.DownloadMaskPly(pb.DownloadMaskPlyRequest(scene_id=scene_id, text="mug"))
     assert b"".join(chunk.data for chunk in chunks) == mask
 
-    (truth3d,) = service.query(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask3d"})))
+    (truth3d,) = service.answers.query(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask3d"})))
     packed = faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params={"text": "mug"})
     assert packed.content == truth3d.mask3d
     bits = np.unpackbits(np.frombuffer(packed.content, np.uint8))[: int(packed.headers["x-gaussian-count"])]

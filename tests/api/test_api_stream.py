@@ -75,7 +75,7 @@ def test_poses_are_answered_as_a_query_would(faces: Faces, service: SceneService
     with client_of(faces) as client:
         for number, found in enumerate(client.stream_query(StandingQuestion(request), poses()), start=1):
             (mug, moon) = found.answers
-            expected = service.query(
+            expected = service.answers.query(
                 _question(scene_id, "mug", "moon", mask2d_encoding="png", cameras=(turned(_ANGLES[number - 1]),))
             )
             assert_same((mug, moon), expected)
@@ -111,6 +111,10 @@ class _Held:
         self.stopped = threading.Event()
         self.asked: list[float] = []
 
+    @property
+    def answers(self) -> _Held:
+        return self
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
@@ -124,7 +128,7 @@ class _Held:
             except BaseException:
                 self.stopped.set()
                 raise
-        return self._service.query(request)
+        return self._service.answers.query(request)
 
 
 @pytest.fixture

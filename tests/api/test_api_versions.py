@@ -165,19 +165,19 @@ def test_a_bad_edit_is_named_and_changes_nothing(
 def test_versions_are_bounded(service: SceneService, api_settings: Settings, own: str) -> None:
     calls = api_settings.calls.model_copy(update={"max_versions": 2})
     with open_service(api_settings.model_copy(update={"calls": calls})) as bounded:
-        bounded.edit_scene(own, [_REMOVE])
+        bounded.versions.edit(own, [_REMOVE])
         with pytest.raises(LimitExceededError):
-            bounded.edit_scene(own, [_REMOVE])
+            bounded.versions.edit(own, [_REMOVE])
     assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 2
 
 
 def test_versions_go_with_their_scene(service: SceneService, api_settings: Settings) -> None:
     scene_id = add_scene(service, api_settings, "gone")
-    made = service.edit_scene(scene_id, [_REMOVE])
+    made = service.versions.edit(scene_id, [_REMOVE])
     service.delete_scene(scene_id)
     assert not (api_settings.data_dir / "scenes" / scene_id).exists()
     assert not service._store.versions.known(scene_id, made.version)
-    for call in (service.list_versions, service.undo_edit, lambda one: service.edit_scene(one, [_REMOVE])):
+    for call in (service.versions.all, service.versions.undo, lambda one: service.versions.edit(one, [_REMOVE])):
         with pytest.raises(NotFoundError):
             call(scene_id)
 
@@ -189,7 +189,7 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
     def ask(number: int) -> int:
         asked = 0
         while not over.is_set():
-            (answer,) = service.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"})))
+            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"})))
             assert len(answer.mask3d) == -(-answer.gaussians // 8)
             client.query(own, "mug", views=["front.png"], outputs=["mask2d"])
             sizes.add(answer.gaussians)
@@ -212,9 +212,9 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
 
 def test_concurrent_edits_build_on_each_other(service: SceneService, own: str) -> None:
     def edit(label: str) -> Any:
-        return service.edit_scene(own, [Edit("remove", label=label)])
+        return service.versions.edit(own, [Edit("remove", label=label)])
 
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(edit, ["mug", "ball", "story book"]))
     assert service.get_scene(own).gaussians == 60  # only the floor is left
-    assert len(service.list_versions(own)) == 4
+    assert len(service.versions.all(own)) == 4

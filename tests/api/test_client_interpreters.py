@@ -69,7 +69,7 @@ def python(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest
     if base is None:
         pytest.skip(f"no Python {request.param} on this machine")
     folder = tmp_path_factory.mktemp(f"python{request.param}")
-    return make_environment(base, folder / "venv", wheel, "pytest", "hypothesis")
+    return make_environment(base, folder / "venv", wheel, "pytest", "hypothesis", pip=False)
 
 
 def test_the_contract_and_the_client_pass_their_tests_there(python: Path, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_it_talks_with_a_real_server(python: Path, faces: Faces, service: SceneS
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     outputs = frozenset({"mask2d", "mask3d", "objects"})
-    (truth,) = service.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs))
+    (truth,) = service.answers.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs))
     assert truth.objects and truth.mask3d
     area = truth.masks[0].area
     assert told["answer"] == [truth.verdict, truth.explanation, area, truth.objects[0].id, len(truth.mask3d)]

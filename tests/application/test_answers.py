@@ -56,7 +56,7 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
     request = QueryRequest(
         ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
     )
-    mug, banana = service.query(request)
+    mug, banana = service.answers.query(request)
     assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
     assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
@@ -69,48 +69,48 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
 
 
 def test_nothing_is_computed_that_was_not_asked_for(service, ready):
-    (answer,) = service.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",)))
+    (answer,) = service.answers.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",)))
     assert answer.masks == () and answer.mask3d is None and answer.objects is None
 
 
 def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
     newer, unfinished = post("newer"), post("unfinished")
     finish(newer)
-    answers = service.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
+    answers = service.answers.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
     assert [answer.scene_id for answer in answers] == [newer.id, newer.id, ready.id, ready.id]
     assert [answer.text for answer in answers] == ["mug", "banana"] * 2
     assert answers[0].mask3d == b"\x80" and unfinished.id not in {answer.scene_id for answer in answers}
     with pytest.raises(InvalidInputError, match="mask2d"):
-        service.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
+        service.answers.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
 
 
 def test_pictures_show_the_view(service, ready):
-    rgb = pixels(service.view_picture(PictureRequest(ready.id, "rgb", view="front.jpg")))
-    mask = pixels(service.view_picture(PictureRequest(ready.id, "mask", "mug", view="front.jpg")))
-    overlay = pixels(service.view_picture(PictureRequest(ready.id, "overlay", "mug", view="front.jpg")))
-    relevancy = pixels(service.view_picture(PictureRequest(ready.id, "relevancy", "mug", view="front.jpg")))
+    rgb = pixels(service.answers.picture(PictureRequest(ready.id, "rgb", view="front.jpg")))
+    mask = pixels(service.answers.picture(PictureRequest(ready.id, "mask", "mug", view="front.jpg")))
+    overlay = pixels(service.answers.picture(PictureRequest(ready.id, "overlay", "mug", view="front.jpg")))
+    relevancy = pixels(service.answers.picture(PictureRequest(ready.id, "relevancy", "mug", view="front.jpg")))
     assert rgb.shape == overlay.shape == relevancy.shape == (30, 40, 3)
     assert set(np.unique(mask)) == {0, 255} and mask.shape == (30, 40)
     assert np.array_equal(rgb[mask == 0], overlay[mask == 0]) and (rgb != overlay).any()
-    assert not pixels(service.view_picture(PictureRequest(ready.id, "rgb", camera=BEHIND))).any()
+    assert not pixels(service.answers.picture(PictureRequest(ready.id, "rgb", camera=BEHIND))).any()
 
 
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
-    whole = read_ply(service.scene_ply(ready.id)[0])
-    (tmp_path / "mask.ply").write_bytes(service.mask_ply(ready.id, "banana"))
+    whole = read_ply(service.answers.scene_ply(ready.id)[0])
+    (tmp_path / "mask.ply").write_bytes(service.answers.mask_ply(ready.id, "banana"))
     part = read_ply(tmp_path / "mask.ply")
     assert len(whole) == 2 and np.array_equal(part.means, whole.means[1:])
-    (tmp_path / "none.ply").write_bytes(service.mask_ply(ready.id, "quarterly tax return"))
+    (tmp_path / "none.ply").write_bytes(service.answers.mask_ply(ready.id, "quarterly tax return"))
     assert len(read_ply(tmp_path / "none.ply")) == 0
 
 
 def test_an_unfinished_scene_says_what_to_wait_for(service, post):
     info = post()
     calls = [
-        lambda: service.query(QueryRequest(info.id, ("mug",))),
-        lambda: service.view_picture(PictureRequest(info.id, "rgb", view="front.jpg")),
-        lambda: service.scene_ply(info.id),
-        lambda: service.mask_ply(info.id, "mug"),
+        lambda: service.answers.query(QueryRequest(info.id, ("mug",))),
+        lambda: service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg")),
+        lambda: service.answers.scene_ply(info.id),
+        lambda: service.answers.mask_ply(info.id, "mug"),
     ]
     for call in calls:
         with pytest.raises(NotReadyError, match="still being made") as caught:
@@ -122,7 +122,7 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
 
 
 def test_senseless_questions_are_refused(service, ready):
-    ask, picture = service.query, service.view_picture
+    ask, picture = service.answers.query, service.answers.picture
     refused = [
         (InvalidInputError, lambda: ask(QueryRequest(ready.id, ()))),
         (InvalidInputError, lambda: ask(QueryRequest(ready.id, (" ",)))),
@@ -137,9 +137,9 @@ def test_senseless_questions_are_refused(service, ready):
         (InvalidInputError, lambda: picture(PictureRequest(ready.id, "mask", view="front.jpg"))),
         (InvalidInputError, lambda: picture(PictureRequest(ready.id, "sketch", "mug", view="front.jpg"))),
         (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
-        (InvalidInputError, lambda: service.query(QueryRequest("", ()))),
-        (LimitExceededError, lambda: service.query(QueryRequest("", ("x" * 100_000,)))),
-        (InvalidInputError, lambda: service.mask_ply(ready.id, "")),
+        (InvalidInputError, lambda: service.answers.query(QueryRequest("", ()))),
+        (LimitExceededError, lambda: service.answers.query(QueryRequest("", ("x" * 100_000,)))),
+        (InvalidInputError, lambda: service.answers.mask_ply(ready.id, "")),
     ]
     for error, call in refused:
         with pytest.raises(error) as caught:
@@ -153,7 +153,7 @@ def test_threads_share_one_open_scene(service, ready, monkeypatch):
     monkeypatch.setattr(service._scenes, "_load", lambda *key: opened.append(key) or real(*key))
     request = QueryRequest(ready.id, ("mug",), views=("front.jpg",), outputs=frozenset({"mask2d"}))
     with ThreadPoolExecutor(8) as pool:
-        answers = list(pool.map(lambda _: service.query(request), range(16)))
+        answers = list(pool.map(lambda _: service.answers.query(request), range(16)))
     assert len(opened) == 1 and all(answer == answers[0] for answer in answers)
 
 
@@ -165,7 +165,7 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
     weight = 2 * sum(path.stat().st_size for path in folder.iterdir())
     calls = settings.calls.model_copy(update={"scene_memory_bytes": int(2.5 * weight)})
     with open_service(settings.model_copy(update={"calls": calls})) as bounded:
-        assert len(bounded.query(QueryRequest("", ("mug",)))) == 3
+        assert len(bounded.answers.query(QueryRequest("", ("mug",)))) == 3
         assert bounded._scenes.count() == 2
         assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
 
@@ -175,4 +175,4 @@ def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):
         open_service(settings.model_copy(update={"models": tmp_path / "empty"})) as bare,
         pytest.raises(ModelUnavailableError),
     ):
-        bare.query(QueryRequest(ready.id, ("mug",)))
+        bare.answers.query(QueryRequest(ready.id, ("mug",)))

@@ -39,7 +39,7 @@ def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneSer
 def _post(service: SceneService, owner: str, size: int = 10) -> str:
     with service.new_upload(owner) as upload:
         upload.write("a.jpg", [b"x" * size])
-        return upload.commit("", "", SceneOptions()).scene_id
+        return service.create_scene(upload, "", "", SceneOptions()).scene_id
 
 
 def _uploads(tmp_path: Path) -> int:

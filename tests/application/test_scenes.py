@@ -58,12 +58,12 @@ def test_a_foreign_page_token_is_refused(service, token):
 def test_deleted_is_gone_from_disk_and_database(service, settings, post, finish):
     info = post()
     finish(info)
-    service.query(QueryRequest("", ("mug",)))
+    service.answers.query(QueryRequest("", ("mug",)))
     service.delete_scene(info.id)
-    for call in (service.get_scene, service.delete_scene, service.scene_ply):
+    for call in (service.get_scene, service.delete_scene, service.answers.scene_ply):
         with pytest.raises(NotFoundError):
             call(info.id)
-    assert service.query(QueryRequest("", ("mug",))) == ()
+    assert service.answers.query(QueryRequest("", ("mug",))) == ()
     assert list((settings.data_dir / "scenes").iterdir()) == []
     assert list((settings.data_dir / "uploads").iterdir()) == []
     assert service.get_operation(info.operation_id).state == "SUCCEEDED"

@@ -26,7 +26,7 @@ _OPTIONS = SceneOptions(("mug", "story book"), 9.5, 50, "draft", 7)
 def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path):
     with service.new_upload() as upload:
         upload.write("a.jpg", [b"picture"])
-        operation = upload.commit("desk", "", _OPTIONS)
+        operation = service.create_scene(upload, "desk", "", _OPTIONS)
     record = service._store.scenes.operation(operation.id)
     assert _options_of(record) == _OPTIONS
     job = Job(operation.id, 1, tmp_path, tmp_path, _options_of(record), settings)
@@ -52,14 +52,14 @@ def test_a_metric_that_is_no_number_is_left_out(service, post):
 def test_edits_are_read_as_they_were_written(service, settings, post, finish, british):
     info = post()
     finish(info)
-    service.edit_scene(info.id, [Edit("remove", label="mug")])
-    own = service.list_versions(info.id)[-1]
+    service.versions.edit(info.id, [Edit("remove", label="mug")])
+    own = service.versions.all(info.id)[-1]
     assert own.edits == (Edit("remove", label="mug"),)
     pose = Pose(Vector3(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     edits = (Edit("recolor", object_id="2-1", color=Color(0.0, 0.5, 1.0)), Edit("move", "mug", transform=pose))
     if not british:
-        made = service.edit_scene(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
-        assert made.edits == service.list_versions(info.id)[-1].edits
+        made = service.versions.edit(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
+        assert made.edits == service.versions.all(info.id)[-1].edits
         return
     rows = [
         {"action": "recolour", "label": None, "object_id": "2-1", "colour": [0.0, 0.5, 1.0], "transform": None},
@@ -74,6 +74,6 @@ def test_edits_are_read_as_they_were_written(service, settings, post, finish, br
     store = open_store(settings.data_dir)
     store.versions.publish(NewVersion(info.id, "e2", own.version, "", "", 1, [], rows))
     store.close()
-    read = service.list_versions(info.id)[-1].edits
+    read = service.versions.all(info.id)[-1].edits
     assert read == edits
     assert np.array_equal(read[1].transform.matrix()[:3, 3], [1.0, 2.0, 3.0])

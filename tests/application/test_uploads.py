@@ -28,7 +28,7 @@ def test_acknowledged_is_queued_with_its_files(service, settings):
     with service.new_upload() as upload:
         assert upload.write("images/a.jpg", io.BytesIO(b"abc")) == 3
         upload.write("images/b.jpg", iter([b"de", b"f"]))
-        operation = upload.commit("kitchen", "", SceneOptions(labels=("mug",)))
+        operation = service.create_scene(upload, "kitchen", "", SceneOptions(labels=("mug",)))
     assert operation.state == "QUEUED" and operation.error is None
     assert service.get_operation(operation.id) == operation
     assert service.get_scene(operation.scene_id).name == "kitchen"
@@ -39,7 +39,7 @@ def test_acknowledged_is_queued_with_its_files(service, settings):
 def test_an_archive_is_dropped_once_unpacked(service, settings):
     with service.new_upload() as upload:
         upload.write("all.zip", [b"archive"])
-        upload.commit("", "", SceneOptions())
+        service.create_scene(upload, "", "", SceneOptions())
     names = [path.name for path in (settings.data_dir / "uploads").rglob("*") if path.is_file()]
     assert names == ["a.jpg"]
 
@@ -88,27 +88,27 @@ def test_a_refused_upload_leaves_nothing_and_its_request_id_is_free(service, set
     with service.new_upload() as upload:
         upload.write("bad.jpg", [b"x"])
         with pytest.raises(CorruptImageError):
-            upload.commit("", "once", SceneOptions())
+            service.create_scene(upload, "", "once", SceneOptions())
     assert left_behind(service, settings.data_dir) == []
     with service.new_upload() as upload:
         upload.write("good.jpg", [b"x"])
-        upload.commit("", "once", SceneOptions())
+        service.create_scene(upload, "", "once", SceneOptions())
 
 
 def test_an_empty_upload_is_refused(service, settings):
     with service.new_upload() as upload, pytest.raises(InvalidInputError, match="no files"):
-        upload.commit("", "", SceneOptions())
+        service.create_scene(upload, "", "", SceneOptions())
     assert left_behind(service, settings.data_dir) == []
 
 
 def test_a_session_ends_with_its_commit(service):
     with service.new_upload() as upload:
         upload.write("a", [b"1"])
-        upload.commit("", "", SceneOptions())
+        service.create_scene(upload, "", "", SceneOptions())
         with pytest.raises(InvalidInputError):
             upload.write("b", [b"1"])
         with pytest.raises(InvalidInputError):
-            upload.commit("", "", SceneOptions())
+            service.create_scene(upload, "", "", SceneOptions())
         upload.abort()
     assert len(service.list_scenes()[0]) == 1
 
@@ -138,7 +138,7 @@ def test_senseless_options_are_refused_and_named(service, settings, options):
     with service.new_upload() as upload:
         upload.write("a.jpg", [b"x"])
         with pytest.raises(FastSplatError) as caught:
-            upload.commit(name, request_id, SceneOptions(**said))
+            service.create_scene(upload, name, request_id, SceneOptions(**said))
     assert caught.value.field == next(iter(options))
     assert left_behind(service, settings.data_dir) == []
 
@@ -165,6 +165,6 @@ def test_two_services_share_a_folder(service, another, post):
         assert asdict(second.get_scene(first.id)) == asdict(first)
         with second.new_upload() as upload:
             upload.write("a.jpg", [b"picture"])
-            assert upload.commit("kitchen", "once", SceneOptions()).scene_id == first.id
+            assert service.create_scene(upload, "kitchen", "once", SceneOptions()).scene_id == first.id
         second.delete_scene(first.id)
     assert service.list_scenes() == ((), "")

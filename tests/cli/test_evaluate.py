@@ -90,7 +90,7 @@ def _posted(data_dir: Path) -> tuple[str, str]:
     with open_service(settings, lambda folder, limits: ValidatedUpload(folder, "images", 1)) as service:
         with service.new_upload() as upload:
             upload.write("a.jpg", [b"picture"])
-            operation = upload.commit("a place", "", SceneOptions())
+            operation = service.create_scene(upload, "a place", "", SceneOptions())
         return operation.scene_id, operation.id
 
 

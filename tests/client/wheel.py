@@ -17,12 +17,16 @@ def build_wheel(folder: Path) -> Path:
     return wheel
 
 
-def make_environment(python: str | Path, folder: Path, *requirements: str | Path) -> Path:
-    """The interpreter of a new virtual environment with these installed."""
-    _run([python, "-m", "venv", folder])
+def make_environment(python: str | Path, folder: Path, *requirements: str | Path, pip: bool = True) -> Path:
+    """The interpreter of a new virtual environment with these installed; without `pip`, this one's pip installs them,
+    and nothing is compiled ahead: seconds less for what no test looks at."""
+    _run([python, "-m", "venv", folder] if pip else [python, "-m", "venv", "--without-pip", folder])
     made = folder / "bin" / "python"
-    if requirements:
-        _run([made, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements])
+    options = ["--quiet", "--disable-pip-version-check"]
+    if requirements and pip:
+        _run([made, "-m", "pip", "install", *options, *requirements])
+    elif requirements:
+        _run([sys.executable, "-m", "pip", "--python", made, "install", *options, "--no-compile", *requirements])
     return made
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead
-from fastsplat.service.scene.types import Gaussians as _Gaussians
+from fastsplat.service.scene import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
 
 LABELS = ("red mug", "green spoon", "blue bed")
 CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)
@@ -43,24 +42,14 @@ class WordEncoder:
 
 def scene(labels: Sequence[str] = LABELS, cameras: tuple[PosedCamera, ...] = ()) -> Scene:
     """Three opaque balls in a row along x at z = 2, one a label."""
-    one_hot = np.eye(len(labels) + 1, dtype=np.float32)
-    gaussians: _Gaussians = Gaussians(
-        means=np.array([[-0.7, 0, 2], [0, 0, 2], [0.7, 0, 2]], np.float32),
-        quats=np.array([[1, 0, 0, 0]] * 3, np.float32),
-        log_scales=np.full((3, 3), np.log(0.12), np.float32),
-        logit_opacities=np.full(3, 6, np.float32),
+    return labelled_scene(
+        [[-0.7, 0, 2], [0, 0, 2], [0.7, 0, 2]],
+        [1, 2, 3],
+        labels,
         sh=_COLOURS[:, None],
-        codes=one_hot[1:4],
-    )
-    encoder = WordEncoder()
-    return Scene(
-        gaussians=gaussians,
-        head=SemanticHead(8 * one_hot, np.array([4, *[0] * len(labels)], np.float32)),
-        dictionary=dictionary_of(labels),
-        label_embeddings=encoder.encode(labels),
-        text_encoder=(encoder.name, encoder.sha256),
+        undetected_bias=4.0,
+        encoder=WordEncoder(),
         cameras=cameras,
-        scale="METRIC",
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation import METRICS, Report, RunCost, evaluate_scene
 from fastsplat.service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
 from fastsplat.service.query import SceneIndex
@@ -110,7 +111,7 @@ def test_a_missing_prediction_lowers_every_figure(dataset: Dataset) -> None:
 def test_a_scene_of_no_label_or_of_very_many_is_scored(dataset: Dataset, more: int) -> None:
     scene = made_data.scene()
     names = (*made_data.LABELS, *(f"kind {number}" for number in range(more))) if more else ()
-    labels = made_data.dictionary_of(names)
+    labels = dictionary_of(names)
     codes = scene.gaussians.codes if more else np.zeros((3, 0), np.float32)
     weight = np.zeros((len(names) + 1, codes.shape[1]), np.float32)
     weight[:4] = scene.head.weight[: len(weight)] if more else weight[:4]
@@ -167,7 +168,7 @@ def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: P
             QueryTruth("sofa", shown == 2, ((0, 0, 1, 1),)),
         ]
         views.append(replace(view, queries=tuple(queries)))
-    dataset = replace(read, test=tuple(views), dictionary=made_data.dictionary_of(["red mug", "sofa"]))
+    dataset = replace(read, test=tuple(views), dictionary=dictionary_of(["red mug", "sofa"]))
     report = evaluate_scene(truth, dataset, samples=0)
     assert report.figures["miou"].per_label["red mug"] == 1
     assert report.figures["miou_threshold"].per_label == {"red mug": 1, "sofa": 0}

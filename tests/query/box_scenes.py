@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
 
 
 @dataclass(frozen=True)
@@ -30,26 +30,12 @@ def scene_of(things: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), de
     means = np.concatenate([_surface(thing, rng) for thing in things])
     ids = np.concatenate([np.full(thing.count, labels.index(thing.label) + 1) for thing in things])
     area = np.concatenate([np.full(thing.count, _area(thing) / thing.count) for thing in things])
-    count, classes = len(means), len(labels) + 1
-    one_hot = np.eye(classes, dtype=np.float32)
+    count = len(means)
     sh = rng.normal(0, 0.15, (count, (degree + 1) ** 2, 3))
     sh[:, 0] += 0.5
-    return Scene(
-        gaussians=Gaussians(
-            means=means.astype(np.float32),
-            quats=rng.standard_normal((count, 4)).astype(np.float32),
-            log_scales=(np.log(np.sqrt(area))[:, None] + rng.normal(0, 0.2, (count, 3))).astype(np.float32),
-            logit_opacities=np.full(count, 3.0, dtype=np.float32),
-            sh=sh.astype(np.float32),
-            codes=one_hot[ids],
-        ),
-        head=SemanticHead(8.0 * one_hot, np.zeros(classes, dtype=np.float32)),
-        dictionary=dictionary_of(labels),
-        label_embeddings=np.zeros((len(labels), 16), dtype=np.float32),
-        text_encoder=("another", "1" * 64),
-        cameras=tuple(cameras),
-        scale="METRIC",
-    )
+    quats = rng.standard_normal((count, 4))
+    scales = np.sqrt(area)[:, None] * np.exp(rng.normal(0, 0.2, (count, 3)))
+    return labelled_scene(means, ids, labels, quats=quats, scales=scales, logit_opacities=3.0, sh=sh, cameras=cameras)
 
 
 def look(eye: Sequence[float], target: Sequence[float], name: str) -> PosedCamera:

@@ -9,12 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, calibration
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
-
-SIZE = 16
+from tests.scenes import EMBEDDING_SIZE, labelled_scene
 
 
 class DrawnEncoder:
@@ -37,9 +35,11 @@ class DrawnEncoder:
 
     def _vector(self, text: str) -> np.ndarray:
         if text in self._directions:
-            return np.pad(np.asarray(self._directions[text], dtype=float), (0, SIZE - len(self._directions[text])))
+            return np.pad(
+                np.asarray(self._directions[text], dtype=float), (0, EMBEDDING_SIZE - len(self._directions[text]))
+            )
         seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
-        return np.random.default_rng(seed).standard_normal(SIZE)
+        return np.random.default_rng(seed).standard_normal(EMBEDDING_SIZE)
 
 
 @pytest.fixture
@@ -75,23 +75,8 @@ def make_scene() -> Callable[..., Scene]:
         means = np.zeros((count, 3), dtype=np.float32)
         means[:, 0] = ids - (classes - 1) / 2
         means += rng.normal(0, 0.01, means.shape).astype(np.float32)
-        one_hot = np.eye(classes, size, dtype=np.float32)
-        return Scene(
-            gaussians=Gaussians(
-                means=means,
-                quats=np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (count, 1)),
-                log_scales=np.full((count, 3), np.log(0.15), dtype=np.float32),
-                logit_opacities=np.full(count, 6.0, dtype=np.float32),
-                sh=rng.uniform(-1, 1, (count, 1, 3)).astype(np.float32),
-                codes=one_hot[ids],
-            ),
-            head=SemanticHead(8.0 * one_hot, np.zeros(classes, dtype=np.float32)),
-            dictionary=dictionary_of(labels),
-            label_embeddings=np.zeros((len(labels), SIZE), dtype=np.float32),
-            text_encoder=("another", "1" * 64),
-            cameras=(),
-            scale="METRIC",
-        )
+        sh = rng.uniform(-1, 1, (count, 1, 3))
+        return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size)
 
     return make
 

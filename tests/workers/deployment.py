@@ -127,7 +127,9 @@ class Deployment:
         """A job with orders for the fake stages."""
         with self.service.new_upload() as upload:
             upload.write("images/a.png", [b"picture"])
-            return upload.commit("a place", request_id, SceneOptions(labels=orders, priority=priority))
+            return self.service.create_scene(
+                upload, "a place", request_id, SceneOptions(labels=orders, priority=priority)
+            )
 
     def post_over_http(self, *orders: str, request_id: str = "") -> str:
         """The same through the API process; returns the operation's id once that has acknowledged it."""

@@ -19,9 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder
@@ -83,29 +81,19 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
     _obey(job, "export", progress)
-    count, labels = 5, dictionary_of(["mug", "box"])
-    rng = np.random.default_rng(0)
-    gaussians = Gaussians(
-        means=rng.normal(size=(count, 3)).astype(np.float32),
-        quats=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        log_scales=np.full((count, 3), -2, np.float32),
-        logit_opacities=np.zeros(count, np.float32),
-        sh=np.zeros((count, 1, 3), np.float32),
-        codes=np.zeros((count, 3), np.float32),
-    )
-    head = SemanticHead(np.zeros((3, 3), np.float32), np.zeros(3, np.float32))
+    from tests.scenes import labelled_scene, write_version  # the other stages start without it
+
     posed = PosedCamera(Camera(8, 6, 8.0, 8.0, 4.0, 3.0), np.eye(4), "a.png")
-    embeddings = np.eye(2, 4, dtype=np.float32)
-    scene = Scene(gaussians, head, labels, embeddings, ("none", "0" * 64), (posed,), "METRIC")
-    write_scene(scene, folder / "artefact")
-    write_ply(gaussians, folder / "scene.ply")
+    means = np.random.default_rng(0).normal(size=(5, 3))
+    scene = labelled_scene(means, np.zeros(5, int), ["mug", "box"], logit_opacities=0.0, cameras=[posed])
+    write_version(scene, folder)
     steps = int((job.result("training") / "steps.txt").read_text())
     summary = {
-        "gaussians": count,
+        "gaussians": len(scene.gaussians),
         "scale": "METRIC",
         "dictionary": [
             {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
-            for n, e in enumerate(labels.entries, start=1)
+            for n, e in enumerate(scene.dictionary.entries, start=1)
         ],
         "cameras": [camera_to_json(posed)],
         "quality": {"psnr": 30.0, "steps": steps, "stage_seconds": {"capture": 0.0}},

@@ -77,7 +77,7 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
                     if path.is_file():
                         with path.open("rb") as file:
                             upload.write(path.relative_to(tabletop).as_posix(), file)
-                operation = upload.commit("table", "", SceneOptions(max_gaussians=6000))
+                operation = service.create_scene(upload, "table", "", SceneOptions(max_gaussians=6000))
             deadline = time.monotonic() + 200
             while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
                 assert time.monotonic() < deadline, now
@@ -96,12 +96,12 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             view = info.cameras[0].name
             outputs = frozenset({"mask2d", "mask3d"})
             texts = ("the mug", "swimming pool")
-            mug, pool = service.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
+            mug, pool = service.answers.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
             assert mug.verdict == "exact" and mug.matches[0].label == "mug" and mug.masks[0].area > 0
             assert pool.verdict != "exact"
-            assert service.view_picture(PictureRequest(info.id, "overlay", "mug", view=view)).startswith(b"\x89PNG")
-            (tmp_path / "mug.ply").write_bytes(service.mask_ply(info.id, "mug"))
-            assert len(read_ply(service.scene_ply(info.id)[0])) == info.gaussians
+            assert service.answers.picture(PictureRequest(info.id, "overlay", "mug", view=view)).startswith(b"\x89PNG")
+            (tmp_path / "mug.ply").write_bytes(service.answers.mask_ply(info.id, "mug"))
+            assert len(read_ply(service.answers.scene_ply(info.id)[0])) == info.gaussians
             assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
     finally:
         worker.terminate()
@@ -114,7 +114,7 @@ def test_what_the_capture_room_refuses_leaves_nothing(settings):
             upload.write("photo.jpg", [b"this is a text"])
             upload.write(".admitted/manifest.json", [b"{}"])
             with pytest.raises(InvalidInputError):
-                upload.commit("", "", SceneOptions())
+                service.create_scene(upload, "", "", SceneOptions())
         assert service.list_scenes() == ((), "")
     assert list((settings.data_dir / "uploads").iterdir()) == []
 
@@ -128,7 +128,7 @@ def test_photos_of_two_places_end_as_a_failure_that_says_what_to_do(settings, te
                 for path in photos:
                     with path.open("rb") as file:
                         upload.write(path.name, file)
-                operation = upload.commit("two places", "", SceneOptions())
+                operation = service.create_scene(upload, "two places", "", SceneOptions())
             deadline = time.monotonic() + 100
             while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
                 assert time.monotonic() < deadline, now

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import imagenet_tensor
@@ -83,8 +84,7 @@ class GroundingDino:
             "attention_mask": np.ones_like(ids),
         }
         logits, pred_boxes = self._session.run(["logits", "pred_boxes"], feed)
-        # Positions beyond the prompt hold −inf; exp would warn, so clamp where σ is 0 anyway.
-        token_scores = 1 / (1 + np.exp(-np.clip(logits[0], -60, 60)))
+        token_scores = expit(logits[0])  # 0 for the −inf of positions beyond the prompt
         scores = np.stack([token_scores[:, span].mean(1) for span in spans], axis=1)
         best, score = scores.argmax(1), scores.max(1).astype(np.float32)
         size = np.array([width, height], np.float32)

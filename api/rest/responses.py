@@ -1,9 +1,9 @@
-"""What every route does: one service call on a thread, dropped when the client goes away."""
+"""What every route does: one service call on a thread, cancelled when the client disconnects."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
@@ -26,27 +26,37 @@ def file_response(*media_types: str, description: str) -> dict[int | str, dict[s
     return {200: {"content": content, "description": description}}
 
 
-async def called(request: Request, threads: Threads, function: Callable[[], _R]) -> _R:
-    """The call's result; when the client closes the connection, the call is cancelled down to the rasterizer.
+async def while_connected(request: Request, awaitable: Awaitable[_R]) -> _R:
+    """What `awaitable` returns; when the client closes the connection it is cancelled, down to the rasterizer.
 
     Raises:
         ClientDisconnect: nobody waits for the result any more.
     """
-    work = asyncio.ensure_future(threads.call(function))
-    gone = asyncio.ensure_future(_gone(request))
+    work = asyncio.ensure_future(awaitable)
+    disconnect = asyncio.ensure_future(_disconnect(request))
     try:
-        await asyncio.wait((work, gone), return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait((work, disconnect), return_when=asyncio.FIRST_COMPLETED)
         if not work.done():
             raise ClientDisconnect
         return work.result()
     finally:
-        gone.cancel()
+        disconnect.cancel()
         work.cancel()
 
 
-async def answered(request: Request, threads: Threads, function: Callable[[], object]) -> Response:
-    """Call, and write the contract's JSON, on the thread: a large answer must not hold up the event loop."""
-    return json_response(await called(request, threads, lambda: to_json(function())))
+async def run_cancellable(request: Request, threads: Threads, function: Callable[[], _R]) -> _R:
+    """The result of a service call, made on a thread.
+
+    Raises:
+        ClientDisconnect: nobody waits for the result any more.
+    """
+    return await while_connected(request, threads.call(function))
+
+
+async def json_of_call(request: Request, threads: Threads, function: Callable[[], object]) -> Response:
+    """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
+    event loop."""
+    return json_response(await run_cancellable(request, threads, lambda: to_json(function())))
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
@@ -54,6 +64,6 @@ def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | N
     return Response(body, status, headers, "application/json")
 
 
-async def _gone(request: Request) -> None:
+async def _disconnect(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass  # what is left of the body

@@ -1,0 +1,160 @@
+"""The one builder of small scenes for all tests: labelled Gaussians, and their way into a store."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.perception.text import TextEncoder
+from fastsplat.service.query import embed_labels
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.store import Store
+from fastsplat.service.store.codec import camera_to_json
+from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.camera import PosedCamera
+
+EMBEDDING_SIZE = 16
+"""Of label embeddings that no encoder made."""
+
+
+def labelled_scene(
+    means: ArrayLike,
+    label_ids: ArrayLike,
+    labels: Sequence[str] | Dictionary,
+    *,
+    scales: ArrayLike = 0.12,
+    quats: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    logit_opacities: ArrayLike = 6.0,
+    sh: ArrayLike = 0.0,
+    code_size: int = 0,
+    undetected_bias: float = 0.0,
+    encoder: TextEncoder | None = None,
+    templates: Sequence[str] = ("{}",),
+    cameras: Sequence[PosedCamera] = (),
+    **others: Any,
+) -> Scene:
+    """A scene whose codes are one-hot: Gaussian g has label `label_ids[g]` with a logit of 8.
+
+    Args:
+        means: [G, 3], scene units (meters).
+        label_ids: [G], 0 for undetected.
+        labels: names in the order of their ids, or a whole dictionary.
+        scales: of all Gaussians, or [G, 3].
+        quats: w x y z of all Gaussians, or [G, 4].
+        logit_opacities: of all Gaussians, or [G].
+        sh: [G, K, 3]; a number stands for [G, 1, 3] of it.
+        code_size: numbers of a code; 0: one a class.
+        undetected_bias: logit of undetected where a code says nothing.
+        encoder: embeds the labels; None: zeros by the name of an encoder that is not there.
+        templates: the sentences the labels are embedded in.
+        cameras: of the scene.
+        **others: further fields of `Scene`.
+    """
+    dictionary = labels if isinstance(labels, Dictionary) else dictionary_of(labels)
+    classes = len(dictionary) + 1
+    ids = np.asarray(label_ids)
+    count = len(ids)
+    one_hot = np.eye(classes, code_size or classes, dtype=np.float32)
+    bias = np.zeros(classes, dtype=np.float32)
+    bias[0] = undetected_bias
+    if encoder is None:
+        embeddings = np.zeros((len(dictionary), EMBEDDING_SIZE), dtype=np.float32)
+    else:
+        embeddings = embed_labels(dictionary, encoder, templates)
+    return Scene(
+        gaussians=Gaussians(
+            means=np.asarray(means, dtype=np.float32),
+            quats=_each(quats, count, 4),
+            log_scales=np.log(_each(scales, count, 3, dtype=np.float64)).astype(np.float32),
+            logit_opacities=_each(logit_opacities, count),
+            sh=_each(sh, count, 1, 3) if np.ndim(sh) == 0 else np.asarray(sh, dtype=np.float32),
+            codes=one_hot[ids],
+        ),
+        head=SemanticHead(8.0 * one_hot, bias),
+        dictionary=dictionary,
+        label_embeddings=embeddings,
+        label_templates=tuple(templates),
+        text_encoder=("another", "1" * 64) if encoder is None else (encoder.name, encoder.sha256),
+        cameras=tuple(cameras),
+        **{"scale": "METRIC", **others},
+    )
+
+
+def finish_job(
+    store: Store,
+    operation_id: str,
+    scene: Scene,
+    *,
+    version: str = "1",
+    stages: Sequence[Mapping[str, Any]] = (),
+    **row: Any,
+) -> None:
+    """End a queued job as a worker that made `scene` would.
+
+    Args:
+        store: where the job is queued.
+        operation_id: whose job.
+        scene: what it made.
+        version: name of the scene's first version.
+        stages: what the worker reports before.
+        **row: further values of every label's row.
+    """
+    claim = store.jobs.claim(operation_id)
+    assert claim is not None
+    folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
+    write_version(scene, folder)
+    if stages:
+        store.jobs.report(claim, [dict(stage) for stage in stages])
+    counts = np.bincount(scene.gaussians.codes.argmax(axis=1), minlength=len(scene.dictionary) + 1)
+    rows = [
+        {
+            "label_id": label_id,
+            "label": entry.label,
+            "aliases": list(entry.aliases),
+            "pixels": entry.pixels,
+            "views": entry.views,
+            "gaussian_count": int(counts[label_id]),
+            **row,
+        }
+        for label_id, entry in enumerate(scene.dictionary.entries, start=1)
+    ]
+    cameras = [camera_to_json(posed) for posed in scene.cameras]
+    quality = dict(scene.quality)
+    store.jobs.succeed(claim, SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality))
+
+
+def store_scene(store: Store, scene: Scene, name: str = "made", **options: Any) -> str:
+    """Store a scene as a job that succeeded; returns its id. `options`: as `finish_job`."""
+    job = queued_job(name)
+    store.scenes.create(job)
+    finish_job(store, job.operation_id, scene, **options)
+    return job.scene_id
+
+
+def queued_job(name: str = "") -> NewJob:
+    """A job that asks for nothing special and has no files."""
+    return NewJob(
+        scene_id=uuid.uuid4().hex,
+        operation_id=uuid.uuid4().hex,
+        name=name,
+        request_id="",
+        request_digest="",
+        upload_id=uuid.uuid4().hex,
+        options={"labels": [], "time_budget_s": None, "max_gaussians": None},
+    )
+
+
+def write_version(scene: Scene, folder: Path) -> None:
+    """The files of a version: the artefact and the PLY."""
+    write_scene(scene, folder / "artefact")
+    write_ply(scene.gaussians, folder / "scene.ply")
+
+
+def _each(values: ArrayLike, *shape: int, dtype: Any = np.float32) -> np.ndarray:
+    return np.broadcast_to(np.asarray(values, dtype=dtype), shape).copy()
