@@ -17,7 +17,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError
 from fastsplat_contract.operations import ListOperations, OperationList
-from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of
+from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
@@ -149,8 +149,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Ranked labels, masks and objects."""
 
         def asked() -> list[pb.QueryResponse]:
-            answers = self._service.answers.query(from_proto(QueryRequest, request))
-            return [message for answer in answers for message in messages_of(answer)]
+            return list(messages_of_query(self._service.answers.ask(from_proto(QueryRequest, request))))
 
         async with guarded(context, "Query"):
             for message in await self._threads.call(asked):

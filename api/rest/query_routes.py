@@ -73,13 +73,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
         )
-        return await json_of_call(request, threads, lambda: QueryOut(service.answers.query(question)))
+        return await json_of_call(request, threads, lambda: service.answers.ask(question))
 
     @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
-        return await json_of_call(request, threads, lambda: QueryOut(service.answers.query(question)))
+        return await json_of_call(request, threads, lambda: service.answers.ask(question))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.queries import Answer, QueryOut, SkippedScene
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 CHUNK_BYTES = 2**20
 """Size of the pieces of anything that could pass gRPC's 4 MiB."""
 
 _MASK_BYTES = CHUNK_BYTES - 1024
+_SKIPPED_PER_MESSAGE = 1000
 
 
 def messages_of(answer: Answer) -> Iterator[pb.QueryResponse]:
@@ -58,6 +59,29 @@ def answers_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> Iter
         answer = from_proto(Answer, whole.answer, carrier=whole)
         # Over gRPC no objects and objects that were not asked for look alike.
         yield replace(answer, objects=()) if "objects" in outputs and answer.objects is None else answer
+
+
+def messages_of_query(answered: QueryOut) -> Iterator[pb.QueryResponse]:
+    """All answers as `messages_of`, then the scenes that were left out, if any."""
+    for answer in answered.answers:
+        yield from messages_of(answer)
+    for start in range(0, len(answered.skipped), _SKIPPED_PER_MESSAGE):
+        skipped = answered.skipped[start : start + _SKIPPED_PER_MESSAGE]
+        yield pb.QueryResponse(skipped=[to_proto(scene) for scene in skipped])
+
+
+def query_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> QueryOut:
+    """What a Query that asked for `outputs` was answered."""
+    skipped: list[SkippedScene] = []
+
+    def without_skipped() -> Iterator[pb.QueryResponse]:
+        for response in responses:
+            if response.skipped:
+                skipped.extend(from_proto(SkippedScene, scene) for scene in response.skipped)
+            else:
+                yield response
+
+    return QueryOut(tuple(answers_of(without_skipped(), outputs)), tuple(skipped))
 
 
 def chunks(data: bytes) -> Iterator[bytes]:

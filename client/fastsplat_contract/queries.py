@@ -180,11 +180,21 @@ class Answer(Response):
         return tuple(match.label_id for match in self.matches if match.relevant)
 
 
+@dataclass(frozen=True)
+class SkippedScene(Response):
+    """A scene that a question to all scenes left out."""
+
+    scene_id: str
+    reason: Annotated[str, Field(description="of the error that its own query ends with, such as SCENE_DAMAGED")]
+    detail: Annotated[str, Field(description="one sentence for people")]
+
+
 @travels(request=False)
 class QueryOut(NamedTuple):
     """One answer a text; over all scenes, one a scene and text."""
 
     answers: Many[Answer]
+    skipped: Annotated[Many[SkippedScene], Field(description="scenes left out of a question to all scenes")] = ()
 
 
 @dataclass(frozen=True)

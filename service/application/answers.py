@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from pathlib import Path
 
 from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
-from fastsplat.service.application.validate import check_page_size
+from fastsplat.service.application.validate import check_page_size, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.errors import (
+    ArtefactError,
+    InvalidInputError,
+    LimitExceededError,
+    ModelUnavailableError,
+    NotFoundError,
+    NotReadyError,
+    ObjectStoreError,
+    SceneFileError,
+)
+from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
+
+_log = logging.getLogger(__name__)
 
 
 class Answers:
@@ -41,18 +53,26 @@ class Answers:
             ModelUnavailableError: the scene's text encoder is not in the model directory.
             CancelledError: nobody waits for the answer any more.
         """
+        return self.ask(request).answers
+
+    def ask(self, request: QueryRequest) -> QueryOut:
+        """As `query`; a question to all scenes also names those that cannot answer, such as a damaged one."""
         query = self._check(request)
         if request.scene_id:
-            return self._ask(query, request)
+            return QueryOut(self._ask(query, request))
         _check_everywhere(request)
         answers: list[Answer] = []
+        skipped: list[SkippedScene] = []
         for scene_id in self._store.scenes.ready_scene_ids():
             check_cancelled()
             try:
                 answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
-            except NotFoundError:
+            except (NotFoundError, NotReadyError):
                 continue  # deleted since it was listed
-        return tuple(answers)
+            except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
+                _log.warning("scene %s is left out of a question to all: %s", scene_id, error)
+                skipped.append(SkippedScene(scene_id, error.reason, error.message))
+        return QueryOut(tuple(answers), tuple(skipped))
 
     def picture(self, request: PictureRequest) -> bytes:
         """One view of a scene as a picture, or as an array file.
@@ -62,6 +82,7 @@ class Answers:
         """
         question = question_of(request)
         query = check_query((question,), self._settings.query) if question else None
+        check_texts(dataclasses.replace(request, scene_id=""))
         return self._scenes.reading(request.scene_id, request.version, lambda index, _: picture(index, request, query))
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
@@ -163,6 +184,7 @@ class Answers:
             templates=request.templates or None,
             coverage=request.coverage,
         )
+        check_texts(dataclasses.replace(request, scene_id=""))  # whatever id there is not is not found
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(
                 '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."

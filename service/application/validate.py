@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import fields, is_dataclass
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
@@ -12,6 +13,34 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions
 
 _DEFAULT_PAGE = 50
+
+
+def check_texts(value: object, field: str = "") -> None:
+    """Raise if any text inside a request cannot be stored or sent: one with a NUL or a lone surrogate.
+
+    Args:
+        value: a text, a number, or a dataclass, tuple or set of such.
+        field: where it stands in the request.
+
+    Raises:
+        InvalidInputError: with the field of the text.
+    """
+    if isinstance(value, str):
+        if re.search("[\0\ud800-\udfff]", value):
+            raise InvalidInputError(
+                "a text with a NUL character or half of a surrogate pair",
+                field=field,
+                hint="Send plain Unicode text.",
+            )
+    elif is_dataclass(value) and not isinstance(value, type):
+        for part in fields(value):
+            check_texts(getattr(value, part.name), f"{field}.{part.name}" if field else part.name)
+    elif isinstance(value, (tuple, list)):
+        for number, part in enumerate(value):
+            check_texts(part, f"{field}[{number}]")
+    elif isinstance(value, (set, frozenset)):
+        for part in value:
+            check_texts(part, field)
 
 
 def check_page_size(size: int, limits: StoreSettings) -> int:
@@ -36,6 +65,7 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
     if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
         raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
     check_request_id(request_id)
+    check_texts(options)
     if len(options.labels) > limits.max_labels:
         raise LimitExceededError(
             f"{len(options.labels)} labels",

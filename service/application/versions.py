@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.application.open_scenes import OpenScenes
-from fastsplat.service.application.validate import check_request_id
+from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, write_ply, write_scene
@@ -56,17 +56,19 @@ class Versions:
         self._check(edits, request_id)
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
-        for left in reversed(range(_TRIES)):
-            current = self._scenes.version(scene_id, "")
-            earlier = self._store.versions.made_by(scene_id, request_id, digest)
-            if earlier is not None:
-                return _version_of(earlier, current)
-            self._check_room(scene_id)
-            try:
-                return self._make(scene_id, current, edits, request_id, digest, rows)
-            except ConflictError:  # another edit was faster; this one is made of its result
-                if not left:
-                    raise
+        current = self._scenes.version(scene_id, "")
+        with self._store.blobs.exclusive(scene_id):  # edits of one scene queue: each is made of the one before
+            for remaining in reversed(range(_TRIES)):
+                current = self._scenes.version(scene_id, "")
+                earlier = self._store.versions.made_by(scene_id, request_id, digest)
+                if earlier is not None:
+                    return self._in_force(earlier, current)
+                self._check_room(scene_id)
+                try:
+                    return self._make(scene_id, current, edits, request_id, digest, rows)
+                except ConflictError:  # a server on another machine was faster; this one is made of its result
+                    if not remaining:
+                        raise
         raise AssertionError
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
@@ -104,6 +106,24 @@ class Versions:
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
         return next(known for known in self.all(scene_id) if known.version == version)
+
+    def _in_force(self, earlier: VersionRecord, current: str) -> SceneVersion:
+        """The version that a request id made, if the current one is it or was made of it.
+
+        Raises:
+            ConflictError: it was undone.
+        """
+        parents = {known.version: known.parent for known in self.all(earlier.scene_id)}
+        version = current
+        while version and version != earlier.version:
+            version = parents.get(version, "")
+        if not version:
+            raise ConflictError(
+                f"the edit of request id {earlier.request_id!r} was undone; its version was {earlier.version}",
+                field="request_id",
+                hint="Send the edit under a new request id to make it again.",
+            )
+        return _version_of(earlier, current)
 
     def _make(
         self,
@@ -157,6 +177,7 @@ class Versions:
 
     def _check(self, edits: Sequence[Edit], request_id: str) -> None:
         check_request_id(request_id)
+        check_texts(tuple(edits), "edits")
         limit = self._settings.calls.max_edits
         if not edits:
             raise InvalidInputError("no edits", field="edits", hint="Send at least one.")

@@ -4,6 +4,7 @@ uploads/<upload id>     what a client sent, until its job is over
 jobs/<operation id>     a running job's stage results and checkpoints
 scenes/<id>/<version>   finished artefacts, never changed once there
 logs/                   stderr of the trainers
+locks/<scene id>        held while a scene is edited
 trash/                  what is being removed
 
 The data directory may be a folder that several machines share. Where they share none, uploads and scenes are kept in an
@@ -12,13 +13,19 @@ object store instead, see `service.store.object_store`; then `scenes` here is a 
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 import time
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
+from fastsplat.service.common.cancellation import check_cancelled
+
+_LOCK_POLL_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -94,9 +101,29 @@ class Blobs:
         """Remove one version; those who have its files open may read on."""
         self._discard(self.version(scene_id, version))
 
+    @contextmanager
+    def exclusive(self, scene_id: str) -> Iterator[None]:
+        """A block that one thread of one process of this machine runs at a time for a scene; the others wait.
+
+        Raises:
+            CancelledError: the caller does not wait any longer.
+        """
+        path = self._folder("locks", scene_id)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab") as file:
+            while True:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    check_cancelled()
+                    time.sleep(_LOCK_POLL_S)
+            yield
+
     def drop_scene(self, scene_id: str) -> None:
         """Remove all versions of a scene; those who have its files open may read on."""
         self._discard(self._folder("scenes", scene_id))
+        remove(self._folder("locks", scene_id))
 
     def remove_partial(self, expiry_s: float) -> None:
         """Remove what crashes left half-written or half-removed; what is younger than `expiry_s` may be in use."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from fastsplat.service.store.migrations import migrate
 from fastsplat_contract.errors import DatabaseError, InvalidInputError
@@ -68,6 +68,7 @@ def transaction(engine: Engine) -> Iterator[Connection]:
 
     Raises:
         DatabaseError: the database does not answer, or refuses.
+        InvalidInputError: it cannot hold a value: a lone surrogate, a NUL, too large a number.
         IntegrityError: a constraint does not hold.
     """
     try:
@@ -75,6 +76,10 @@ def transaction(engine: Engine) -> Iterator[Connection]:
             yield connection
     except IntegrityError:
         raise
+    except (UnicodeEncodeError, DataError) as error:
+        raise InvalidInputError(
+            "a value that the database cannot hold", hint="Send plain Unicode text without NUL, and usual numbers."
+        ) from error
     except SQLAlchemyError as error:
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
 

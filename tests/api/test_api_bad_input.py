@@ -246,3 +246,40 @@ def test_poses_may_come_in_opengl_axes(faces: Faces, scene_id: str) -> None:
         for camera in (upright, other)
     ]
     assert pictures[0] == pictures[1] and pictures[0].startswith(b"\x89PNG")
+
+
+_HALF = '"\\ud800"'
+
+
+@pytest.mark.parametrize(
+    ("call", "body", "field"),
+    [
+        (":query", '{"texts": ["mug"], "version": HALF}', "version"),
+        (":query", '{"texts": ["mug", HALF]}', "text"),
+        (":query", '{"texts": ["mug"], "views": [HALF], "outputs": ["mask2d"]}', "views[0]"),
+        (":render", '{"kind": "rgb", "view": "front.png", "version": HALF}', "version"),
+        (":render", '{"kind": "mask", "view": "front.png", "text": HALF}', "text"),
+        (":edit", '{"edits": [{"action": "remove", "label": HALF}]}', "edits[0].label"),
+        (":undo", '{"version": HALF}', ""),
+    ],
+)
+@pytest.mark.parametrize("text", [_HALF, '"\\u0000"'], ids=["half a surrogate pair", "NUL"])
+def test_a_text_that_is_none_is_refused_by_its_field(
+    faces: Faces, scene_id: str, call: str, body: str, field: str, text: str
+) -> None:
+    headers = {"content-type": "application/json"}
+    url = f"/v1/scenes/{scene_id}{call}"
+    refusal = rest_refusal(faces.rest.post(url, content=body.replace("HALF", text), headers=headers))
+    assert refusal.code in (400, 404, 409)
+    if field:
+        assert (refusal.reason, refusal.details["field"]) == ("INVALID_INPUT", field)
+
+
+def test_a_nul_is_refused_over_grpc(faces: Faces, scene_id: str) -> None:
+    refusal = _rpc(faces, pb.QueryRequest(scene_id=scene_id, texts=["mug"], version="a\0b"))
+    assert (refusal.code, refusal.details["field"]) == ("INVALID_ARGUMENT", "version")
+
+
+def test_an_id_with_a_nul_names_nothing_or_is_refused(faces: Faces) -> None:
+    for path in ("/v1/scenes/a%00b", "/v1/operations/a%00b", "/v1/scenes/a%00b/objects"):
+        assert rest_refusal(faces.rest.get(path)).code in (400, 404)

@@ -33,7 +33,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import Faces, served, serving
@@ -223,7 +223,7 @@ class _Endless:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
+    def ask(self, request: QueryRequest) -> QueryOut:
         self.begun.set()
         try:
             while True:
@@ -262,9 +262,9 @@ class _Watched:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
+    def ask(self, request: QueryRequest) -> QueryOut:
         try:
-            return self._service.answers.query(request)
+            return self._service.answers.ask(request)
         except BaseException as error:
             self.error = error
             raise

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
+import grpc
 import numpy as np
 import pytest
 
@@ -24,11 +25,11 @@ from fastsplat_contract.errors import (
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.scenes import Color, Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces
+from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _REMOVE = Edit("remove", label="mug")
 _UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -218,3 +219,40 @@ def test_concurrent_edits_build_on_each_other(service: SceneService, own: str) -
         list(pool.map(edit, ["mug", "ball", "story book"]))
     assert service.get_scene(own).gaussians == 60  # only the floor is left
     assert len(service.versions.all(own)) == 4
+
+
+def test_however_many_edits_come_at_once_each_is_made_of_the_one_before(service: SceneService, own: str) -> None:
+    count = 12
+    barrier = threading.Barrier(count)
+
+    def edit(number: int) -> str:
+        barrier.wait(30)
+        return service.versions.edit(own, [Edit("recolor", label="mug", color=Color(number / count, 0, 0))]).version
+
+    with ThreadPoolExecutor(count) as pool:
+        made = list(pool.map(edit, range(count)))
+    versions = service.versions.all(own)
+    assert {version.version for version in versions[1:]} == set(made) and len(set(made)) == count
+    assert [version.parent for version in versions[1:]] == [version.version for version in versions[:-1]]
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_a_request_id_whose_edit_was_undone_is_a_conflict(
+    faces: Faces, service: SceneService, own: str, protocol: str
+) -> None:
+    made = service.versions.edit(own, [_REMOVE], "first")
+    assert service.versions.edit(own, [_REMOVE], "first") == made
+    service.versions.edit(own, [Edit("remove", label="ball")])
+    assert service.versions.edit(own, [_REMOVE], "first").version == made.version  # the current one is made of it
+    service.versions.undo(own)
+    service.versions.undo(own)
+    if protocol == "REST":
+        body = {"edits": [{"action": "remove", "label": "mug"}], "request_id": "first"}
+        refusal = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:edit", json=body))
+    else:
+        message = pb.EditSceneRequest(scene_id=own, edits=[to_proto(_REMOVE)], request_id="first")
+        with pytest.raises(grpc.RpcError) as caught:
+            faces.rpc.EditScene(message)
+        refusal = rpc_refusal(caught.value)
+    assert (refusal.reason, refusal.details["field"]) == ("CONFLICT", "request_id")
+    assert len(service.versions.all(own)) == 3

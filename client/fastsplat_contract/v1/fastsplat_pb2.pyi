@@ -1691,6 +1691,7 @@ class QueryResponse(_message.Message):
     MASK3D_FIELD_NUMBER: _builtins.int
     OBJECTS_FIELD_NUMBER: _builtins.int
     MATCHES_FIELD_NUMBER: _builtins.int
+    SKIPPED_FIELD_NUMBER: _builtins.int
     mask3d: _builtins.bytes
     """in the encoding asked for, base64 in JSON; absent unless asked for"""
     @_builtins.property
@@ -1707,6 +1708,10 @@ class QueryResponse(_message.Message):
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
         """more of the answer's matches"""
 
+    @_builtins.property
+    def skipped(self) -> _containers.RepeatedCompositeFieldContainer[Global___SkippedScene]:
+        """behind all answers of a question to all scenes: those that it left out"""
+
     def __init__(
         self,
         *,
@@ -1715,16 +1720,46 @@ class QueryResponse(_message.Message):
         mask3d: _builtins.bytes | None = ...,
         objects: _abc.Iterable[Global___SceneObject] | None = ...,
         matches: _abc.Iterable[Global___Match] | None = ...,
+        skipped: _abc.Iterable[Global___SkippedScene] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects", "skipped", b"skipped"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__mask3d: _TypeAlias = _typing.Literal["mask3d"]  # noqa: Y015
     _WhichOneofArgType__mask3d: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType__mask3d) -> _WhichOneofReturnType__mask3d | None: ...
 
 Global___QueryResponse: _TypeAlias = QueryResponse  # noqa: Y015
+
+@_typing.final
+class SkippedScene(_message.Message):
+    """A scene that a question to all scenes left out."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    DETAIL_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    reason: _builtins.str
+    """of the error that its own query ends with, such as SCENE_DAMAGED"""
+    detail: _builtins.str
+    """one sentence for people"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        reason: _builtins.str = ...,
+        detail: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["detail", b"detail", "reason", b"reason", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SkippedScene: _TypeAlias = SkippedScene  # noqa: Y015
 
 @_typing.final
 class Answer(_message.Message):
