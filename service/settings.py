@@ -52,6 +52,10 @@ class UploadSettings(SettingGroup, section="uploads"):
     expiry_s: float = Field(24 * 3600.0, gt=0)
     """An upload that was not committed is removed after this; so is a resumable one, counted from its last piece."""
 
+    failed_retention_s: float = Field(24 * 3600.0, ge=0)
+    """The upload of a job that failed or was cancelled is kept for so long, for a retry; deleting its scene removes it
+    at once."""
+
 
 class StoreSettings(BaseModel):
     """Limits of the service layer that belong to no other room."""

@@ -132,6 +132,11 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "CancelOperation"):
             return await self._message(pb.Operation, lambda: self._service.cancel_operation(request.operation_id))
 
+    async def RetryOperation(self, request: pb.RetryOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+        """Queue a failed or cancelled job again."""
+        async with guarded(context, "RetryOperation"):
+            return await self._message(pb.Operation, lambda: self._service.retry_operation(request.operation_id))
+
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """The operation when it is done, or when the time is up."""
         async with guarded(context, "WaitOperation"):

@@ -191,4 +191,9 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         """Ask a job to stop; one that is over stays as it is."""
         return await answered(request, threads, lambda: service.cancel_operation(operation_id))
 
+    @router.post("/operations/{operation_id}:retry", response_model=Operation)
+    async def retry_operation(request: Request, operation_id: str) -> Response:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
+        return await answered(request, threads, lambda: service.retry_operation(operation_id))
+
     return router

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
+from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
@@ -102,10 +104,22 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        record = self._store.scenes.cancel(operation_id)
-        if record.state == "CANCELLED":
-            self._store.blobs.drop_upload(record.upload_id)
-        return operation_of(record)
+        return operation_of(self._store.scenes.cancel(operation_id))
+
+    def retry_operation(self, operation_id: str) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
+
+        Its scene is TRAINING again. Returns the operation as it now stands.
+
+        Raises:
+            NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more: that
+                of a failed or cancelled job is kept for `UploadSettings.failed_retention_s`.
+        """
+        record = self._store.scenes.operation(operation_id)
+        if record.state in ("FAILED", "CANCELLED") and record.upload_id not in self._store.blobs.ids("uploads"):
+            raise no_upload(operation_id)
+        ended_since = time.time() - self._settings.uploads.failed_retention_s
+        return operation_of(self._store.jobs.retry(operation_id, ended_since))
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
@@ -198,7 +212,7 @@ class SceneService:
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             self._store.blobs.drop_upload(operation.upload_id)
-            remove(self._store.blobs.job(operation.id))
+            remove(self._store.blobs.job(operation.run_id))
             remove(self._store.blobs.log(operation.id))
 
     def edit_scene(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
