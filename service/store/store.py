@@ -47,7 +47,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         ResourceError: the folder or the database cannot be used.
     """
     try:
-        data_dir.mkdir(parents=True, exist_ok=True)
+        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)  # the owner's alone, as all that is in it
     except OSError as error:
         raise ResourceError(
             f"the data folder cannot be made: {error.strerror}",
