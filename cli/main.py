@@ -1,4 +1,4 @@
-"""`fastsplat serve | api | worker | models | keys | jobs | backup | restore | evaluate`: what an operator types."""
+"""The `fastsplat` command: what an operator types."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.backup import backup, restore
+from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
 from fastsplat.cli.jobs import jobs_app
@@ -40,6 +41,7 @@ app.add_typer(keys_app, name="keys")
 app.add_typer(jobs_app, name="jobs")
 app.command()(backup)
 app.command()(restore)
+app.command()(doctor)
 app.command()(health)
 app.command()(evaluate)
 

@@ -56,6 +56,10 @@ class UploadSettings(SettingGroup, section="uploads"):
     """The upload of a job that failed or was cancelled is kept for so long, for a retry; deleting its scene removes it
     at once."""
 
+    min_free_bytes: int = Field(1 << 30, ge=0)
+    """Uploads are refused while the data folder's disk has less free space than this, so that jobs that run can end and
+    scenes can be deleted; 0: never."""
+
 
 class StoreSettings(BaseModel):
     """Limits of the service layer that belong to no other room."""
