@@ -31,6 +31,8 @@ def remove_unneeded(
     for upload_id in uploads:
         if upload_id in used or (upload_id not in needed and blobs.upload_age(upload_id) > upload_expiry_s):
             blobs.drop_upload(upload_id)
+    if store.engine.dialect.name == "sqlite":
+        store.reserve.fill()
     _remove_old_logs(blobs, ended_job_retention_s)
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
 

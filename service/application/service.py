@@ -28,6 +28,7 @@ from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import Edit, LabelList, ObjectList, Scene, SceneList, SceneVersion
@@ -52,7 +53,11 @@ class SceneService:
         self._versions = Versions(store, settings, self._scenes)
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, settings.uploads.expiry_s, self._quotas
+            store.blobs,
+            settings.capture.max_upload_bytes,
+            settings.uploads.expiry_s,
+            self._quotas,
+            settings.uploads.min_free_bytes,
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
@@ -82,8 +87,10 @@ class SceneService:
 
         Raises:
             QuotaError: the key holds all that it may.
+            ResourceError: the disk is almost full.
         """
         self._quotas.check_room(owner, 0)
+        check_free_space(self._store.blobs.root, self._settings.uploads.min_free_bytes)
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
         return UploadSession(upload_id, folder, self._settings.capture, self._admit, owner)
@@ -104,7 +111,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return operation_of(self._store.scenes.cancel(operation_id))
+        return operation_of(self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id)))
 
     def retry_operation(self, operation_id: str) -> Operation:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
@@ -206,9 +213,10 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        operation = self._store.scenes.delete_scene(scene_id)
+        # On a full disk the row that frees space needs a little first.
+        operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         self._scenes.forget(scene_id)
-        self._store.versions.forget(scene_id)
+        self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             self._store.blobs.drop_upload(operation.upload_id)

@@ -16,6 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from fastsplat.service.store.database import resolve_url
 from fastsplat.service.store.migrations import revisions
 from fastsplat.service.store.object_store import ObjectStoreBlobs
+from fastsplat.service.store.reserve import floor_of
 from fastsplat.service.store.schema import operations, scene_versions, scenes
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
@@ -66,7 +67,7 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
         if path.exists() and path.stat().st_mode & _OTHERS:
             mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
             yield Problem(path.name, f"other users may read it (mode {mode})", "Make it its owner's alone.", True)
-    free = shutil.disk_usage(data_dir).free
+    free, floor_bytes = shutil.disk_usage(data_dir).free, floor_of(data_dir, floor_bytes)
     if free < floor_bytes:
         yield Problem(
             data_dir.name,

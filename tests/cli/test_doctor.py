@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
@@ -113,7 +114,10 @@ def test_what_is_left_over_and_open_to_others_is_named_and_mended(data: Path, do
 
 
 def test_too_little_space_is_named(doctor: Doctor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_UPLOADS__MIN_FREE_BYTES", str(1 << 60))
+    monkeypatch.setenv("FASTSPLAT_UPLOADS__MIN_FREE_BYTES", "1000")
+    assert doctor() == (0, [])
+    usage = shutil.disk_usage(".")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=999))
     status, problems = doctor()
     assert status == 1 and "free" in str(problems[0]["message"])
 
