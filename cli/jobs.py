@@ -1,4 +1,4 @@
-"""`fastsplat jobs`: list the jobs of all keys, and read their logs."""
+"""`fastsplat jobs`: list the jobs of all keys, read their logs, and retry them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import OperationRecord
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import OperationState
 
-jobs_app = typer.Typer(name="jobs", help="Training jobs: list them, read a failed one's log.", no_args_is_help=True)
+jobs_app = typer.Typer(
+    name="jobs", help="Training jobs: list them, read a failed one's log, retry it.", no_args_is_help=True
+)
 
 _MAX_LOG = 1 << 20
 
@@ -69,6 +72,14 @@ def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) ->
             field="job_id",
             hint="Logs are kept on the machine of the worker, of jobs that run or failed, for a while.",
         ) from None
+
+
+@jobs_app.command()
+def retry(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
+    """Queue a failed or cancelled job again, with the upload that it had."""
+    with open_service(load_settings()) as service:
+        operation = service.retry_operation(job_id)
+    typer.echo(f"{operation.id} is {operation.state}")
 
 
 @contextmanager

@@ -1,7 +1,8 @@
-"""`fastsplat serve | api | worker | models | keys | jobs | evaluate`: what an operator types."""
+"""The `fastsplat` command: what an operator types."""
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from importlib.metadata import version
@@ -9,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.backup import backup, restore
+from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
 from fastsplat.cli.jobs import jobs_app
@@ -19,6 +22,8 @@ from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.process_group import PARENT_VARIABLE
 from fastsplat_contract.errors import FastSplatError
+
+logger = logging.getLogger(__name__)
 
 Devices = Annotated[
     str,
@@ -34,6 +39,9 @@ app = typer.Typer(
 app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
 app.add_typer(jobs_app, name="jobs")
+app.command()(backup)
+app.command()(restore)
+app.command()(doctor)
 app.command()(health)
 app.command()(evaluate)
 
@@ -117,7 +125,12 @@ def _print_version(show: bool) -> None:
 
 
 def _start(role: str) -> None:
+    from fastsplat.service.capture.confinement import missing_protections
+
     log_to_stderr(role)
+    os.umask(0o077)  # photos of homes: what this process and its children write is their owner's alone
+    for protection in missing_protections():
+        logger.warning("parsers of uploads run without protection: %s", protection)
     parent = os.environ.pop(PARENT_VARIABLE, "")
     if parent:  # a child of `fastsplat serve`
         die_with_parent(int(parent))

@@ -52,6 +52,14 @@ class UploadSettings(SettingGroup, section="uploads"):
     expiry_s: float = Field(24 * 3600.0, gt=0)
     """An upload that was not committed is removed after this; so is a resumable one, counted from its last piece."""
 
+    failed_retention_s: float = Field(24 * 3600.0, ge=0)
+    """The upload of a job that failed or was cancelled is kept for so long, for a retry; deleting its scene removes it
+    at once."""
+
+    min_free_bytes: int = Field(1 << 30, ge=0)
+    """Uploads are refused while the data folder's disk has less free space than this, so that jobs that run can end and
+    scenes can be deleted; 0: never."""
+
 
 class StoreSettings(BaseModel):
     """Limits of the service layer that belong to no other room."""

@@ -83,6 +83,7 @@ class ClaimedJob:
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
+        self.run_id = claim.operation.run_id
         self.scene_id = claim.operation.scene_id
 
     @property
@@ -99,7 +100,7 @@ class ClaimedJob:
     @property
     def folder(self) -> Path:
         """The work folder, shared by all attempts."""
-        return self._blobs.job(self.id)
+        return self._blobs.job(self.run_id)
 
     @property
     def log(self) -> Path:
@@ -129,7 +130,7 @@ class ClaimedJob:
     @_patient
     def claim_again(self) -> None:
         """Begin another attempt of this worker."""
-        claim = self._jobs.claim(self.id)
+        claim = self._jobs.claim(self.id, self.claim.operation.retries)
         if claim is None:
             raise FencedError(self.id)
         self.claim = claim
@@ -142,7 +143,7 @@ class ClaimedJob:
     @_patient
     def is_exported(self) -> bool:
         """Whether the last stage's result is on this machine, or published."""
-        return (self.folder / "export").is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.id))
+        return (self.folder / "export").is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
     @_patient
     def publish(self) -> SceneSummary:
@@ -151,7 +152,7 @@ class ClaimedJob:
         Raises:
             OSError: the disk is full.
         """
-        version = self.id
+        version = self.run_id
         target = self._blobs.fetch_version(self.scene_id, version)
         if target is None:
             target = self._blobs.publish(self.folder / "export", self.scene_id, version)
@@ -176,14 +177,21 @@ class ClaimedJob:
         self._jobs.fail(self.claim, error)
 
     def clean_up(self, outcome: JobOutcome) -> None:
-        """Remove the files that an ended job does not need; what cannot be removed is left to the periodic cleanup."""
+        """Remove the files that an ended job does not need; what cannot be removed is left to the periodic cleanup.
+
+        The upload of a job that failed or was cancelled stays for a retry, unless its scene was deleted.
+        """
         remove(self.folder)
         if outcome.state != "failed":
             remove(self.log)
-        with suppress(ObjectStoreError):
-            self._blobs.drop_upload(self.claim.operation.upload_id)
-            if outcome.state != "done":
+        with suppress(DatabaseError, ObjectStoreError):
+            deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
+            if deleted or outcome.state == "done":
+                self._blobs.drop_upload(self.claim.operation.upload_id)
+            if deleted:
                 self._blobs.drop_scene(self.scene_id)
+            elif outcome.state != "done":
+                self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _at_once(self, look: Callable[[], bool]) -> bool:
         # A database that restarts in the middle of a job costs some progress reports, not the job.

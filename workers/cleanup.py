@@ -9,25 +9,30 @@ from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import Blobs, remove
 
 
-def remove_unneeded(store: Store, upload_expiry_s: float, ended_job_retention_s: float) -> None:
+def remove_unneeded(
+    store: Store, upload_expiry_s: float, ended_job_retention_s: float, failed_upload_retention_s: float
+) -> None:
     """Remove work folders of ended jobs, deleted scenes, used and expired uploads, and logs and rows of old jobs.
 
     Args:
         store: what to clean.
         upload_expiry_s: uploads that no job needs are removed when nothing of them has changed for so long.
         ended_job_retention_s: logs, and operations without a scene, are removed so long after their end.
+        failed_upload_retention_s: uploads of failed and cancelled jobs are removed so long after their end.
     """
     # Folders are listed before rows are read: what came since then has its row and stays.
     blobs = store.blobs
     jobs, uploads, scenes = blobs.ids("jobs"), blobs.ids("uploads"), blobs.ids("scenes")
-    for operation_id in store.jobs.over(jobs):
-        remove(blobs.job(operation_id))
+    for run_id in store.jobs.over(jobs):
+        remove(blobs.job(run_id))
     for scene_id in store.jobs.unknown_scenes(scenes):
         blobs.drop_scene(scene_id)
-    needed, used = store.jobs.uploads()
+    needed, used = store.jobs.uploads(time.time() - failed_upload_retention_s)
     for upload_id in uploads:
         if upload_id in used or (upload_id not in needed and blobs.upload_age(upload_id) > upload_expiry_s):
             blobs.drop_upload(upload_id)
+    if store.engine.dialect.name == "sqlite":
+        store.reserve.fill()
     _remove_old_logs(blobs, ended_job_retention_s)
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
 

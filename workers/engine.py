@@ -111,15 +111,19 @@ def stop(worker: Worker, patience_s: float = 15.0) -> None:
 
 
 @DBOS.workflow(name="make_scene", max_recovery_attempts=None)
-def make_scene(operation_id: str) -> str:
+def make_scene(operation_id: str, retries: int = 0) -> str:
     """Run one job from claim to end; runs again from its first unrecorded step after a crash.
+
+    Args:
+        operation_id: which job.
+        retries: how often it had been retried when this run of it was queued; each run is a workflow of its own.
 
     Returns:
         How it ended, for the engine's records; "over" if it was cancelled in the queue or had ended before a crash.
     """
     worker = _this_worker()
     with _exits_on_failure(worker, operation_id):
-        claim = worker.store.jobs.claim(operation_id)
+        claim = worker.store.jobs.claim(operation_id, retries)
         if claim is None:
             return "over"
         supervisor = Supervisor(worker.store, worker.settings, claim, worker.stages, worker.stopping)
@@ -188,11 +192,11 @@ def _repeat(worker: Worker, name: str, task: Callable[[Worker], None], interval_
 
 def _enqueue_waiting(worker: Worker) -> None:
     # An operation is acknowledged by its row alone; from there it reaches the engine here, once or several times:
-    # the engine takes an operation id only once.
-    for operation_id, priority in worker.store.jobs.waiting():
-        with SetWorkflowID(operation_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - priority):
-            DBOS.enqueue_workflow(_QUEUE, make_scene, operation_id)
-        worker.store.jobs.mark_enqueued(operation_id)
+    # the engine takes the id of a run only once.
+    for job in worker.store.jobs.waiting():
+        with SetWorkflowID(job.run_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - job.priority):
+            DBOS.enqueue_workflow(_QUEUE, make_scene, job.id, job.retries)
+        worker.store.jobs.mark_enqueued(job.id, job.retries)
 
 
 def _adopt_engine_log() -> None:
@@ -221,8 +225,9 @@ def _exit_if_fenced(worker: Worker) -> None:
 
 def _clean_up(worker: Worker) -> None:
     settings = worker.settings
-    remove_unneeded(worker.store, settings.uploads.expiry_s, settings.jobs.ended_job_retention_s)
-    _delete_engine_records(settings.jobs.ended_job_retention_s)
+    uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+    remove_unneeded(worker.store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+    _delete_engine_records(retention_s)
 
 
 def _clean_up_storage(worker: Worker) -> None:

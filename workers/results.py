@@ -87,7 +87,7 @@ def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
 def disk_full_error() -> ResourceError:
     """The error of a job that ends because the disk is full."""
     return ResourceError(
-        "the disk is full", field="data_dir", hint="Free space in the server's data folder, then post again."
+        "the disk is full", field="data_dir", hint="Free space in the server's data folder, then retry the operation."
     )
 
 

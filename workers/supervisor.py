@@ -54,7 +54,7 @@ class Supervisor:
         error = WorkerCrashedError(
             f"the worker died {limit} times while it ran this job, so it is not run again",
             limit=_start_limit(limit),
-            hint="Look into the worker's log for the reason, then post the capture again.",
+            hint="Look into the worker's log for the reason, then retry the operation.",
         )
         last_stage = next((stage for stage in STAGES if not (self._job.folder / stage).is_dir()), STAGES[-1])
         return error_to_json(error, last_stage, log=self._log_name())
@@ -225,6 +225,6 @@ def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:
     problem = ResourceError(
         f"the trainer cannot be started: {error.strerror}",
         field="data_dir",
-        hint="Free disk space and memory on the server, then post the capture again.",
+        hint="Free disk space and memory on the server, then retry the operation.",
     )
     return error_to_json(problem, stage)

@@ -52,6 +52,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
     "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
     "CancelOperation": (_WRITE, ("POST /v1/operations/{operation_id}:cancel",)),
+    "RetryOperation": (_WRITE, ("POST /v1/operations/{operation_id}:retry",)),
     "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
     "StreamQuery": (_WATCH, ()),
     "DownloadCameras": (_READ, ("GET /v1/scenes/{scene_id}/cameras",)),

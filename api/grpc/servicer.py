@@ -12,7 +12,7 @@ from google.protobuf import empty_pb2
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import receive_scene
-from fastsplat.api.operations import Operations
+from fastsplat.api.operation_watching import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError
@@ -130,6 +130,11 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Ask a job to stop."""
         async with guarded(context, "CancelOperation"):
             return await self._message(pb.Operation, lambda: self._service.cancel_operation(request.operation_id))
+
+    async def RetryOperation(self, request: pb.RetryOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+        """Queue a failed or cancelled job again."""
+        async with guarded(context, "RetryOperation"):
+            return await self._message(pb.Operation, lambda: self._service.retry_operation(request.operation_id))
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """The operation when it is done, or when the time is up."""

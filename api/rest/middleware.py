@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from fastsplat.api.access.access_log import log_request
 from fastsplat.api.errors import accepted_request_id
 from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
-from fastsplat.api.rest.request_heads import AmbiguousRequestError, check_head
+from fastsplat.api.rest.request_heads import check_header_count, find_ambiguity
 
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")
@@ -33,36 +33,38 @@ class OuterLayer:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        request_id = accepted_request_id(Headers(scope=scope).get("x-request-id", ""))
+        headers = Headers(scope=scope)
+        request_id = accepted_request_id(headers.get("x-request-id", ""))
         scope.setdefault("state", {})["request_id"] = request_id
         started = time.perf_counter()
         status = 0
-        ambiguous = False
+        ambiguity = find_ambiguity(headers, scope["http_version"])
 
         async def tagged_send(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = MutableHeaders(scope=message)
-                headers["X-Request-Id"] = request_id
-                headers["X-Content-Type-Options"] = "nosniff"
-                headers["Referrer-Policy"] = "no-referrer"
+                own = MutableHeaders(scope=message)
+                own["X-Request-Id"] = request_id
+                own["X-Content-Type-Options"] = "nosniff"
+                own["Referrer-Policy"] = "no-referrer"
                 if scope["scheme"] == "https":
-                    headers["Strict-Transport-Security"] = "max-age=31536000"
-                if ambiguous:
-                    headers["Connection"] = "close"
+                    own["Strict-Transport-Security"] = "max-age=31536000"
+                if ambiguity is not None:
+                    own["Connection"] = "close"
             await send(message)
 
         is_upload = _UPLOADS.fullmatch(f"{scope['method']} {scope['path']}") is not None
         try:
-            check_head(Headers(scope=scope), scope["http_version"])
+            if ambiguity is not None:
+                raise ambiguity
+            check_header_count(headers)
             await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
         except ClientDisconnect:
             _log.info("request %s: the client went away", request_id)
         except Exception as error:
             if status:
                 raise  # too late for another answer; the server closes the connection
-            ambiguous = isinstance(error, AmbiguousRequestError)
             await problem_response(request_id, error)(scope, receive, tagged_send)
         log_request(_log, request_id, scope["method"], scope["path"], status, started)
 

@@ -14,20 +14,32 @@ MAX_HEADERS = 100
 _HOST = re.compile(r"([\w.~-]+|\[[0-9A-Fa-f:.%]+\])(:[0-9]{1,5})?")
 
 
-class AmbiguousRequestError(InvalidInputError):
-    """A head that can be read in two ways; the connection is closed, as what follows may be part of either."""
-
-
-def check_head(headers: Headers, http_version: str) -> None:
-    """Check what the router does not look at.
+def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | None:
+    """What can be read in two ways; after the refusal the connection must end, as what follows may be part of either.
 
     Args:
         headers: of one request.
         http_version: "1.0", "1.1" or "2".
+    """
+    if "transfer-encoding" in headers and "content-length" in headers:
+        return InvalidInputError(
+            "a request with Transfer-Encoding and Content-Length",
+            field="content-length",
+            hint="Send one of the two.",
+        )
+    hosts = headers.getlist("host")
+    if (http_version == "1.0" and not hosts) or (len(hosts) == 1 and _HOST.fullmatch(hosts[0])):
+        return None
+    return InvalidInputError(
+        f"no host: {', '.join(hosts)[:80]!r}", field="host", hint="Send one Host header: a name, and a port."
+    )
+
+
+def check_header_count(headers: Headers) -> None:
+    """Check that a request has at most `MAX_HEADERS` headers.
 
     Raises:
-        AmbiguousRequestError: the body's length is said twice, or the host is none.
-        LimitExceededError: more than `MAX_HEADERS` headers.
+        LimitExceededError: it has more.
     """
     if len(headers.raw) > MAX_HEADERS:
         raise LimitExceededError(
@@ -35,17 +47,4 @@ def check_head(headers: Headers, http_version: str) -> None:
             field="headers",
             limit=f"{MAX_HEADERS} header lines",
             hint="Send only what the request needs.",
-        )
-    if "transfer-encoding" in headers and "content-length" in headers:
-        raise AmbiguousRequestError(
-            "a request with Transfer-Encoding and Content-Length",
-            field="content-length",
-            hint="Send one of the two.",
-        )
-    hosts = headers.getlist("host")
-    if http_version == "1.0" and not hosts:
-        return
-    if len(hosts) != 1 or _HOST.fullmatch(hosts[0]) is None:
-        raise AmbiguousRequestError(
-            f"no host: {', '.join(hosts)[:80]!r}", field="host", hint="Send one Host header: a name, and a port."
         )

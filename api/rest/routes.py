@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from fastsplat.api.operations import MAX_WAIT_S, Operations
+from fastsplat.api.operation_watching import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
@@ -182,5 +182,10 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def cancel_operation(request: Request, operation_id: str) -> Response:
         """Ask a job to stop; one that is over stays as it is."""
         return await json_of_call(request, threads, lambda: service.cancel_operation(operation_id))
+
+    @router.post("/operations/{operation_id}:retry", response_model=Operation)
+    async def retry_operation(request: Request, operation_id: str) -> Response:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
+        return await json_of_call(request, threads, lambda: service.retry_operation(operation_id))
 
     return router

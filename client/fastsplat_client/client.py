@@ -151,6 +151,11 @@ class Client:
         path = f"/v1/operations/{_in_path(operation_id)}:cancel"
         return read(Operation, self._transport.call("POST", path))
 
+    def retry(self, operation_id: str) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
+        path = f"/v1/operations/{_in_path(operation_id)}:retry"
+        return read(Operation, self._transport.call("POST", path))
+
     def watch(self, operation_id: str) -> Iterator[Operation]:
         """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
         path, last, failures = f"/v1/operations/{_in_path(operation_id)}/events", "", 0

@@ -13,7 +13,7 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.wire import Many, Request, Response, travels
 
-SceneState = Literal["TRAINING", "READY", "FAILED"]
+SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal["recolor", "remove", "move", "duplicate"]
 

@@ -69,12 +69,12 @@ class OpenScenes:
         """
         state, current, operation_id = self._store.scenes.current_version(scene_id)
         if state != "READY":
-            training = state == "TRAINING"
-            raise NotReadyError(
-                f"scene {scene_id!r} is still being made" if training else f"the job of scene {scene_id!r} failed",
-                field="scene",
-                hint=f"{'Wait for' if training else 'Look at the error of'} operation {operation_id}.",
-            )
+            problem, hint = {
+                "TRAINING": (f"scene {scene_id!r} is still being made", "Wait for"),
+                "FAILED": (f"the job of scene {scene_id!r} failed", "Look at the error of, or retry,"),
+                "CANCELLED": (f"the job of scene {scene_id!r} was cancelled", "Retry"),
+            }[state]
+            raise NotReadyError(problem, field="scene", hint=f"{hint} operation {operation_id}.")
         if version and version != current and not self._store.versions.known(scene_id, version):
             raise NotFoundError(
                 f"scene {scene_id!r} has no version {version[:80]!r}",

@@ -28,6 +28,7 @@ from fastsplat.service.application.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
     InvalidInputError,
@@ -76,7 +77,10 @@ class _Info:
 class ResumableUploads:
     """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
 
-    def __init__(self, blobs: Blobs, max_bytes: int, lifetime_s: float, quotas: Quotas | None = None) -> None:
+    def __init__(
+        self, blobs: Blobs, max_bytes: int, lifetime_s: float, quotas: Quotas | None = None, min_free_bytes: int = 0
+    ) -> None:
+        self._min_free_bytes = min_free_bytes
         self._blobs = blobs
         self._quotas = quotas
         self.max_bytes = max_bytes
@@ -95,7 +99,7 @@ class ResumableUploads:
             InvalidInputError: an unsafe name, or a negative length.
             LimitExceededError: longer than `max_bytes`.
             QuotaError: the key holds all that it may.
-            ResourceError: the disk is full.
+            ResourceError: the disk is full, or has too little space for it.
         """
         safe_parts(name)
         if length < 0:
@@ -109,6 +113,7 @@ class ResumableUploads:
             )
         if self._quotas is not None and self._quotas.bounded:
             self._quotas.check_room(owner, length + self._pending_bytes(owner))
+        check_free_space(self._blobs.root, self._min_free_bytes, length)
         upload_id = uuid.uuid4().hex
         folder = self._blobs.upload(upload_id)
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,7 +26,9 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
+from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList
@@ -52,7 +55,11 @@ class SceneService:
         """Edits of finished scenes."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, settings.uploads.expiry_s, self._quotas
+            store.blobs,
+            settings.capture.max_upload_bytes,
+            settings.uploads.expiry_s,
+            self._quotas,
+            settings.uploads.min_free_bytes,
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
@@ -82,8 +89,10 @@ class SceneService:
 
         Raises:
             QuotaError: the key holds all that it may.
+            ResourceError: the disk is almost full.
         """
         self._quotas.check_room(owner, 0)
+        check_free_space(self._store.blobs.root, self._settings.uploads.min_free_bytes)
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
         return UploadSession(upload_id, folder, self._settings.capture, owner)
@@ -144,10 +153,22 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        record = self._store.scenes.cancel(operation_id)
-        if record.state == "CANCELLED":
-            self._store.blobs.drop_upload(record.upload_id)
-        return operation_of(record)
+        return operation_of(self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id)))
+
+    def retry_operation(self, operation_id: str) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
+
+        Its scene is TRAINING again. Returns the operation as it now stands.
+
+        Raises:
+            NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more: that
+                of a failed or cancelled job is kept for `UploadSettings.failed_retention_s`.
+        """
+        record = self._store.scenes.operation(operation_id)
+        if record.state in ("FAILED", "CANCELLED") and record.upload_id not in self._store.blobs.ids("uploads"):
+            raise no_upload(operation_id)
+        ended_since = time.time() - self._settings.uploads.failed_retention_s
+        return operation_of(self._store.jobs.retry(operation_id, ended_since))
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
@@ -214,13 +235,14 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        operation = self._store.scenes.delete_scene(scene_id)
+        # On a full disk the row that frees space needs a little first.
+        operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         self._scenes.forget(scene_id)
-        self._store.versions.forget(scene_id)
+        self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             self._store.blobs.drop_upload(operation.upload_id)
-            remove(self._store.blobs.job(operation.id))
+            remove(self._store.blobs.job(operation.run_id))
             remove(self._store.blobs.log(operation.id))
 
 

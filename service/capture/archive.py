@@ -30,6 +30,8 @@ _DAMAGE = (
     struct.error,
     EOFError,
     NotImplementedError,
+    ValueError,  # tarfile's, of a sparse map that is none
+    OverflowError,
 )
 
 
@@ -80,6 +82,7 @@ class _Writer:
         self._archive, self._into, self._settings = archive.name, into, settings
         self._compressed = archive.stat().st_size
         self._names: set[tuple[str, ...]] = set()
+        self._folders: set[tuple[str, ...]] = set()
         self._entries = 0
         self._bytes = 0
 
@@ -113,6 +116,10 @@ class _Writer:
                 f"{self._archive}: two entries are called {name!r}", field=name, hint="Give every file its own name."
             )
         self._names.add(parts)
+        for depth in range(1, len(parts)):  # a folder costs as much as a file, and may be named by its content alone
+            if parts[:depth] not in self._folders:
+                self._folders.add(parts[:depth])
+                self.count_entry()
         if is_system_file(parts):
             return
         target = self._into.joinpath(*parts)
@@ -190,6 +197,8 @@ def _check_zip_overlap(raw: BinaryIO, entries: list[zipfile.ZipInfo], archive: s
     """Two entries that share bytes let a small file unpack to any size (https://www.bamsoftware.com/hacks/zipbomb)."""
     end = 0
     for entry in sorted(entries, key=lambda item: item.header_offset):
+        if entry.header_offset < 0:  # zipfile moves all offsets by how far the directory is from where it should be
+            raise zipfile.BadZipFile("the central directory is not where the archive's end says")
         raw.seek(entry.header_offset)
         header = raw.read(30)
         if len(header) < 30 or header[:4] != b"PK\x03\x04":

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
 
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
+from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -22,7 +23,7 @@ _POINTS = "points.safetensors"
 
 def save_capture(capture: Capture, folder: Path) -> None:
     """Write all of a capture but the views' own files, which lie below `folder` already."""
-    save_file({"points": capture.points, "point_colors": capture.point_colors}, folder / _POINTS)
+    write_arrays({"points": capture.points, "point_colors": capture.point_colors}, folder / _POINTS)
     labels = capture.given_labels
     document: dict[str, Any] = {
         "version": _VERSION,

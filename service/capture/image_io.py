@@ -72,10 +72,10 @@ def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
     return info
 
 
-def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
-    """The header of an image whose pixels may still be damaged. Raises as `check_image`."""
+def read_size(root: Path, name: str, settings: CaptureSettings) -> tuple[int, int]:
+    """(width, height) as stored, by the first bytes alone; nothing is decoded. Raises as `check_image`."""
     with _open(root / name, name, settings) as image:
-        return _info(image, name)
+        return image.width, image.height
 
 
 def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
-"""Runs the parsers of untrusted data in a child process with limits on memory and time.
+"""Runs the parsers of untrusted data in a child process with an empty environment, confined and limited.
 
-A crash ends one request, not the service. The child reports progress line by line and leaves its result as a file; see
+It has its own folder and what it is to read and write, no network and no secrets; see `service.capture.confinement`. A
+crash ends one request, not the service. The child reports progress line by line and leaves its result as a file; see
 `service.capture.sandbox_worker` for the other side.
 """
 
@@ -9,11 +10,13 @@ from __future__ import annotations
 import json
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,8 +34,14 @@ Listener = Callable[[float, str], None]
 _ENVIRONMENT = {
     "OMP_WAIT_POLICY": "passive",
     "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small, and threads for them would spin beside COLMAP's
-    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
+    # Playlists, and containers that refer to other files, are none of these formats.
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file|format_whitelist;mov,avi,matroska",
+    "LC_ALL": "C.UTF-8",
+    "PYTHONUTF8": "1",
+    "PATH": "/usr/bin:/bin",
 }
+_PASSED_ON = ("OMP_NUM_THREADS", "LD_LIBRARY_PATH")
+_WORKER = "fastsplat.service.capture.sandbox_worker"
 _HEARTBEAT_S = 2.0
 _OUT_OF_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror", "failed to map")
 _TRACEBACK_LINES = 60  # a library that cannot be loaded for want of memory says so at the head of its traceback
@@ -55,6 +64,10 @@ class _Limits:
     seconds_setting: str
 
     @property
+    def cpu_seconds(self) -> int:
+        return (self.seconds + 1) * (os.cpu_count() or 1)
+
+    @property
     def memory(self) -> str:
         return f"{self.memory_bytes} bytes ({self.memory_setting})"
 
@@ -72,7 +85,8 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> Validate
         FastSplatError: as `validate_upload`.
     """
     request = {"upload": str(upload_dir), "settings": settings.model_dump(mode="json")}
-    with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+    # Beside the upload: should this process be killed, it is removed with it.
+    with tempfile.TemporaryDirectory(prefix=".validation-", dir=upload_dir.parent) as folder:
         result = run_sandboxed("validate", request, Path(folder), settings, lambda fraction, message: check_cancelled())
     return ValidatedUpload(
         Path(result["folder"]),
@@ -97,29 +111,45 @@ def run_sandboxed(
     """
     limits = _limits(task, settings)
     description = {
-        "memory_bytes": limits.memory_bytes,
+        "limits": {
+            "memory_bytes": limits.memory_bytes,
+            "cpu_seconds": limits.cpu_seconds,
+            "file_bytes": settings.max_unpacked_bytes,
+        },
         "memory_limit": limits.memory,
         "description": _DESCRIPTIONS[task],
     }
     (folder / "request.json").write_text(json.dumps({**request, **description}))
     with (folder / "log.txt").open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "fastsplat.service.capture.sandbox_worker", task, str(folder), str(os.getpid())],
+            [sys.executable, "-P", "-m", _WORKER, task, str(folder), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=log,
-            env={**os.environ, **_ENVIRONMENT},
+            cwd=folder,
+            env=_environment(folder),
+            start_new_session=True,
         )
     try:
         _follow(process, task, limits, listen)
         status = process.wait()
     finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        _kill_group(process)
         if process.stdout is not None:
             process.stdout.close()
     return _result(task, status, folder, limits)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    passed_on = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    return {**passed_on, **_ENVIRONMENT, "HOME": str(folder), "TMPDIR": str(folder)}
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    """End the child and all that it started, which outlives it where it crashed."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def _limits(task: Task, settings: CaptureSettings) -> _Limits:
@@ -148,9 +178,7 @@ def _follow(process: subprocess.Popen[bytes], task: Task, limits: _Limits, liste
         selector.register(descriptor, selectors.EVENT_READ)
         while True:
             if time.monotonic() > deadline:
-                raise ResourceError(
-                    f"{_DESCRIPTIONS[task]} took too long", limit=limits.time, hint="Send fewer images."
-                )
+                raise _took_too_long(task, limits)
             if selector.select(_HEARTBEAT_S):
                 chunk = os.read(descriptor, 1 << 16)
                 if not chunk:
@@ -164,6 +192,10 @@ def _follow(process: subprocess.Popen[bytes], task: Task, limits: _Limits, liste
                 listen(*last)
 
 
+def _took_too_long(task: Task, limits: _Limits) -> ResourceError:
+    return ResourceError(f"{_DESCRIPTIONS[task]} took too long", limit=limits.time, hint="Send fewer images.")
+
+
 def _result(task: Task, status: int, folder: Path, limits: _Limits) -> dict[str, Any]:
     path = folder / "result.json"
     if status == 0 and path.is_file():
@@ -174,6 +206,8 @@ def _result(task: Task, status: int, folder: Path, limits: _Limits) -> dict[str,
         kind = getattr(errors, details.pop("type"))
         assert issubclass(kind, FastSplatError)
         raise kind(details.pop("message"), **details)
+    if status == -signal.SIGXCPU:
+        raise _took_too_long(task, limits)
     log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
     if status < 0 or any(sign in " ".join(log[-_TRACEBACK_LINES:]).lower() for sign in _OUT_OF_MEMORY_SIGNS):
         # C++ that gets no memory does not always say so: some of it writes through the null pointer.

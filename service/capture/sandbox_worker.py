@@ -5,30 +5,35 @@ Run as `python -m fastsplat.service.capture.sandbox_worker TASK FOLDER PARENT_PI
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
 import os
-import resource
 import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from fastsplat.service.capture.confinement import ResourceLimits, confine
 from fastsplat.service.common.process import die_with_parent
 from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _NICENESS = 5
+_READ = ("video", "image_folder")
+_WRITTEN = ("upload", "folder")
+"""Fields of a request that name what a task may read, and change."""
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main(task: str, folder: Path, parent_pid: int) -> None:
-    """Read `request.json`, run the task below its memory limit, write `result.json`."""
+    """Read `request.json`, run the task within its limits and its folders, write `result.json`."""
     die_with_parent(parent_pid)
     request: dict[str, Any] = json.loads((folder / "request.json").read_text())
-    memory_bytes, memory_limit = int(request.pop("memory_bytes")), request.pop("memory_limit")
+    limits, memory_limit = ResourceLimits(**request.pop("limits")), request.pop("memory_limit")
     description = request.pop("description")
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)  # stays: a task may start a child of its own with another limit
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    readable = [Path(request[name]) for name in _READ if name in request]
+    confine(limits, readable, [folder, *(Path(request[name]) for name in _WRITTEN if name in request)])
+    die_with_parent(parent_pid)  # again: the kernel forgets it where a process changes its credentials
     try:
         result = _run(task, request, folder)
     except FastSplatError as error:
@@ -39,6 +44,15 @@ def main(task: str, folder: Path, parent_pid: int) -> None:
             "message": f"{description} needs more memory than its limit",
             "limit": memory_limit,
             "hint": "Send fewer or smaller images, or raise the limit.",
+        }
+        result = {"error": {"type": ResourceError.__name__, **details}}
+    except OSError as error:
+        if error.errno not in _NO_ROOM:
+            raise
+        details = {
+            "message": f"{description} needs more room than is left on the server's disk, or than one file may have",
+            "field": "data_dir",
+            "hint": "Send fewer images, or free space in the server's data folder.",
         }
         result = {"error": {"type": ResourceError.__name__, **details}}
     partial = folder / "result.json.partial"

@@ -15,11 +15,16 @@ class CaptureSettings(BaseModel):
     max_unpacked_bytes: int = 8 * 2**30
     """Bytes of an archive's content."""
     max_entries: int = 20_000
-    """Files of one upload, and entries of an archive."""
+    """Files of one upload; entries of an archive, and the folders that they are in."""
     max_compression_ratio: int = 200
     """An archive that unpacks to more than so many times its size is refused as a decompression bomb."""
     max_image_pixels: int = 64_000_000
     """Width times height of an image or a video frame."""
+    max_pixels: int = 24_000_000_000
+    """Width times height of all images, masks and label maps of an upload together: 2,000 photos of 12 megapixels."""
+    max_pixels_per_byte: int = 200
+    """An upload with more pixels than so many times its bytes as sent is refused as a decompression bomb. A photo has
+    about 4, a synthetic image on a plain background up to 50. The first 256 megapixels are free."""
     max_images: int = 2_000
     """Images of one scene."""
     max_side: int = 1_600
@@ -39,8 +44,8 @@ class CaptureSettings(BaseModel):
 
     validation_memory_bytes: int = 6 * 2**30
     """Address space of the child process that checks an upload before it is acknowledged."""
-    validation_seconds: int = 900
-    """How long that check may take."""
+    validation_seconds: int = 60
+    """How long that check may take; its processor time is bounded by this on all cores."""
     concurrent_validations: int = Field(2, ge=1)
     """So many uploads are checked at the same time; more of them wait."""
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.archive import is_archive, unpack
 from fastsplat.service.capture.camera_model import aspect_error
 from fastsplat.service.capture.colmap_model import read_colmap
-from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_header
+from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_size
 from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
@@ -26,6 +26,7 @@ from fastsplat.service.common.file_names import common_folder, is_system_file
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
+_FREE_PIXELS = 256_000_000
 _VIDEO_SIGNATURES = (
     (4, b"ftyp"),
     (4, b"moov"),
@@ -56,9 +57,9 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpl
         if contents.source == "video":
             manifest = _validate_video(files, contents, settings)
         elif contents.source == "images":
-            manifest = _validate_images(files, contents, settings)
+            manifest = _validate_images(files, contents, _sent_bytes(upload_dir), settings)
         else:
-            manifest = _validate_posed(files, contents, settings)
+            manifest = _validate_posed(files, contents, _sent_bytes(upload_dir), settings)
         write_manifest(manifest, partial)
     has_labels = bool(manifest.label_maps)
     return ValidatedUpload(upload_dir / VALIDATED, manifest.source, len(manifest.photos), has_labels, manifest.warnings)
@@ -85,8 +86,7 @@ class ImageSizes(Mapping[str, tuple[int, int]]):
     def __getitem__(self, path: str) -> tuple[int, int]:
         if path not in self._paths:
             raise KeyError(path)
-        photo = read_header(self._files, path, self._settings)
-        return photo.width, photo.height
+        return read_size(self._files, path, self._settings)
 
     def __contains__(self, path: object) -> bool:
         return path in self._paths
@@ -145,7 +145,11 @@ def _validate_video(files: Path, contents: UploadContents, settings: CaptureSett
     return UploadManifest("video", video=contents.video, warnings=contents.warnings)
 
 
-def _validate_images(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
+def _validate_images(
+    files: Path, contents: UploadContents, sent_bytes: int, settings: CaptureSettings
+) -> UploadManifest:
+    maps = contents.label_maps if contents.labels else ()
+    _check_pixels(files, [*contents.images, *maps], sent_bytes, settings)
     photos = _check_images(files, contents.images, settings)
     if len(photos) < _MIN_IMAGES:
         raise InvalidInputError(
@@ -177,9 +181,14 @@ def _validate_images(files: Path, contents: UploadContents, settings: CaptureSet
     )
 
 
-def _validate_posed(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
+def _validate_posed(
+    files: Path, contents: UploadContents, sent_bytes: int, settings: CaptureSettings
+) -> UploadManifest:
     dataset = read_posed_dataset(files, contents, ImageSizes(files, contents.images, settings), settings)
     paths = tuple(sorted({image.path for image in dataset.images}))
+    maps = {name for image in dataset.images for name in (image.mask, image.label_map) if name is not None}
+    maps |= set(contents.label_maps if contents.labels else ())
+    _check_pixels(files, [*paths, *sorted(maps)], sent_bytes, settings)
     photo_by_path = {photo.path: photo for photo in _check_images(files, paths, settings)}
     blank_masks = 0
     for image in dataset.images:
@@ -240,14 +249,54 @@ def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSetti
     return bool(mask.any())
 
 
+def _sent_bytes(upload_dir: Path) -> int:
+    """Bytes of an upload as it was sent."""
+    own = (path for path in upload_dir.iterdir() if path.name != VALIDATED and not path.name.startswith("."))
+    paths = (path for top in own for path in (top, *top.rglob("*")))
+    return sum(path.stat().st_size for path in paths if path.is_file())
+
+
+def _check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: CaptureSettings) -> None:
+    """Refuse images by their headers, before any is decoded: a few bytes may claim many pixels.
+
+    Raises:
+        LimitExceededError: more than `max_images`, or more pixels than `max_pixels` or than their bytes allow.
+        CorruptImageError: one is no image.
+    """
+    if len(names) > 2 * settings.max_images:
+        raise _too_many_images(len(names), settings)
+    pixels, ratio = 0, settings.max_pixels_per_byte
+    for name in names:
+        width, height = read_size(files, name, settings)
+        pixels += width * height
+        if pixels > settings.max_pixels:
+            raise LimitExceededError(
+                "the images of the upload have too many pixels together",
+                field=name,
+                limit=f"{settings.max_pixels} pixels (FASTSPLAT_CAPTURE__MAX_PIXELS)",
+                hint="Send fewer or smaller images.",
+            )
+        if pixels > max(_FREE_PIXELS, ratio * sent_bytes):
+            raise LimitExceededError(
+                f"the images have more than {ratio} pixels a byte of the upload, as decompression bombs do",
+                field=name,
+                limit=f"{ratio} pixels a byte (FASTSPLAT_CAPTURE__MAX_PIXELS_PER_BYTE)",
+                hint="Send fewer or smaller images.",
+            )
+
+
+def _too_many_images(count: int, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"the upload has {count} images",
+        field="files",
+        limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
+        hint="Send fewer images.",
+    )
+
+
 def _check_images(files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> tuple[PhotoInfo, ...]:
     if len(paths) > settings.max_images:
-        raise LimitExceededError(
-            f"the upload has {len(paths)} images",
-            field="files",
-            limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-            hint="Send fewer images.",
-        )
+        raise _too_many_images(len(paths), settings)
     with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
         jobs = [pool.submit(check_image, files, path, settings) for path in paths]
         try:

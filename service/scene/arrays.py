@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
+from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.scene.types import F32, Evidence
 from fastsplat_contract.errors import SceneFileError
 
@@ -62,8 +62,12 @@ def check_evidence(evidence: Evidence, labels: int) -> str:
 
 
 def save_arrays(arrays: Mapping[str, Array], path: Path) -> None:
-    """Write arrays to `path`; the bytes depend on the arrays alone."""
-    save_file({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
+    """Write arrays to `path`; the bytes depend on the arrays alone.
+
+    Raises:
+        OSError: the disk is full, or cannot be written.
+    """
+    write_arrays({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
 
 
 def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:

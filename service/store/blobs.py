@@ -1,7 +1,7 @@
 """Folders under the data directory, and writes that survive a power cut.
 
-uploads/<upload id>     what a client sent, until its job is over
-jobs/<operation id>     a running job's stage results and checkpoints
+uploads/<upload id>     what a client sent, until its job has succeeded; a while longer if it failed or was cancelled
+jobs/<run id>           a running job's stage results and checkpoints
 scenes/<id>/<version>   finished artefacts, never changed once there
 logs/                   stderr of the trainers
 locks/<scene id>        held while a scene is edited
@@ -38,9 +38,9 @@ class Blobs:
         """Folder of one upload on this machine."""
         return self._folder("uploads", upload_id)
 
-    def job(self, operation_id: str) -> Path:
-        """Work folder of one job."""
-        return self._folder("jobs", operation_id)
+    def job(self, run_id: str) -> Path:
+        """Work folder of one run of a job."""
+        return self._folder("jobs", run_id)
 
     def log(self, operation_id: str) -> Path:
         """What the job's trainers wrote on stderr."""

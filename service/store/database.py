@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -81,6 +82,10 @@ def transaction(engine: Engine) -> Iterator[Connection]:
             "a value that the database cannot hold", hint="Send plain Unicode text without NUL, and usual numbers."
         ) from error
     except SQLAlchemyError as error:
+        if getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) == sqlite3.SQLITE_FULL:
+            raise DatabaseError(
+                "the disk of the database is full", hint="Delete scenes that are not needed any more, or free space."
+            ) from error
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
 
 

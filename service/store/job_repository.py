@@ -12,11 +12,13 @@ from sqlalchemy import Connection, Engine, Update, delete, exists, func, select,
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import OperationRecord, SceneSummary
-from fastsplat.service.store.scene_repository import as_operation
+from fastsplat.service.store.scene_repository import as_operation, no_operation
 from fastsplat.service.store.schema import operations, scenes
+from fastsplat_contract.errors import NotFoundError
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
+_RETRIED = ("FAILED", "CANCELLED")
 
 
 class FencedError(Exception):
@@ -38,23 +40,36 @@ class JobRepository:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
-    def waiting(self) -> Sequence[tuple[str, int]]:
-        """(id, priority) of queued operations that no job engine knows of yet, in the order to run them."""
-        query = select(operations.c.id, operations.c.priority).where(
-            operations.c.state == "QUEUED", operations.c.enqueued.is_(False)
-        )
+    def waiting(self) -> Sequence[OperationRecord]:
+        """Queued operations that no job engine knows of yet, in the order to run them."""
+        query = select(operations).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
         order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading() as connection:
-            return [(row.id, row.priority) for row in connection.execute(query.order_by(*order))]
+            return [as_operation(row) for row in connection.execute(query.order_by(*order)).mappings()]
 
-    def mark_enqueued(self, operation_id: str) -> None:
-        """Note that the job engine has the operation, durably."""
+    def mark_enqueued(self, operation_id: str, retries: int = 0) -> None:
+        """Note that the job engine has the operation, durably, if it was not cancelled and retried meanwhile."""
         with self._writing() as connection:
-            connection.execute(update(operations).where(operations.c.id == operation_id).values(enqueued=True))
+            here = operations.c.id == operation_id
+            row = connection.execute(select(operations).where(here).with_for_update()).mappings().first()
+            if row is not None and as_operation(row).retries == retries:
+                connection.execute(update(operations).where(here).values(enqueued=True))
 
-    def claim(self, operation_id: str) -> Claim | None:
-        """Start an attempt: counts one start and fences earlier claims. None if the operation is over or deleted."""
+    def claim(self, operation_id: str, retries: int = 0) -> Claim | None:
+        """Start an attempt: counts one start and fences earlier claims.
+
+        Args:
+            operation_id: which job.
+            retries: how often it had been retried when this run of it was queued.
+
+        Returns:
+            None if the operation is over or deleted, or this run of it was ended and the job retried since.
+        """
         with self._writing() as connection:
+            stored = connection.execute(select(operations).where(operations.c.id == operation_id).with_for_update())
+            before = stored.mappings().first()
+            if before is None or as_operation(before).retries != retries:
+                return None
             unfinished = update(operations).where(operations.c.id == operation_id, operations.c.state.in_(_UNFINISHED))
             values = {
                 "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1,
@@ -134,11 +149,46 @@ class JobRepository:
         """
         self._end(claim, "CANCELLED", None)
 
-    def over(self, operation_ids: Sequence[str]) -> frozenset[str]:
-        """Which of these operations have ended or do not exist."""
-        unfinished = select(operations.c.id).where(operations.c.state.in_(_UNFINISHED))
+    def retry(self, operation_id: str, ended_since: float) -> OperationRecord:
+        """Queue a failed or cancelled operation again; one in another state stays as it is.
+
+        Args:
+            operation_id: which.
+            ended_since: seconds since 1970; what ended before has lost its upload.
+
+        Returns:
+            The operation as it now is: QUEUED, without stages, error and starts, if it was failed or cancelled.
+
+        Raises:
+            NotFoundError: there is no such operation, or its scene or its upload is gone.
+        """
+        here = operations.c.id == operation_id
+        with self._writing() as connection:
+            row = connection.execute(select(operations).where(here).with_for_update()).mappings().first()
+            if row is None:
+                raise no_operation(operation_id)
+            record = as_operation(row)
+            if record.state not in _RETRIED:
+                return record
+            values = {"state": "TRAINING"}
+            if not connection.execute(update(scenes).where(scenes.c.id == record.scene_id).values(values)).rowcount:
+                raise NotFoundError(f"the scene of operation {operation_id!r} was deleted", field="operation")
+            if record.updated_at < ended_since:
+                raise no_upload(operation_id)
+            again = {
+                "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
+                "enqueued": False, "options": {**record.options, "retries": record.retries + 1},
+                "updated_at": time.time(),
+            }  # fmt: skip
+            connection.execute(update(operations).where(here).values(again))
+            return as_operation(connection.execute(select(operations).where(here)).mappings().one())
+
+    def over(self, run_ids: Sequence[str]) -> frozenset[str]:
+        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist."""
+        unfinished = select(operations).where(operations.c.state.in_(_UNFINISHED))
         with self._reading() as connection:
-            return frozenset(operation_ids) - frozenset(connection.scalars(unfinished))
+            running = frozenset(as_operation(row).run_id for row in connection.execute(unfinished).mappings())
+        return frozenset(run_ids) - running
 
     def delete_ended(self, before: float) -> None:
         """Delete operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
@@ -150,12 +200,25 @@ class JobRepository:
         with self._writing() as connection:
             connection.execute(without_scene)
 
-    def uploads(self) -> tuple[frozenset[str], frozenset[str]]:
-        """Uploads that a queued or running operation needs, and those whose operation has ended."""
+    def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
+        """Uploads that operations need, and those that they need no more.
+
+        Needed are those of queued and running operations, and of those that failed or were cancelled after
+        `ended_since` (seconds since 1970) and whose scene was not deleted: they may be retried.
+        """
+        rows = operations.c
+        query = select(rows.upload_id, rows.state, rows.updated_at, scenes.c.id.label("scene")).select_from(
+            operations.outerjoin(scenes, scenes.c.id == rows.scene_id)
+        )
         with self._reading() as connection:
-            rows = connection.execute(select(operations.c.upload_id, operations.c.state)).all()
-        needed = frozenset(upload_id for upload_id, state in rows if state in _UNFINISHED)
-        return needed, frozenset(upload_id for upload_id, _ in rows) - needed
+            stored = connection.execute(query).all()
+        needed = frozenset(
+            row.upload_id
+            for row in stored
+            if row.state in _UNFINISHED
+            or (row.state in _RETRIED and row.scene is not None and row.updated_at >= ended_since)
+        )
+        return needed, frozenset(row.upload_id for row in stored) - needed
 
     def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
         """Which of these scenes do not exist (any more)."""
@@ -167,7 +230,7 @@ class JobRepository:
             values = {"state": state, "error": error, "updated_at": time.time()}
             _execute_fenced(connection, claim, _fenced(claim).values(values))
             ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
-            connection.execute(ended.values(state="FAILED"))
+            connection.execute(ended.values(state=state))
 
 
 class JobMetrics:
@@ -190,6 +253,15 @@ class JobMetrics:
         )
         with self._reading() as connection:
             return [(row.id, row.updated_at, row.stages) for row in connection.execute(query)]
+
+
+def no_upload(operation_id: str) -> NotFoundError:
+    """The error for an operation that cannot be retried because its upload was removed."""
+    return NotFoundError(
+        f"the upload of operation {operation_id!r} is not stored any more",
+        field="operation",
+        hint="Post the capture again. How long uploads of failed jobs are kept: FASTSPLAT_UPLOADS__FAILED_RETENTION_S.",
+    )
 
 
 def _fenced(claim: Claim) -> Update:

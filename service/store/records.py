@@ -49,6 +49,20 @@ class OperationRecord:
     cancel_requested: bool
     priority: int
 
+    @property
+    def retries(self) -> int:
+        """How often the job was queued again after it had failed or was cancelled."""
+        return int(self.options.get("retries", 0))
+
+    @property
+    def run_id(self) -> str:
+        """Name of this run of the job, of its work folder and of the scene's version that it makes.
+
+        Each retry is a run of its own, so that what a late worker of an ended run writes or removes is not the next
+        run's.
+        """
+        return f"{self.id}.{self.retries}" if self.retries else self.id
+
 
 @dataclass(frozen=True)
 class NewJob:

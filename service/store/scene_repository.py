@@ -194,7 +194,7 @@ def _stop(connection: Connection, operation: OperationRecord) -> None:
     here = operations.c.id == operation.id
     queued = update(operations).where(here, operations.c.state == "QUEUED")
     if connection.execute(queued.values(state="CANCELLED", cancel_requested=True, updated_at=now)).rowcount:
-        connection.execute(update(scenes).where(scenes.c.operation_id == operation.id).values(state="FAILED"))
+        connection.execute(update(scenes).where(scenes.c.operation_id == operation.id).values(state="CANCELLED"))
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
     connection.execute(running.values(cancel_requested=True, updated_at=now))
@@ -203,10 +203,15 @@ def _stop(connection: Connection, operation: OperationRecord) -> None:
 def _operation(connection: Connection, operation_id: str) -> OperationRecord:
     row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().first()
     if row is None:
-        raise NotFoundError(
-            f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
-        )
+        raise no_operation(operation_id)
     return as_operation(row)
+
+
+def no_operation(operation_id: str) -> NotFoundError:
+    """The error for an unknown operation."""
+    return NotFoundError(
+        f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
+    )
 
 
 def as_operation(row: RowMapping) -> OperationRecord:

@@ -13,6 +13,7 @@ from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.object_store import open_blobs
 from fastsplat.service.store.quota_usage import QuotaUsage
+from fastsplat.service.store.reserve import Reserve
 from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import VersionRepository
@@ -32,6 +33,7 @@ class Store:
     keys: KeyRepository
     quota_usage: QuotaUsage
     blobs: Blobs
+    reserve: Reserve
     engine: Engine
 
     def close(self) -> None:
@@ -47,7 +49,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         ResourceError: the folder or the database cannot be used.
     """
     try:
-        data_dir.mkdir(parents=True, exist_ok=True)
+        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)  # the owner's alone, as all that is in it
     except OSError as error:
         raise ResourceError(
             f"the data folder cannot be made: {error.strerror}",
@@ -56,6 +58,9 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         ) from error
     engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
+    reserve = Reserve(data_dir.resolve())
+    if engine.dialect.name == "sqlite":
+        reserve.fill()
     return Store(
         scenes=SceneRepository(engine),
         versions=VersionRepository(engine),
@@ -65,5 +70,6 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         keys=KeyRepository(engine),
         quota_usage=QuotaUsage(engine),
         blobs=blobs,
+        reserve=reserve,
         engine=engine,
     )

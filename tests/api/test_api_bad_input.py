@@ -98,6 +98,7 @@ def test_unknown_names_are_not_found_everywhere(faces: Faces, scene_id: str) -> 
         lambda: stub.GetScene(pb.GetSceneRequest(scene_id="none")),
         lambda: stub.DeleteScene(pb.DeleteSceneRequest(scene_id="none")),
         lambda: stub.GetOperation(pb.GetOperationRequest(operation_id="none")),
+        lambda: stub.RetryOperation(pb.RetryOperationRequest(operation_id="none")),
         lambda: stub.CancelOperation(pb.CancelOperationRequest(operation_id="none")),
         lambda: list(stub.WatchOperation(pb.WatchOperationRequest(operation_id="none"))),
         lambda: list(stub.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id="none"))),

@@ -127,6 +127,13 @@ def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneServic
     assert (early.code, early.reason) == (409, "NOT_READY")
     cancelled = faces.rest.post(f"/v1/operations/{operation['id']}:cancel").json()
     assert cancelled["state"] == "CANCELLED" and cancelled["done"]
+    assert faces.rest.get(f"/v1/scenes/{operation['scene_id']}").json()["state"] == "CANCELLED"
+    late = rest_refusal(faces.rest.get("/query", params={"text": "mug", "scene": operation["scene_id"]}))
+    assert (late.code, late.reason) == (409, "NOT_READY") and "cancelled" in late.detail
+    again = faces.rest.post(f"/v1/operations/{operation['id']}:retry").json()
+    assert (again["id"], again["state"], again["done"]) == (operation["id"], "QUEUED", False)
+    assert faces.rpc.CancelOperation(pb.CancelOperationRequest(operation_id=operation["id"])).done
+    assert not faces.rpc.RetryOperation(pb.RetryOperationRequest(operation_id=operation["id"])).done
     assert faces.rest.delete(f"/v1/scenes/{operation['scene_id']}").status_code == 204
     assert faces.rest.get(f"/v1/scenes/{operation['scene_id']}").status_code == 404
 

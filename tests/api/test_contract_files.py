@@ -68,6 +68,7 @@ _TWINS = {
     "GET /v1/operations/{operation_id}:wait": "WaitOperation",
     "GET /v1/operations/{operation_id}/events": "WatchOperation",
     "POST /v1/operations/{operation_id}:cancel": "CancelOperation",
+    "POST /v1/operations/{operation_id}:retry": "RetryOperation",
     "GET /query": "Query",
     "POST /v1/scenes/{scene_id}:query": "Query",
     "GET /v1/scenes/{scene_id}/mask3d.bin": "Query",

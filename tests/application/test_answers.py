@@ -117,7 +117,7 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
             call()
         assert info.operation_id in caught.value.hint
     service.cancel_operation(info.operation_id)
-    with pytest.raises(NotReadyError, match="failed"):
+    with pytest.raises(NotReadyError, match="was cancelled"):
         calls[0]()
 
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.archive import unpack
@@ -170,6 +171,50 @@ def test_cut_short(form, upload, photo, settings, refused) -> None:
     folder = upload({f"photos.{form}": packed[: len(packed) // 2]})
     with refused(InvalidInputError, "photos"):
         validate_upload(folder, settings)
+
+
+def test_a_directory_that_is_not_where_the_archives_end_says(upload, photo, settings, refused) -> None:
+    packed = bytearray(_zip([("a.jpg", photo(1)), ("b.jpg", photo(2))]))
+    end = packed.rfind(b"PK\x05\x06")
+    struct.pack_into("<I", packed, end + 16, struct.unpack_from("<I", packed, end + 16)[0] + 1000)
+    folder = upload({"photos.zip": bytes(packed)})
+    with refused(InvalidInputError, "photos.zip"):
+        validate_upload(folder, settings)
+
+
+def test_a_tar_that_calls_a_photo_sparse(upload, photo, settings, refused) -> None:
+    member = _member("a.jpg")
+    sparse = {"major": "1", "minor": "0", "name": "x", "realsize": "1000"}
+    member.pax_headers = {f"GNU.sparse.{name}": value for name, value in sparse.items()}
+    folder = upload({"photos.tar": _tar([(member, photo(1)), (_member("b.jpg"), photo(2))])})
+    with refused(InvalidInputError, "photos.tar"):
+        validate_upload(folder, settings)
+
+
+def test_folders_count_as_entries(upload, photo, settings, refused) -> None:
+    deep = "/".join("abcdefghij")
+    entries = [(f"{number}/{deep}/a.txt", b"") for number in range(settings.max_entries // 10)]
+    folder = upload({"photos.zip": _zip([*entries, ("a.jpg", photo(1)), ("b.jpg", photo(2))])})
+    with refused(LimitExceededError, "MAX_ENTRIES"):
+        validate_upload(folder, settings)
+
+
+def test_images_of_far_more_pixels_than_bytes_are_refused_before_they_are_decoded(
+    upload, settings, refused, monkeypatch
+) -> None:
+    black = io.BytesIO()
+    Image.new("L", (8000, 8000)).save(black, "PNG")
+    folder = upload({"photos.zip": _zip([(f"{number}.png", black.getvalue()) for number in range(5)])})
+    allowed = settings.model_copy(update={"max_compression_ratio": 10**9})
+    monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("it was decoded"))
+    with refused(LimitExceededError, "MAX_PIXELS_PER_BYTE"):
+        validate_upload(folder, allowed)
+
+
+def test_more_pixels_than_an_upload_may_have(upload, photo, settings, refused) -> None:
+    folder = upload({f"{number}.jpg": photo(number) for number in range(3)})
+    with refused(LimitExceededError, "MAX_PIXELS)"):
+        validate_upload(folder, settings.model_copy(update={"max_pixels": 64 * 48 * 2}))
 
 
 def test_unsupported_kind(upload, settings, refused) -> None:

@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -20,7 +21,7 @@ from fastsplat.service.capture import sandbox, validate_upload
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import Cancellation, cancellable
-from fastsplat_contract.errors import CancelledError, FastSplatError, ResourceError
+from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
 
 
 def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
@@ -110,6 +111,8 @@ def test_the_child_runs_in_the_environment_of_the_sandbox(tmp_path: Path, monkey
     _photos(tmp_path / "upload")
     monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    monkeypatch.setenv("FASTSPLAT_DATABASE_URL", "postgresql://user:secret@host/name")
+    monkeypatch.setenv("A_SECRET", "of another program")
     environments: list[list[bytes]] = []
 
     def listen(fraction: float, message: str) -> None:
@@ -120,18 +123,53 @@ def test_the_child_runs_in_the_environment_of_the_sandbox(tmp_path: Path, monkey
     request = {"upload": str(tmp_path / "upload"), "settings": settings.model_dump(mode="json")}
     sandbox.run_sandboxed("validate", request, tmp_path / "task", settings, listen)
     assert environments
-    for entry in (
-        b"OPENBLAS_NUM_THREADS=1",
-        b"OMP_WAIT_POLICY=passive",
-        b"OPENCV_FFMPEG_CAPTURE_OPTIONS=protocol_whitelist;file",
-    ):
-        assert entry in environments[-1]  # the first may be that of a child before its exec
+    last = environments[-1]  # the first may be that of a child before its exec
+    for entry in (b"OPENBLAS_NUM_THREADS=1", b"OMP_WAIT_POLICY=passive"):
+        assert entry in last
+    assert any(entry.startswith(b"OPENCV_FFMPEG_CAPTURE_OPTIONS=protocol_whitelist;file|") for entry in last)
+    known = {*sandbox._ENVIRONMENT, *sandbox._PASSED_ON, "HOME", "TMPDIR", ""}
+    assert {entry.partition(b"=")[0].decode() for entry in last} <= known
+
+
+def _probe(video: Path, work: Path, settings: CaptureSettings) -> dict[str, int]:
+    work.mkdir()
+    request = {"video": str(video), "name": video.name, **settings.model_dump()}
+    return sandbox.run_sandboxed("probe", request, work, settings, lambda fraction, message: None)
+
+
+def test_a_playlist_called_video_gets_nothing_of_the_video_that_it_names(tmp_path: Path) -> None:
+    clip, playlist = tmp_path / "clip.avi", tmp_path / "playlist.avi"
+    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    for number in range(4):
+        writer.write(np.full((48, 64, 3), 60 * number, np.uint8))
+    writer.release()
+    playlist.write_text("ffconcat version 1.0\nfile clip.avi\n")
+    assert _probe(clip, tmp_path / "one", CaptureSettings()) == {"width": 64, "height": 48}
+    with pytest.raises(InvalidInputError):
+        _probe(playlist, tmp_path / "other", CaptureSettings())
+
+
+def test_a_full_disk_is_a_typed_error(tmp_path: Path) -> None:
+    """A bound on the size of a file stands for the disk's end: the same code meets EFBIG and ENOSPC."""
+    upload, work = tmp_path / "upload", tmp_path / "work"
+    upload.mkdir()
+    work.mkdir()
+    with zipfile.ZipFile(upload / "capture.zip", "w") as archive:
+        archive.writestr("a.jpg", _photo(1, (640, 480)))
+        archive.writestr("b.jpg", _photo(2))
+    request = {"upload": str(upload), "settings": CaptureSettings().model_dump(mode="json")}
+    small = CaptureSettings(max_unpacked_bytes=20_000)
+    with pytest.raises(ResourceError) as caught:
+        sandbox.run_sandboxed("validate", request, work, small, lambda fraction, message: None)
+    assert "disk" in caught.value.message and caught.value.hint
+    assert [path.name for path in upload.iterdir()] == ["capture.zip"]
 
 
 def test_a_child_whose_parent_died_before_it_looked_does_nothing(tmp_path: Path) -> None:
     over = subprocess.Popen([sys.executable, "-c", ""])
     over.wait()
-    limits = {"memory_bytes": 6 << 30, "memory_limit": "", "description": ""}
+    bounds = {"memory_bytes": 6 << 30, "cpu_seconds": 600, "file_bytes": 1 << 30}
+    limits = {"limits": bounds, "memory_limit": "", "description": ""}
     upload = tmp_path / "upload"
     upload.mkdir()
     _photos(upload)

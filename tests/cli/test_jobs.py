@@ -71,6 +71,13 @@ def test_ids_can_be_copied_from_a_narrow_terminal_and_everything_is_there_as_jso
     assert json.loads(fastsplat("jobs", "list", "--json", "--state", "running").stdout) == []
 
 
+def test_a_failed_job_is_queued_again_if_its_upload_is_there(fastsplat, tmp_path):
+    assert isinstance(fastsplat("jobs", "retry", BAD).exception, NotFoundError)
+    (tmp_path / "uploads" / BAD).mkdir(parents=True)
+    assert "QUEUED" in fastsplat("jobs", "retry", BAD).stdout
+    assert json.loads(fastsplat("jobs", "list", "--json", "--state", "failed").stdout) == []
+
+
 def test_the_version_is_that_of_the_distribution(fastsplat):
     assert fastsplat("--version").stdout.split() == ["fastsplat", version("fastsplat")]
 

@@ -54,6 +54,7 @@ _NOT_IN_PYTHON = {
     "ListObjectsRequest",
     "ListScenesRequest",
     "ListVersionsRequest",
+    "RetryOperationRequest",
     "WaitOperationRequest",
     "WatchOperationRequest",
     # how a stream is cut into messages

@@ -113,7 +113,7 @@ def test_what_the_first_release_stored_is_there_and_goes_on(empty: Engine, tmp_p
     scene = store.scenes.scene("done")
     assert (scene.name, scene.state, scene.gaussians, scene.quality) == ("desk", "READY", 7, {"psnr": 30.0})
     assert store.scenes.operation("op_done").priority == 0
-    assert list(store.jobs.waiting()) == [("op_new", 0)]
+    assert [(job.id, job.priority) for job in store.jobs.waiting()] == [("op_new", 0)]
     claim = store.jobs.claim("op_new")
     assert claim is not None and claim.operation.options["labels"] == ["mug"]
     store.close()
@@ -133,7 +133,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     usage = store.quota_usage.of("0123456789ab")
     assert (usage.scenes, usage.stored_bytes, usage.queued_jobs) == (1, 4096, 0)
     assert [worker.heartbeat_at for worker in store.workers.list_workers()] == [1000.5]
-    assert list(store.jobs.waiting()) == [("op_new", 5)]
+    assert [(job.id, job.priority) for job in store.jobs.waiting()] == [("op_new", 5)]
     options = options_from_json(store.scenes.operation("op_new").options)
     assert (options.labels, options.preset, options.max_gaussians) == (("mug",), "draft", 500)
     store.close()

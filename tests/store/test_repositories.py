@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -113,7 +114,66 @@ def test_a_cancellation_that_came_first_wins_over_success(store):
     with pytest.raises(FencedError):
         store.jobs.succeed(claim, SUMMARY)
     store.jobs.cancelled(claim)
+    assert store.scenes.scene("scene1").state == "CANCELLED"
+
+
+def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store):
+    store.scenes.create(job(1))
+    old = store.jobs.claim("op1")
+    store.jobs.report(old, [{"stage": "capture", "fraction": 1.0, "message": "", "seconds": 1.0, "metrics": {}}])
+    store.jobs.fail(old, {"reason": "WORKER_CRASHED"})
     assert store.scenes.scene("scene1").state == "FAILED"
+
+    again = store.jobs.retry("op1", ended_since=0.0)
+
+    assert (again.state, again.starts, again.stages, again.error, again.retries) == ("QUEUED", 0, [], None, 1)
+    assert again.run_id != old.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
+    store.jobs.mark_enqueued("op1")  # of the ended run: says nothing of this one
+    assert [record.id for record in store.jobs.waiting()] == ["op1"]
+    assert store.jobs.claim("op1") is None
+    claim = store.jobs.claim("op1", retries=1)
+    for write in (store.jobs.cancelled, lambda claim: store.jobs.succeed(claim, SUMMARY)):
+        with pytest.raises(FencedError):
+            write(old)
+    store.jobs.succeed(claim, SUMMARY)
+    assert store.jobs.retry("op1", ended_since=0.0).state == "SUCCEEDED"
+
+
+def test_a_job_cancelled_in_the_queue_can_be_retried_and_one_that_waits_or_runs_stays_as_it_is(store):
+    store.scenes.create(job(1))
+    assert store.scenes.cancel("op1").state == "CANCELLED" and store.scenes.scene("scene1").state == "CANCELLED"
+    again = store.jobs.retry("op1", ended_since=0.0)
+    assert again.state == "QUEUED" and not again.cancel_requested
+    assert store.jobs.retry("op1", ended_since=0.0) == again
+    claim = store.jobs.claim("op1", retries=1)
+    assert store.jobs.retry("op1", ended_since=0.0).attempt == claim.attempt
+
+
+def test_what_has_no_scene_or_no_upload_any_more_is_not_retried(store):
+    store.scenes.create(job(1))
+    store.scenes.cancel("op1")
+    with pytest.raises(NotFoundError):
+        store.jobs.retry("op1", ended_since=time.time() + 60)
+    assert store.scenes.operation("op1").state == store.scenes.scene("scene1").state == "CANCELLED"
+    store.scenes.delete_scene("scene1")
+    with pytest.raises(NotFoundError):
+        store.jobs.retry("op1", ended_since=0.0)
+    with pytest.raises(NotFoundError):
+        store.jobs.retry("none", ended_since=0.0)
+
+
+def test_uploads_of_failed_and_cancelled_jobs_are_needed_for_a_while_and_while_their_scene_is_there(store):
+    for number in range(1, 5):
+        store.scenes.create(job(number))
+    store.jobs.fail(store.jobs.claim("op1"), {})
+    store.scenes.cancel("op2")
+    store.jobs.succeed(store.jobs.claim("op3"), SUMMARY)
+    uploads = {number: store.scenes.operation(f"op{number}").upload_id for number in range(1, 5)}
+    needed, unneeded = store.jobs.uploads(ended_since=time.time() - 60)
+    assert (needed, unneeded) == ({uploads[1], uploads[2], uploads[4]}, {uploads[3]})
+    assert store.jobs.uploads(ended_since=time.time() + 60)[0] == {uploads[4]}
+    store.scenes.delete_scene("scene2")
+    assert store.jobs.uploads(ended_since=time.time() - 60)[0] == {uploads[1], uploads[4]}
 
 
 def test_success_of_a_deleted_scene_shows_nothing(store):
@@ -202,7 +262,8 @@ _CALLS = {
     "jobs.cancelled": lambda store, claim: store.jobs.cancelled(claim),
     "jobs.over": lambda store, claim: store.jobs.over(["op1"]),
     "jobs.delete_ended": lambda store, claim: store.jobs.delete_ended(0.0),
-    "jobs.uploads": lambda store, claim: store.jobs.uploads(),
+    "jobs.uploads": lambda store, claim: store.jobs.uploads(0.0),
+    "jobs.retry": lambda store, claim: store.jobs.retry("op1", 0.0),
     "jobs.unknown_scenes": lambda store, claim: store.jobs.unknown_scenes(["scene1"]),
     "workers.update_heartbeat": lambda store, claim: store.workers.update_heartbeat("a", "host", 1),
     "workers.list_workers": lambda store, claim: store.workers.list_workers(),

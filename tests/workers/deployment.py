@@ -206,6 +206,10 @@ class Deployment:
         wanted = {name for record in records for name in (record.id, record.upload_id)}
         return [name for name in names if not of or name in wanted]
 
+    def uploads_of(self, *of: Operation) -> list[str]:
+        """Ids of the uploads of these jobs."""
+        return sorted(self.service._store.scenes.operation(operation.id).upload_id for operation in of)
+
     @staticmethod
     def wait_for(what: Callable[[], object], patience_s: float = _PATIENCE_S) -> None:
         """Return once `what()` is true; fail the test if it never is."""

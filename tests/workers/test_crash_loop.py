@@ -45,7 +45,8 @@ def test_thirty_kills_lose_nothing_and_leave_nothing(deployment: Deployment) -> 
     # Stages that a crash cut off ran again; nothing ran beside itself, and nothing after its end.
     for operation in operations:
         assert deployment.orderly(operation)
-    remove_unneeded(deployment.service._store, upload_expiry_s=-1, ended_job_retention_s=3600)
+    store = deployment.service._store
+    remove_unneeded(store, upload_expiry_s=-1, ended_job_retention_s=3600, failed_upload_retention_s=-1)
     deployment.wait_for(lambda: deployment.left_over() == [])
 
 

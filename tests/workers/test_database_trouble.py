@@ -40,7 +40,8 @@ def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, d
         assert deployment.wait_over(operation).state == "SUCCEEDED"
     assert worker.poll() is None
     assert all(len(deployment.visits(stage)) == 2 for stage in STAGES)
-    remove_unneeded(deployment.service._store, upload_expiry_s=-1, ended_job_retention_s=60)
+    store = deployment.service._store
+    remove_unneeded(store, upload_expiry_s=-1, ended_job_retention_s=60, failed_upload_retention_s=-1)
     deployment.wait_for(lambda: deployment.left_over() == [])
 
 
@@ -56,7 +57,7 @@ def test_a_trainer_that_fills_its_disk_ends_with_that_reason_and_the_next_job_go
     assert deployment.service.get_scene(large.scene_id).state == "FAILED"
     assert deployment.wait_over(small).state == "SUCCEEDED"
     assert deployment.service._store.blobs.ids("scenes") == (small.scene_id,)
-    deployment.wait_for(lambda: deployment.left_over() == [])
+    deployment.wait_for(lambda: deployment.left_over() == deployment.uploads_of(large))
 
 
 def test_a_full_disk_under_the_database_refuses_a_job_whole_and_takes_it_once_there_is_room(tmp_path):

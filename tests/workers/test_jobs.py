@@ -52,7 +52,7 @@ def test_a_job_that_always_kills_its_trainer_fails_and_the_next_goes_on(shared_d
     assert len(deployment.visits("training", poison)) == 3
     assert deployment.service.get_scene(poison.scene_id).state == "FAILED"
     assert deployment.wait_over(good).state == "SUCCEEDED"
-    deployment.wait_for(lambda: deployment.left_over(poison, good) == [])
+    deployment.wait_for(lambda: deployment.left_over(poison, good) == deployment.uploads_of(poison))
 
 
 @pytest.mark.parametrize(
@@ -74,6 +74,8 @@ def test_a_failure_says_what_where_and_what_to_do(shared_deployment, order, reas
     assert over.error.details["hint"]
     assert len(deployment.visits(stage, operation)) == 1  # what would fail again is not tried again
     assert deployment.service.get_scene(operation.scene_id).state == "FAILED"
+    deployment.wait_for(lambda: deployment.left_over(operation) == deployment.uploads_of(operation))
+    deployment.service.delete_scene(operation.scene_id)
     deployment.wait_for(lambda: deployment.left_over(operation) == [])
 
 
@@ -83,7 +85,6 @@ def test_cancelled_in_the_queue_never_runs_and_cancelled_while_running_the_train
     trainer = deployment.wait_in("training", running)
 
     assert deployment.service.cancel_operation(queued.id).state == "CANCELLED"
-    assert deployment.left_over(queued) == []
     deployment.service.cancel_operation(running.id)
 
     deployment.wait_for(lambda: not deployment.is_alive(trainer))  # it would sleep for ten minutes
@@ -92,7 +93,15 @@ def test_cancelled_in_the_queue_never_runs_and_cancelled_while_running_the_train
     assert deployment.visits("capture", queued) == []
     for operation in (running, queued):
         assert deployment.state(operation) == "CANCELLED"
-        assert deployment.service.get_scene(operation.scene_id).state == "FAILED"
+        assert deployment.service.get_scene(operation.scene_id).state == "CANCELLED"
+    deployment.wait_for(lambda: deployment.left_over(running) == deployment.uploads_of(running))
+
+    assert deployment.service.retry_operation(queued.id).state == "QUEUED"
+    assert deployment.wait_over(queued).state == "SUCCEEDED"
+    assert deployment.service.retry_operation(running.id).state == "QUEUED"
+    deployment.wait_in("training", running, visit=2)
+    deployment.service.delete_scene(running.scene_id)
+    assert deployment.service.get_scene(queued.scene_id).state == "READY"
     deployment.wait_for(lambda: deployment.left_over(running, queued) == [])
 
 
@@ -143,6 +152,7 @@ def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(shared_dep
 
 def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(shared_deployment):
     deployment = shared_deployment
+    before = deployment.left_over()
     barrier = threading.Barrier(6)
 
     def post(_: int) -> str:
@@ -158,7 +168,7 @@ def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(s
     with pytest.raises(ConflictError):
         deployment.post(request_id="once")
     assert all(len(deployment.visits(stage, operation)) == 1 for stage in STAGES)
-    deployment.wait_for(lambda: deployment.left_over() == [])
+    deployment.wait_for(lambda: deployment.left_over() == before)
 
 
 def test_higher_priorities_run_first_and_equal_ones_in_the_order_of_arrival(shared_deployment):

@@ -43,6 +43,7 @@ class _SceneStateEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_SceneState
     SCENE_STATE_TRAINING: _SceneState.ValueType  # 1
     SCENE_STATE_READY: _SceneState.ValueType  # 2
     SCENE_STATE_FAILED: _SceneState.ValueType  # 3
+    SCENE_STATE_CANCELLED: _SceneState.ValueType  # 4
 
 class SceneState(_SceneState, metaclass=_SceneStateEnumTypeWrapper): ...
 
@@ -50,6 +51,7 @@ SCENE_STATE_UNSPECIFIED: SceneState.ValueType  # 0
 SCENE_STATE_TRAINING: SceneState.ValueType  # 1
 SCENE_STATE_READY: SceneState.ValueType  # 2
 SCENE_STATE_FAILED: SceneState.ValueType  # 3
+SCENE_STATE_CANCELLED: SceneState.ValueType  # 4
 Global___SceneState: _TypeAlias = SceneState  # noqa: Y015
 
 class _Scale:
@@ -1256,6 +1258,25 @@ class CancelOperationRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___CancelOperationRequest: _TypeAlias = CancelOperationRequest  # noqa: Y015
+
+@_typing.final
+class RetryOperationRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
+    operation_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        operation_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RetryOperationRequest: _TypeAlias = RetryOperationRequest  # noqa: Y015
 
 @_typing.final
 class WatchOperationRequest(_message.Message):

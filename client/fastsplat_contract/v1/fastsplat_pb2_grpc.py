@@ -95,6 +95,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.RetryOperation = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RetryOperation',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
         self.WaitOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/WaitOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.SerializeToString,
@@ -222,6 +227,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def RetryOperation(self, request, context):
+        """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def WaitOperation(self, request, context):
         """The operation as soon as it is done, or as it stands when the time is up.
         """
@@ -340,6 +352,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'CancelOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.CancelOperation,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'RetryOperation': grpc.unary_unary_rpc_method_handler(
+                    servicer.RetryOperation,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'WaitOperation': grpc.unary_unary_rpc_method_handler(
@@ -706,6 +723,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/CancelOperation',
             fastsplat_dot_v1_dot_fastsplat__pb2.CancelOperationRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RetryOperation(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RetryOperation',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,

@@ -68,6 +68,8 @@ class SceneServiceStub:
     ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
     """Operations in pages (AIP-158), newest first."""
     CancelOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]
+    RetryOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RetryOperationRequest, _fastsplat_pb2.Operation]
+    """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
     WaitOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]
@@ -114,6 +116,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
     """Operations in pages (AIP-158), newest first."""
     CancelOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    RetryOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RetryOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
     WaitOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
@@ -229,6 +233,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _fastsplat_pb2.CancelOperationRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]: ...
+
+    @_abc_1.abstractmethod
+    def RetryOperation(
+        self,
+        request: _fastsplat_pb2.RetryOperationRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
 
     @_abc_1.abstractmethod
     def WaitOperation(

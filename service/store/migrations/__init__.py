@@ -47,6 +47,14 @@ def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
         _upgrade(connection, scripts, newest)
 
 
+def revisions(connection: Connection) -> tuple[int, int]:
+    """The schema version of a database, and this release's; 0 for a new database."""
+    stored = _revision(connection)
+    if stored is None and inspect(connection).has_table(operations.name):
+        stored = _BEFORE_ALEMBIC
+    return int(stored or 0), int(_newest(_SCRIPTS))
+
+
 def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
     from alembic import command  # a database that is of this release already does without
     from alembic.config import Config

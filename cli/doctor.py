@@ -1,0 +1,106 @@
+"""`fastsplat doctor`: what is wrong with the data folder."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.checkup import (
+    Problem,
+    check_artefacts,
+    check_database,
+    check_folder,
+    check_left_over,
+    mend_folder,
+)
+from fastsplat.workers.cleanup import remove_unneeded
+from fastsplat_contract.errors import NotFoundError, SceneFileError
+
+
+def doctor(
+    repair: Annotated[bool, typer.Option("--repair", help="Mend what can be mended without a decision.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of lines.")] = False,
+) -> None:
+    """Say what is wrong with the data folder; exit with 1 if anything is. The service may run meanwhile."""
+    settings = load_settings()
+    if not settings.data_dir.is_dir():
+        raise NotFoundError(
+            f"there is no data folder {settings.data_dir}", field="data_dir", hint="Set FASTSPLAT_DATA_DIR."
+        )
+    problems = _examine(settings)
+    if repair and any(problem.mendable for problem in problems):
+        _mend(settings, problems)
+        problems = _examine(settings)
+    if as_json:
+        typer.echo(json.dumps([asdict(problem) for problem in problems], indent=2))
+    else:
+        for problem in problems:
+            mendable = " Mended by --repair." if problem.mendable else ""
+            typer.echo(f"{problem.place or settings.data_dir}: {problem.message}. {problem.hint}{mendable}".rstrip())
+        if not problems:
+            typer.echo("Nothing is wrong.")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _examine(settings: Settings) -> Sequence[Problem]:
+    problems = [
+        *check_folder(settings.data_dir, settings.uploads.min_free_bytes),
+        *check_database(settings.data_dir, settings.database_url),
+    ]
+    if any(problem.place in ("database", "fastsplat.sqlite") and "mode" not in problem.message for problem in problems):
+        return problems  # the rows cannot be read
+    store = _open(settings)
+    try:
+        ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
+        failed_since = time.time() - settings.uploads.failed_retention_s
+        problems += check_artefacts(store, _check_version)
+        problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
+    finally:
+        store.close()
+    return problems
+
+
+def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
+    mend_folder(settings.data_dir)
+    if any(problem.place in ("database", "fastsplat.sqlite") and not problem.mendable for problem in problems):
+        return
+    store = _open(settings)  # brings an older schema to this release's
+    try:
+        uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+        remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+        store.blobs.remove_partial(settings.artefacts.partial_expiry_s)
+    finally:
+        store.close()
+
+
+def _open(settings: Settings) -> Store:
+    return open_store(settings.data_dir, settings.database_url, settings.artefacts)
+
+
+def _check_version(folder: Path) -> None:
+    """Read a version as serving does, every byte against its digest, and the files beside it.
+
+    Raises:
+        FastSplatError: it is damaged.
+    """
+    from fastsplat.service.scene import read_ply, read_scene
+
+    arrays = vars(read_scene(folder / "artefact").gaussians)
+    exported = vars(read_ply(folder / "scene.ply"))
+    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+        if not np.array_equal(arrays[name], exported[name]):
+            raise SceneFileError(f"scene.ply has other {name} than the scene", field="scene.ply")
+    try:
+        json.loads((folder / "summary.json").read_text())
+    except (OSError, ValueError) as error:
+        raise SceneFileError("summary.json cannot be read", field="summary.json") from error

@@ -1,0 +1,29 @@
+"""Writes arrays as safetensors files."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import save_file
+
+
+def write_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write contiguous arrays to `path`; the bytes depend on the arrays alone.
+
+    Raises:
+        OSError: the disk is full, or cannot be written. The library reports that as an error of its own, with the
+            system's number in its text.
+    """
+    try:
+        save_file(dict(arrays), path)
+    except SafetensorError as error:
+        code = re.search(r"\(os error (\d+)\)", str(error))
+        if code is None:
+            raise
+        raise OSError(int(code[1]), os.strerror(int(code[1])), str(path)) from error

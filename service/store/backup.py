@@ -1,0 +1,321 @@
+"""Backups of a data folder while the service runs, and their restoration.
+
+A backup is a folder:
+
+    backup.json           what it holds, with sizes and digests; written last, so that a folder without it is no backup
+    fastsplat.sqlite      the database (SQLite's backup API), or
+    postgresql.dump       PostgreSQL's own dump (`pg_dump --format=custom`)
+    files/                versions of scenes and uploads of unfinished jobs, as in the data folder: hard links where the
+                          backup lies on the same disk (they never change once there), copies elsewhere
+    files/key             the first key
+
+Rows are saved first and files after, so what a row names is there, or was deleted meanwhile; in the latter case both
+are saved again. What is not saved: stage results of running jobs (which start over), uploads of failed jobs and those
+that are not whole, logs, and the job engine's own database, which is made anew from the rows. With an object store,
+scenes and uploads stay there, and its own versioning is their backup.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import sqlite3
+import subprocess
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from sqlalchemy import URL, create_engine, delete, select, text, update
+
+from fastsplat.service.common.atomic import atomic_file, sync_directory, sync_tree
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.object_store import ObjectStoreBlobs
+from fastsplat.service.store.schema import operations, scene_versions, scenes, workers
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
+
+_MANIFEST, _SQLITE, _DUMP, _FILES, _KEY = "backup.json", "fastsplat.sqlite", "postgresql.dump", "files", "key"
+_FORMAT = 1
+_TRIES = 5
+_UNFINISHED = ("QUEUED", "RUNNING")
+
+
+@dataclass(frozen=True)
+class BackupReport:
+    """What a backup holds.
+
+    Attributes:
+        scenes, versions, uploads: how many were saved.
+        bytes: of all files.
+        missing: folders that the database names and that are not there, e.g. "scenes/a/b"; the data folder is damaged.
+    """
+
+    scenes: int
+    versions: int
+    uploads: int
+    bytes: int
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    size: int
+    sha256: str
+
+
+def back_up(store: Store, data_dir: Path, database_url: str, target: Path) -> BackupReport:
+    """Save everything durable of a data folder to `target`, a new folder; the service may run meanwhile.
+
+    Raises:
+        ConflictError: `target` is there already.
+        ResourceError: the disk is full, or PostgreSQL's `pg_dump` is not installed or fails.
+        DatabaseError: the database does not answer.
+    """
+    if target.exists():
+        raise ConflictError(f"{target} is there already", field="target", hint="Name a folder that does not exist yet.")
+    partial = target.with_name(f".{target.name}.partial")
+    remove(partial)
+    try:
+        partial.mkdir(mode=0o700, parents=True)
+        (partial / _FILES).mkdir(mode=0o700)
+        report = _save(store, data_dir, database_url, partial)
+        partial.rename(target)
+        sync_directory(target.parent)
+    except OSError as error:
+        raise ResourceError(
+            f"the backup cannot be written: {error.strerror}", field="target", hint="Free space, or name another disk."
+        ) from error
+    finally:
+        remove(partial)
+    return report
+
+
+def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
+    """Make a data folder, and its database, of a backup. No service may use either.
+
+    Jobs that were running begin again, and those that waited wait.
+
+    Raises:
+        NotFoundError: there is no backup.
+        InvalidInputError: it is damaged, or of the other kind of database.
+        ConflictError: the data folder is not empty.
+        ResourceError: the disk is full, or `pg_restore` is not installed or fails.
+    """
+    manifest = _read_manifest(backup)
+    url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
+    kind = url.get_backend_name()
+    if manifest["database"] != kind:
+        raise InvalidInputError(
+            f"the backup is of {manifest['database']}, and the settings name {kind}",
+            field="database_url",
+            hint="Set FASTSPLAT_DATABASE_URL to a database of that kind, or unset it for SQLite.",
+        )
+    if data_dir.is_dir() and any(data_dir.iterdir()):
+        raise ConflictError(
+            f"{data_dir} is not empty", field="data_dir", hint="Restore into a new folder, then move it into place."
+        )
+    entries = {name: _Entry(**entry) for name, entry in manifest["entries"].items()}
+    _check_entries(backup, entries)
+    try:
+        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for name in entries:
+            parts = PurePosixPath(name).parts
+            if parts[0] == _FILES:
+                target = data_dir.joinpath(*parts[1:])
+                target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                shutil.copyfile(backup / name, target)
+                target.chmod(0o600)
+        sync_tree(data_dir)
+        _restore_database(backup, data_dir, url)
+    except OSError as error:
+        raise ResourceError(
+            f"the backup cannot be restored: {error.strerror}",
+            field="data_dir",
+            hint="Remove what is in the data folder, free space, and restore again.",
+        ) from error
+    return BackupReport(**{**manifest["report"], "missing": tuple(manifest["report"]["missing"])})
+
+
+def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> BackupReport:
+    url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
+    for _ in range(_TRIES):
+        if url.get_backend_name() == "sqlite":
+            _copy_sqlite(Path(str(url.database)), target / _SQLITE)
+            versions, uploads = _named_by(URL.create("sqlite", database=str(target / _SQLITE)))
+            unchanged = True
+        else:
+            before = _named_by(url)
+            _dump_postgresql(url, target / _DUMP)
+            versions, uploads = after = _named_by(url)
+            unchanged = before == after
+        folders = [*(f"scenes/{version}" for version in versions), *(f"uploads/{upload}" for upload in uploads)]
+        if isinstance(store.blobs, ObjectStoreBlobs):
+            folders = []
+        missing = tuple(name for name in folders if not _save_folder(data_dir / name, target / _FILES / name))
+        if not missing and unchanged:
+            break
+    if (data_dir / _KEY).is_file():
+        shutil.copyfile(data_dir / _KEY, target / _FILES / _KEY)
+        (target / _FILES / _KEY).chmod(0o600)
+    entries = {
+        path.relative_to(target).as_posix(): _Entry(path.stat().st_size, _digest(path))
+        for path in sorted(target.rglob("*"))
+        if path.is_file()
+    }
+    report = BackupReport(
+        scenes=len({version.partition("/")[0] for version in versions}),
+        versions=len(versions),
+        uploads=len(uploads),
+        bytes=sum(entry.size for entry in entries.values()),
+        missing=missing,
+    )
+    manifest = {
+        "format": _FORMAT,
+        "created_at": time.time(),
+        "database": url.get_backend_name(),
+        "report": asdict(report),
+        "entries": {name: asdict(entry) for name, entry in entries.items()},
+    }
+    sync_tree(target)
+    with atomic_file(target / _MANIFEST) as path:
+        path.write_text(json.dumps(manifest, indent=1))
+    return report
+
+
+def _copy_sqlite(source: Path, target: Path) -> None:
+    """One moment of a database that others write to (https://www.sqlite.org/backup.html)."""
+    remove(target)
+    with closing(sqlite3.connect(source, timeout=30)) as live, closing(sqlite3.connect(target)) as copy:
+        live.backup(copy)
+        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
+    target.chmod(0o600)
+
+
+def _named_by(url: URL) -> tuple[list[str], list[str]]:
+    """What a database names: "<scene id>/<version>" of all versions, and ids of uploads that may be needed."""
+    engine = create_engine(url)
+    try:
+        with engine.connect() as connection:
+            current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.state == "READY")).all()
+            ready = {scene_id for scene_id, _ in current}
+            others = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
+            versions = {*map(tuple, current), *(tuple(row) for row in others if row[0] in ready)}
+            needed = select(operations.c.upload_id).where(operations.c.state.in_(_UNFINISHED))
+            uploads = sorted(set(connection.scalars(needed)))
+    finally:
+        engine.dispose()
+    return sorted(f"{scene_id}/{version}" for scene_id, version in versions), uploads
+
+
+def _save_folder(source: Path, target: Path) -> bool:
+    """Link or copy a folder that never changes. False if it is not there, or goes away meanwhile."""
+    if target.is_dir():
+        return True
+    partial = target.with_name(f".{target.name}.partial")
+    remove(partial)
+    partial.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        shutil.copytree(source, partial, copy_function=_link_or_copy)
+    except (FileNotFoundError, shutil.Error):
+        remove(partial)
+        if source.is_dir():
+            raise
+        return False
+    if not source.is_dir():  # it was being removed, file by file
+        remove(partial)
+        return False
+    partial.rename(target)
+    return True
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except FileNotFoundError:
+        raise
+    except OSError:  # another disk
+        shutil.copyfile(source, target)
+
+
+def _read_manifest(backup: Path) -> dict[str, Any]:
+    try:
+        manifest: dict[str, Any] = json.loads((backup / _MANIFEST).read_text())
+    except FileNotFoundError as error:
+        raise NotFoundError(f"{backup} is no backup", field="backup", hint=f"It has no {_MANIFEST}.") from error
+    except ValueError as error:
+        raise _damaged(_MANIFEST) from error
+    if manifest.get("format") != _FORMAT:
+        raise InvalidInputError(f"the backup is of format {manifest.get('format')}", field="backup", limit=str(_FORMAT))
+    return manifest
+
+
+def _check_entries(backup: Path, entries: Mapping[str, _Entry]) -> None:
+    for name, entry in entries.items():
+        path = backup.joinpath(*PurePosixPath(name).parts)
+        if ".." in PurePosixPath(name).parts or not path.is_file() or path.stat().st_size != entry.size:
+            raise _damaged(name)
+        if _digest(path) != entry.sha256:
+            raise _damaged(name)
+
+
+def _damaged(name: str) -> InvalidInputError:
+    return InvalidInputError(
+        f"{name} of the backup is damaged or missing", field=name[:200], hint="Restore another backup."
+    )
+
+
+def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
+    if url.get_backend_name() == "sqlite":
+        with atomic_file(data_dir / _SQLITE) as path:
+            shutil.copyfile(backup / _SQLITE, path)
+            path.chmod(0o600)
+    else:
+        _run_postgresql("pg_restore", url, ["--clean", "--if-exists", "--no-owner", str(backup / _DUMP)])
+    engine = open_engine(url)
+    try:
+        with engine.begin() as connection:
+            if engine.dialect.name == "postgresql":  # the job engine would take these jobs for old ones
+                connection.execute(text("DROP SCHEMA IF EXISTS dbos CASCADE"))
+            waiting = update(operations).where(operations.c.state.in_(_UNFINISHED))
+            connection.execute(waiting.values(state="QUEUED", enqueued=False, starts=0))
+            connection.execute(delete(workers))
+    finally:
+        engine.dispose()
+
+
+def _dump_postgresql(url: URL, target: Path) -> None:
+    # The job engine's own tables are made anew from ours.
+    options = ["--format=custom", "--exclude-schema=dbos", "--no-owner", f"--file={target}"]
+    _run_postgresql("pg_dump", url, options)
+
+
+def _run_postgresql(program: str, url: URL, options: Iterable[str]) -> None:
+    """Run one of PostgreSQL's programs; the password travels in its environment, where other users cannot read it."""
+    name = url.set(drivername="postgresql", password=None).render_as_string(hide_password=False)
+    command = [program, f"--dbname={name}", *options]
+    password = {} if url.password is None else {"PGPASSWORD": str(url.password)}
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **password})
+    except FileNotFoundError as error:
+        raise ResourceError(
+            f"{program} is not installed here",
+            field="database_url",
+            hint="Install PostgreSQL's client programs, of the server's version or later.",
+        ) from error
+    if done.returncode:
+        raise ResourceError(
+            f"{program} ended with status {done.returncode}: {done.stderr.strip()[-300:]}",
+            field="database_url",
+            hint="Run it by hand to see more: " + " ".join(command)[:300],
+        )
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

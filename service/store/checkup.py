@@ -1,0 +1,175 @@
+"""What is wrong with a data folder, and what of it can be mended without anybody's decision."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import URL, create_engine, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fastsplat.service.store.database import resolve_url
+from fastsplat.service.store.migrations import revisions
+from fastsplat.service.store.object_store import ObjectStoreBlobs
+from fastsplat.service.store.reserve import floor_of
+from fastsplat.service.store.schema import operations, scene_versions, scenes
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import FastSplatError
+
+_DATABASES = ("fastsplat.sqlite", "jobs.sqlite")
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong.
+
+    Attributes:
+        place: what it is about: a folder or file relative to the data folder, or "database".
+        message: what is wrong, in words.
+        hint: what to do.
+        mendable: whether `fastsplat doctor --repair` mends it.
+    """
+
+    place: str
+    message: str
+    hint: str = ""
+    mendable: bool = False
+
+
+def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
+    """Damage of the databases, and a schema of another release; without changing anything.
+
+    To be called before `open_store`, which brings an older schema to this release's.
+    """
+    url = resolve_url(data_dir, database_url, sqlite_name=_DATABASES[0])
+    if url.get_backend_name() == "sqlite":
+        problems = [problem for name in _DATABASES for problem in _check_sqlite(data_dir, name)]
+        if problems or not (data_dir / _DATABASES[0]).exists():
+            return tuple(problems)
+    return tuple(_check_schema(url))
+
+
+def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
+    """Permissions of the data folder and its databases, and space on its disk.
+
+    Args:
+        data_dir: the data folder.
+        floor_bytes: below so much free space, uploads are refused.
+    """
+    names = ("", "key", *_DATABASES)
+    for path in (data_dir / name for name in names):
+        if path.exists() and path.stat().st_mode & _OTHERS:
+            mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
+            yield Problem(path.name, f"other users may read it (mode {mode})", "Make it its owner's alone.", True)
+    free, floor_bytes = shutil.disk_usage(data_dir).free, floor_of(data_dir, floor_bytes)
+    if free < floor_bytes:
+        yield Problem(
+            data_dir.name,
+            f"{free} bytes are free on its disk, and uploads are refused below {floor_bytes}",
+            "Delete scenes, or move the folder to a larger disk.",
+        )
+
+
+def mend_folder(data_dir: Path) -> None:
+    """Take the data folder from everybody but its owner."""
+    for path in (data_dir, *(data_dir / name for name in ("key", *_DATABASES))):
+        if path.exists():
+            path.chmod(path.stat().st_mode & ~_OTHERS & 0o777)
+
+
+def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iterator[Problem]:
+    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain.
+
+    Args:
+        store: whose.
+        check_version: reads a version's folder to its last byte, and raises a `FastSplatError` if it is damaged.
+    """
+    with store.engine.execution_options(read_only=True).begin() as connection:
+        current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.state == "READY")).all()
+        rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
+        waiting = select(operations.c.id, operations.c.upload_id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
+        unfinished = connection.execute(waiting).all()
+    ready = {scene_id for scene_id, _ in current}
+    versions = {tuple(row) for row in current} | {tuple(row) for row in rows if row[0] in ready}
+    for scene_id, version in sorted(versions):
+        place = f"scenes/{scene_id}/{version}"
+        inner = "the current version" if (scene_id, version) in {tuple(row) for row in current} else "an older version"
+        try:
+            folder = store.blobs.fetch_version(scene_id, version)
+            if folder is None:
+                hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
+                yield Problem(place, f"{inner} of the scene is missing", hint)
+            else:
+                check_version(folder)
+        except (FastSplatError, OSError) as error:
+            hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
+            yield Problem(place, f"{inner} of the scene is damaged: {error}", hint)
+    there = set(store.blobs.ids("uploads"))
+    for operation_id, upload_id in unfinished:
+        if upload_id not in there:
+            hint = f"Cancel operation {operation_id}, and post the capture again."
+            yield Problem(f"uploads/{upload_id}", f"job {operation_id} needs it, and it is missing", hint)
+
+
+def check_left_over(
+    store: Store, upload_expiry_s: float, failed_upload_since: float, ids_before: Callable[[str], tuple[str, ...]]
+) -> Iterator[Problem]:
+    """Folders that nothing needs any more. Workers remove them once a minute; so they stay where no worker runs.
+
+    Args:
+        store: whose.
+        upload_expiry_s: age in seconds of an upload that nobody committed, after which it is not needed.
+        failed_upload_since: seconds since 1970; uploads of jobs that failed before are not needed.
+        ids_before: names of the folders of a kind, listed before the rows are read.
+    """
+    jobs, uploads, folders = ids_before("jobs"), ids_before("uploads"), ids_before("scenes")
+    for run_id in sorted(store.jobs.over(jobs)):
+        yield Problem(f"jobs/{run_id}", "work of a job that is over", mendable=True)
+    for scene_id in sorted(store.jobs.unknown_scenes(folders)):
+        yield Problem(f"scenes/{scene_id}", "a scene that was deleted", mendable=True)
+    needed, used = store.jobs.uploads(failed_upload_since)
+    for upload_id in uploads:
+        if upload_id in used or (upload_id not in needed and store.blobs.upload_age(upload_id) > upload_expiry_s):
+            yield Problem(f"uploads/{upload_id}", "an upload that no job needs", mendable=True)
+    if not isinstance(store.blobs, ObjectStoreBlobs):
+        for path in sorted((store.blobs.root / "trash").glob("*")):
+            yield Problem(f"trash/{path.name}", "it was being removed when a process ended", mendable=True)
+
+
+def _check_sqlite(data_dir: Path, name: str) -> Iterator[Problem]:
+    path = data_dir / name
+    if not path.exists():
+        return
+    hint = "Stop the service and restore a backup."
+    try:
+        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=30)) as connection:
+            answer = [row[0] for row in connection.execute("PRAGMA integrity_check(3)")]
+    except sqlite3.DatabaseError as error:
+        yield Problem(name, f"the database is damaged or cannot be read: {error}", hint)
+        return
+    if answer != ["ok"]:
+        yield Problem(name, f"the database is damaged: {'; '.join(answer)[:300]}", hint)
+
+
+def _check_schema(url: URL) -> Iterator[Problem]:
+    engine = create_engine(url)
+    try:
+        with engine.connect() as connection:
+            stored, newest = revisions(connection)
+    except SQLAlchemyError as error:
+        yield Problem("database", f"it does not answer ({type(error).__name__})", "Start it, or mend its URL.")
+        return
+    finally:
+        engine.dispose()
+    if stored > newest:
+        hint = "Start the release that wrote it, or a newer one; or restore a backup made before the upgrade."
+        yield Problem("database", f"it is of version {stored}, and this release knows versions up to {newest}", hint)
+    elif stored < newest:
+        hint = "Make a backup; the next start of the service, or --repair, brings it to this release's."
+        yield Problem("database", f"it is of version {stored}, and this release's is {newest}", hint, True)

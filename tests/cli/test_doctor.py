@@ -1,0 +1,149 @@
+"""`fastsplat doctor`: a healthy folder has nothing wrong; each kind of damage is named; what can be mended is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fastsplat.cli.main import app
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store import open_store
+from fastsplat.service.store.records import NewJob, SceneSummary
+
+Doctor = Callable[..., tuple[int, list[dict[str, object]]]]
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A data folder with a scene that is ready, a job that failed and one that waits."""
+    folder = tmp_path / "data"
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(folder))
+    monkeypatch.setenv("FASTSPLAT_UPLOADS__MIN_FREE_BYTES", "0")
+    store = open_store(folder)
+    for name in ("ready", "failed", "waiting"):
+        store.scenes.create(NewJob(name, f"op-{name}", "desk", "", "d", f"up-{name}", {}))
+        if name != "ready":
+            store.blobs.upload(f"up-{name}").mkdir(parents=True)
+    failing, working = store.jobs.claim("op-failed"), store.jobs.claim("op-ready")
+    assert failing is not None and working is not None
+    store.jobs.fail(failing, {})
+    _write_version(store.blobs.version("ready", "v1"))
+    store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}))
+    store.close()
+    for path in folder.glob("*.sqlite"):
+        path.chmod(0o600)
+    yield folder
+    load_settings.cache_clear()
+
+
+def _write_version(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    gaussians = Gaussians(
+        means=rng.normal(size=(5, 3)).astype(np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (5, 1)),
+        log_scales=np.full((5, 3), -2, np.float32),
+        logit_opacities=np.zeros(5, np.float32),
+        sh=np.zeros((5, 1, 3), np.float32),
+        codes=np.zeros((5, 3), np.float32),
+    )
+    head = SemanticHead(np.zeros((2, 3), np.float32), np.zeros(2, np.float32))
+    scene = Scene(
+        gaussians, head, dictionary_of(["mug"]), np.eye(1, 4, dtype=np.float32), ("none", "0" * 64), (), "METRIC"
+    )
+    write_scene(scene, folder / "artefact")
+    write_ply(gaussians, folder / "scene.ply")
+    (folder / "summary.json").write_text("{}")
+
+
+@pytest.fixture
+def doctor(data: Path) -> Doctor:
+    def call(*words: str) -> tuple[int, list[dict[str, object]]]:
+        load_settings.cache_clear()
+        result = CliRunner().invoke(app, ["doctor", "--json", *words])
+        return result.exit_code, json.loads(result.stdout)
+
+    return call
+
+
+def test_nothing_is_wrong_with_a_healthy_folder(doctor: Doctor) -> None:
+    assert doctor() == (0, [])
+
+
+@pytest.mark.parametrize("name", ["scene.json", "gaussians.safetensors", "cameras.json", "../scene.ply"])
+def test_a_flipped_bit_of_a_scene_is_named(name: str, data: Path, doctor: Doctor) -> None:
+    path = data / "scenes/ready/v1/artefact" / name
+    content = bytearray(path.read_bytes())
+    content[len(content) * 9 // 10] ^= 4
+    path.write_bytes(content)
+    status, problems = doctor("--repair")  # nobody can mend it
+    assert status == 1
+    assert [(problem["place"], problem["mendable"]) for problem in problems] == [("scenes/ready/v1", False)]
+    assert "damaged" in str(problems[0]["message"]) and problems[0]["hint"]
+
+
+def test_missing_versions_and_uploads_are_named(data: Path, doctor: Doctor) -> None:
+    (data / "scenes/ready/v1").rename(data / "elsewhere")
+    (data / "uploads/up-waiting").rmdir()
+    status, problems = doctor()
+    assert status == 1
+    assert {problem["place"] for problem in problems} == {"scenes/ready/v1", "uploads/up-waiting"}
+
+
+def test_what_is_left_over_and_open_to_others_is_named_and_mended(data: Path, doctor: Doctor) -> None:
+    for name in ("jobs/op-failed", "scenes/deleted/v1", "uploads/up-ready", "trash/half"):
+        (data / name).mkdir(parents=True)
+    data.chmod(0o755)
+    status, problems = doctor()
+    places = {"data", "jobs/op-failed", "scenes/deleted", "uploads/up-ready", "trash/half"}
+    assert status == 1 and {problem["place"] for problem in problems} == places
+    assert all(problem["mendable"] for problem in problems)
+    assert doctor("--repair") == (0, [])
+    assert data.stat().st_mode & 0o077 == 0 and (data / "uploads/up-failed").is_dir()
+
+
+def test_too_little_space_is_named(doctor: Doctor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FASTSPLAT_UPLOADS__MIN_FREE_BYTES", "1000")
+    assert doctor() == (0, [])
+    usage = shutil.disk_usage(".")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=999))
+    status, problems = doctor()
+    assert status == 1 and "free" in str(problems[0]["message"])
+
+
+def test_a_damaged_database_is_named_and_left_alone(data: Path, doctor: Doctor) -> None:
+    path = data / "fastsplat.sqlite"
+    content = bytearray(path.read_bytes())
+    content[4096:8192] = bytes(4096)
+    path.write_bytes(content)
+    status, problems = doctor("--repair")
+    assert status == 1 and problems[0]["place"] == "fastsplat.sqlite" and not problems[0]["mendable"]
+    assert path.read_bytes() == bytes(content)
+
+
+def test_a_schema_of_a_later_release_is_named(data: Path, doctor: Doctor) -> None:
+    with closing(sqlite3.connect(data / "fastsplat.sqlite")) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+        connection.commit()
+    status, problems = doctor("--repair")
+    assert status == 1 and "9999" in str(problems[0]["message"]) and not problems[0]["mendable"]
+
+
+def test_an_upload_of_a_job_that_failed_long_ago_is_left_over(data: Path, doctor: Doctor) -> None:
+    with closing(sqlite3.connect(data / "fastsplat.sqlite")) as connection:
+        connection.execute("UPDATE operations SET updated_at = ? WHERE id = 'op-failed'", (time.time() - 90_000,))
+        connection.commit()
+    assert [problem["place"] for problem in doctor()[1]] == ["uploads/up-failed"]
+    assert doctor("--repair") == (0, [])
+    assert not (data / "uploads/up-failed").exists()
