@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 import uuid
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
-from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import Edit, LabelList, ObjectList, Scene, SceneList, SceneVersion
@@ -34,20 +35,23 @@ Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
 
 class SceneService:
-    """Scenes, operations and questions over one data folder. Synchronous; every method is safe from any thread.
+    """Scenes, operations and questions of one project. Synchronous; every method is safe from any thread.
+
+    What is another project's does not exist here; see `in_project`. It begins in the default project.
 
     Raises nothing but `FastSplatError`s for anything a user can cause. Any number of these, in any number of
     processes, may share a data folder.
     """
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
-        self._store = store
+        self.project = DEFAULT_PROJECT
+        self._store = store.in_project(self.project)
         self._settings = settings
         self._check_files = admit or _admit_upload
         self._admitting = threading.BoundedSemaphore(settings.capture.concurrent_validations)
-        self._scenes = OpenScenes(store, settings)
-        self._answers = Answers(store, settings, self._scenes)
-        self._versions = Versions(store, settings, self._scenes)
+        self._scenes = OpenScenes(self._store, settings)
+        self._answers = Answers(self._store, settings, self._scenes)
+        self._versions = Versions(self._store, settings, self._scenes)
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
             store.blobs, settings.capture.max_upload_bytes, settings.uploads.expiry_s, self._quotas
@@ -55,6 +59,18 @@ class SceneService:
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
         """What those who run the service ask of it."""
+
+    def in_project(self, project: str) -> SceneService:
+        """This service as another project has it. Threads, open scenes and limits are shared, so close one of them."""
+        if project == self.project:
+            return self
+        other = copy.copy(self)
+        other.project = project
+        other._store = self._store.in_project(project)
+        other._scenes = self._scenes.over(other._store)
+        other._answers = Answers(other._store, self._settings, other._scenes)
+        other._versions = Versions(other._store, self._settings, other._scenes)
+        return other
 
     def __enter__(self) -> Self:
         return self
@@ -72,19 +88,16 @@ class SceneService:
         """A standing question says that it lives after so long a silence, if it does not choose."""
         return self._settings.calls.heartbeat_s
 
-    def new_upload(self, owner: str = "") -> UploadSession:
+    def new_upload(self) -> UploadSession:
         """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all.
 
-        Args:
-            owner: the key whose quotas count.
-
         Raises:
-            QuotaError: the key holds all that it may.
+            QuotaError: the project holds all that it may.
         """
-        self._quotas.check_room(owner, 0)
+        self._quotas.check_room(self.project, 0)
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture, self._admit, owner)
+        return UploadSession(upload_id, folder, self._settings.capture, self._admit)
 
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.
@@ -291,7 +304,7 @@ class SceneService:
     def _admit(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         check_request(name, request_id, options, self._settings.store)
         digest = upload.digest(name, options)
-        earlier = self._store.scenes.find_request(request_id, digest)
+        earlier = self._store.scenes.find_request(request_id, digest, self.project)
         if earlier is not None:
             remove(upload.folder)
             return operation_of(earlier)
@@ -310,9 +323,10 @@ class SceneService:
             upload_id=upload.id,
             options={"admitted": str(admitted.relative_to(upload.folder)), **options_to_json(options)},
             priority=options.priority,
+            project=self.project,
         )
         record, new = self._store.scenes.create(
-            job, lambda connection: self._quotas.reserve(connection, upload.owner, job.scene_id, upload.bytes)
+            job, lambda connection: self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
         )
         if not new:
             self._store.blobs.drop_upload(upload.id)

@@ -33,10 +33,8 @@ class UploadSession:
         folder: Path,
         settings: CaptureSettings,
         admit: Callable[[UploadSession, str, str, SceneOptions], Operation],
-        owner: str = "",
     ) -> None:
         self.id = upload_id
-        self.owner = owner
         self.folder = folder
         self.raw = folder / "raw"
         self._settings = settings
