@@ -51,7 +51,7 @@ class Authenticator:
     """
 
     FRESH_S = 1.0
-    _GLANCE_S = 0.2  # for a key that is not known yet: it may be new, and who guesses costs one look in this time
+    _GLANCE_S = 0.2  # a key that is not known may be new; whoever guesses waits, and costs one look in this time
 
     def __init__(self, load: Callable[[], KeyRing], auth_enabled: bool) -> None:
         self._load = load
@@ -133,8 +133,10 @@ class Authenticator:
         return record.id, record.project, record.role
 
     async def _look_again_unless(self, known: bool) -> None:
-        if not known and self._age() > self._GLANCE_S:
-            await self._refresh()
+        if not known:
+            await asyncio.sleep(self._GLANCE_S - self._age())
+            if self._age() >= self._GLANCE_S:  # nobody else has looked meanwhile
+                await self._refresh()
 
     async def _look_after_watches(self) -> None:
         while self._watches:
