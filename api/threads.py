@@ -45,7 +45,8 @@ class Threads:
 
         try:
             with self._metrics.queued() as call:
-                call.future = self._calls.submit(call.run, watched)
+                context = contextvars.copy_context()  # the thread knows who calls
+                call.future = self._calls.submit(context.run, call.run, watched)
                 return await asyncio.wrap_future(call.future)
         except asyncio.CancelledError:
             cancellation.cancel()

@@ -15,7 +15,7 @@ from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
 from fastsplat.cli.jobs import jobs_app
-from fastsplat.cli.keys import keys_app
+from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
 from fastsplat.service.common.process import die_with_parent
@@ -38,6 +38,7 @@ app = typer.Typer(
 )
 app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
+app.add_typer(projects_app, name="projects")
 app.add_typer(jobs_app, name="jobs")
 app.command()(backup)
 app.command()(restore)

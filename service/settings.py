@@ -88,7 +88,7 @@ class LimitSettings(BaseModel):
 
 
 class QuotaSettings(BaseModel):
-    """What one key may hold. 0: no bound."""
+    """What one project may hold. 0: no bound."""
 
     model_config = ConfigDict(frozen=True)
 

@@ -1,16 +1,29 @@
-"""Who makes the call that the running task, or the thread it started, serves."""
+"""Who makes the call that the running task, or the thread it started, serves; and the service as they have it."""
 
 from __future__ import annotations
 
 from contextvars import ContextVar
 from dataclasses import dataclass
+from typing import Any, cast
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.store.key_repository import Role
+from fastsplat_contract.errors import UnauthenticatedError
 
 
 @dataclass(frozen=True)
 class Principal:
-    """Who calls: a key's id, "" where keys are switched off."""
+    """Who calls.
+
+    Attributes:
+        key_id: the key's; "" where keys are switched off.
+        project: whose scenes the call is about.
+        role: what the caller may do there.
+    """
 
     key_id: str
+    project: str
+    role: Role
 
 
 current_principal: ContextVar[Principal | None] = ContextVar("current_principal", default=None)
@@ -21,3 +34,31 @@ def caller_id() -> str:
     """The id of the key behind the current call; "" without keys."""
     principal = current_principal.get()
     return principal.key_id if principal is not None else ""
+
+
+def caller_project() -> str:
+    """The project that the current call is about.
+
+    Raises:
+        UnauthenticatedError: nobody was asked for a key. Such a call must not reach any project's scenes.
+    """
+    principal = current_principal.get()
+    if principal is None:
+        raise UnauthenticatedError("this call has no caller", field="authorization")
+    return principal.project
+
+
+def in_callers_project(service: SceneService) -> SceneService:
+    """`service` as the caller's project has it, whoever calls: what both protocols serve, so that no route forgets it.
+
+    Anything but a `SceneService` knows no projects, and is returned as it is.
+    """
+    return cast(SceneService, _InCallersProject(service)) if isinstance(service, SceneService) else service
+
+
+class _InCallersProject:
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service.in_project(caller_project()), name)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from fastsplat.api.access.authenticator import Authenticator
+from fastsplat.api.access.authenticator import Authenticator, Credentials, KeyWatch
 from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.policy import Rule
-from fastsplat.api.access.rate_limits import Permit, RateLimiter
+from fastsplat.api.access.rate_limits import RateLimiter
 from fastsplat.api.metrics import Metrics
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.keys import KeyRing
@@ -42,19 +42,30 @@ class Gate:
             self.metrics.refused(error.reason)
             raise
 
-    async def authenticate(self, key: str, rule: Rule) -> Principal | None:
+    async def authenticate(self, credentials: Credentials, rule: Rule) -> Principal | None:
         """See `Authenticator.authenticate`."""
         with self.refusals_counted():
-            return await self.authenticator.authenticate(key, rule)
+            return await self.authenticator.authenticate(credentials, rule)
 
-    def enter(self, principal: Principal, rule: Rule) -> Permit:
-        """See `RateLimiter.enter`."""
+    @contextmanager
+    def entered(self, principal: Principal, rule: Rule) -> Iterator[KeyWatch]:
+        """Count a call as under way while the block runs, and end the block soon after its key is no longer valid.
+
+        Raises:
+            RateLimitedError, OverloadedError: as `RateLimiter.enter`.
+            UnauthenticatedError: as `Authenticator.watch`.
+        """
         with self.refusals_counted():
-            return self.limiter.enter(principal, rule)
+            permit = self.limiter.enter(principal, rule)
+        try:
+            with self.authenticator.watch(principal) as watch:
+                yield watch
+        finally:
+            permit.leave()
 
 
 def build_gate(settings: Settings, admin: Admin | None, metrics: Metrics | None = None) -> Gate:
     """The gate as `settings` ask for it; without an `admin` there are no keys, and with keys on nobody gets in."""
     on = settings.auth == "on"
     load = admin.keys.valid if admin is not None else lambda: KeyRing({})
-    return Gate(Authenticator(load if on else None), RateLimiter(settings.limits), metrics or Metrics(), on)
+    return Gate(Authenticator(load, on), RateLimiter(settings.limits), metrics or Metrics(), on)

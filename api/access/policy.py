@@ -1,58 +1,63 @@
 """What each call needs, for both protocols: decided on the route that was matched, never on the text of a path.
 
-A row is a call of the contract: its RPC, and the REST routes that do the same. What no row names needs a key that may
-write, so that nothing is open by mistake.
+A row is a call of the contract: its RPC, and the REST routes that do the same. What no row names needs an operator, so
+that nothing is open by mistake.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
+from fastsplat.service.store.key_repository import ROLES, Role
 from fastsplat_contract.v1 import fastsplat_pb2
-
-Need = Literal["open", "read", "write"]
 
 
 class Rule(NamedTuple):
     """What a call needs.
 
     Attributes:
-        need: no key, any key, or one that may write.
+        role: the least one that will do; None: no key is needed.
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it occupies one of the threads that take uploads for as long as its sender likes.
     """
 
-    need: Need
+    role: Role | None
     long_lived: bool = False
     upload: bool = False
 
+    def allows(self, role: Role) -> bool:
+        """Whether a caller of this role may make the call."""
+        return self.role is None or ROLES.index(role) >= ROLES.index(self.role)
 
-_OPEN = Rule("open")
-_READ = Rule("read")
-_WRITE = Rule("write")
-_WATCH = Rule("read", long_lived=True)
-_UPLOAD = Rule("write", long_lived=True, upload=True)
 
-UNMATCHED = Rule("read", long_lived=True)
+_OPEN = Rule(None)
+_READ = Rule("reader")
+_EDIT = Rule("editor")
+_ADMIN = Rule("admin")
+_OPERATE = Rule("operator")
+_WATCH = Rule("reader", long_lived=True)
+_UPLOAD = Rule("editor", long_lived=True, upload=True)
+
+UNMATCHED = Rule("reader", long_lived=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""
 
 _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "CreateScene": (_UPLOAD, ("POST /v1/scenes",)),
     "GetScene": (_READ, ("GET /v1/scenes/{scene_id}",)),
     "ListScenes": (_READ, ("GET /v1/scenes",)),
-    "DeleteScene": (_WRITE, ("DELETE /v1/scenes/{scene_id}",)),
+    "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
     "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
-    "EditScene": (_WRITE, ("POST /v1/scenes/{scene_id}:edit",)),
-    "UndoEdit": (_WRITE, ("POST /v1/scenes/{scene_id}:undo",)),
+    "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
+    "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
     "ListOperations": (_READ, ("GET /v1/operations",)),
     "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),
     "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
     "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
-    "CancelOperation": (_WRITE, ("POST /v1/operations/{operation_id}:cancel",)),
-    "RetryOperation": (_WRITE, ("POST /v1/operations/{operation_id}:retry",)),
+    "CancelOperation": (_EDIT, ("POST /v1/operations/{operation_id}:cancel",)),
+    "RetryOperation": (_EDIT, ("POST /v1/operations/{operation_id}:retry",)),
     "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
     "StreamQuery": (_WATCH, ()),
     "DownloadCameras": (_READ, ("GET /v1/scenes/{scene_id}/cameras",)),
@@ -86,9 +91,9 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     # tus, by which CreateScene's files may come over HTTP
     "OPTIONS /v1/uploads": _READ,
     "POST /v1/uploads": _UPLOAD,
-    "HEAD /v1/uploads/{upload_id}": _WRITE,
+    "HEAD /v1/uploads/{upload_id}": _EDIT,
     "PATCH /v1/uploads/{upload_id}": _UPLOAD,
-    "DELETE /v1/uploads/{upload_id}": _WRITE,
+    "DELETE /v1/uploads/{upload_id}": _EDIT,
 }
 
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
@@ -102,8 +107,8 @@ RULES: Mapping[str, Rule] = {
 
 
 def rule_of(route: str) -> Rule:
-    """The rule of a route, named as in `RULES`; one that is not there needs a key that may write."""
-    return RULES.get(route, _WRITE)
+    """The rule of a route, named as in `RULES`; one that is not there needs an operator."""
+    return RULES.get(route, _OPERATE)
 
 
 def is_known_route(route: str) -> bool:

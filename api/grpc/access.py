@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import aclosing, asynccontextmanager
 from typing import Any, TypeAlias
 
 import grpc
 from grpc import aio
 
-from fastsplat.api.access.authenticator import extract_api_key
+from fastsplat.api.access.authenticator import Credentials, KeyWatch
 from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.access.gate import Gate
-from fastsplat.api.access.policy import Rule, is_known_route, rule_of
-from fastsplat.api.access.rate_limits import Permit
+from fastsplat.api.access.policy import UNMATCHED, Rule, is_known_route, rule_of
 from fastsplat.api.grpc.decoding import replaced, wrapped_behavior
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat_contract.errors import FastSplatError
@@ -36,14 +36,13 @@ class AccessInterceptor(aio.ServerInterceptor):
     ) -> Handler | None:
         """Hand out the handler, wrapped; or one that refuses."""
         method = str(handler_call_details.method)
-        rule = rule_of(method)
-        metadata = {str(name): value for name, value in handler_call_details.invocation_metadata or ()}
-        key = extract_api_key(str(metadata.get("authorization", "")), str(metadata.get("x-api-key", "")))
+        metadata = {str(name): str(value) for name, value in handler_call_details.invocation_metadata or ()}
         handler = await continuation(handler_call_details)
-        if rule.need == "open" and handler is not None:
+        rule = rule_of(method) if handler is not None else UNMATCHED
+        if rule.role is None:
             return handler
         try:
-            principal = await self._gate.authenticate(key, rule)
+            principal = await self._gate.authenticate(Credentials.of(metadata), rule)
         except FastSplatError as error:
             return _refusing(handler, method, error)
         if handler is None or principal is None:
@@ -54,37 +53,28 @@ class AccessInterceptor(aio.ServerInterceptor):
 def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gate: Gate) -> Handler:
     inner = wrapped_behavior(handler)
 
-    async def enter(context: Context) -> Permit:
-        current_principal.set(principal)
-        try:
-            return gate.enter(principal, rule)
-        except FastSplatError as error:
-            async with guarded(context, route):  # aborts with the error's status
-                raise error
-            raise AssertionError from error
+    @asynccontextmanager
+    async def entered(context: Context) -> AsyncIterator[KeyWatch]:
+        with gate.metrics.request(route) as ended:
+            try:
+                current_principal.set(principal)
+                with gate.entered(principal, rule) as watch:
+                    yield watch
+            except FastSplatError as error:  # the gate's: the handler answers with its own
+                async with guarded(context, route):
+                    raise error
+            finally:
+                ended(_status(context))
 
     async def one(request: Any, context: Context) -> Any:
-        with gate.metrics.request(route) as ended:
-            try:
-                permit = await enter(context)
-                try:
-                    return await inner(request, context)
-                finally:
-                    permit.leave()
-            finally:
-                ended(_status(context))
+        async with entered(context):
+            return await inner(request, context)
 
     async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-        with gate.metrics.request(route) as ended:
-            try:
-                permit = await enter(context)
-                try:
-                    async for response in inner(request, context):
-                        yield response
-                finally:
-                    permit.leave()
-            finally:
-                ended(_status(context))
+        async with entered(context) as watch, aclosing(inner(request, context)) as responses:
+            async for response in responses:
+                with watch.deferred():  # in there the task runs gRPC's own code
+                    yield response
 
     return replaced(handler, many if handler.response_streaming else one)
 

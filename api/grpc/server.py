@@ -8,6 +8,7 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
+from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.grpc.access import AccessInterceptor
 from fastsplat.api.grpc.decoding import DecodingInterceptor
@@ -63,7 +64,7 @@ async def start_server(
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
         ],
     )
-    fastsplat_pb2_grpc.add_SceneServiceServicer_to_server(SceneServicer(service, threads), server)
+    fastsplat_pb2_grpc.add_SceneServiceServicer_to_server(SceneServicer(in_callers_project(service), threads), server)
     checks = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(checks, server)
     reflection.enable_server_reflection((_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME), server)

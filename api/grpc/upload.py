@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fastsplat.api.access.caller import caller_id
 from fastsplat.api.uploads import scene_options
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError
@@ -31,7 +30,7 @@ def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneReques
         header.preset,
         header.priority,
     )
-    with service.new_upload(caller_id()) as upload:
+    with service.new_upload() as upload:
         files = _Files(messages)
         while (file := files.next()) is not None:
             size = upload.write(file.name, files.chunks())

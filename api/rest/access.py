@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any, cast
 
 from fastapi import FastAPI
@@ -10,13 +11,15 @@ from starlette.datastructures import Headers
 from starlette.routing import Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fastsplat.api.access.authenticator import extract_api_key
+from fastsplat.api.access.authenticator import Credentials
 from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.access.exposure import check_local
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.access.policy import UNMATCHED, Rule, rule_of
 from fastsplat.api.errors import status_of
-from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
+
+_log = logging.getLogger(__name__)
 
 NO_ROUTE = "unmatched"
 """The name of all that no route has, in metrics."""
@@ -48,10 +51,13 @@ class AccessLayer:
             return
         route = self.matched_route(scope)
         rule = UNMATCHED if route == NO_ROUTE else rule_of(route)
+        started = False
         with self._gate.metrics.request(route) as ended:
 
             async def counted_send(message: Message) -> None:
+                nonlocal started
                 if message["type"] == "http.response.start":
+                    started = True
                     ended(str(message["status"]))
                 await send(message)
 
@@ -61,12 +67,12 @@ class AccessLayer:
                 if principal is None:
                     await self._app(scope, receive, counted_send)
                     return
-                permit = self._gate.enter(principal, rule)
-                try:
+                with self._gate.entered(principal, rule):
                     await self._app(scope, receive, counted_send)
-                finally:
-                    permit.leave()
             except Exception as error:  # answered by the layer outside
+                if started and isinstance(error, UnauthenticatedError):
+                    _log.info("%s ends before its answer is complete: %s", route, error.message)
+                    return  # the server closes the connection
                 ended(str(status_of(error).http if isinstance(error, FastSplatError) else 500))
                 raise
 
@@ -82,11 +88,10 @@ class AccessLayer:
 
     async def _authenticated(self, headers: Headers, rule: Rule) -> Principal | None:
         gate = self._gate
-        if not gate.auth_enabled and rule.need != "open":
+        if not gate.auth_enabled and rule.role is not None:
             with gate.refusals_counted():
                 check_local(headers)
-        key = extract_api_key(headers.get("authorization", ""), headers.get("x-api-key", ""))
-        return await gate.authenticate(key, rule)
+        return await gate.authenticate(Credentials.of(headers), rule)
 
 
 def route_name(context: RouteContext, method: str) -> str:

@@ -12,6 +12,7 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
+from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate, build_gate
 from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
@@ -54,8 +55,8 @@ class _App(FastAPI):
             schema["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
-                    need = rule_of(f"{method.upper()} {path}").need
-                    operation["security"] = [] if need == "open" else [{"key": []}]
+                    role = rule_of(f"{method.upper()} {path}").role
+                    operation["security"] = [] if role is None else [{"key": []}]
         return super().openapi()
 
 
@@ -77,6 +78,7 @@ def create_app(
         readiness: what `/readyz` tells; without, never ready.
         grpc_port: where gRPC listens, for clients that ask.
     """
+    service = in_callers_project(service)
     threads = threads or Threads()
     app = _App(
         title="FAST-Splat scene service",

@@ -13,7 +13,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from fastsplat.api.access.caller import caller_id
+from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
@@ -57,16 +57,16 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     @_spoken
     async def create_upload(request: Request) -> Response:
         """Announce a file by Upload-Length and Upload-Metadata (`filename`); its first bytes may come along."""
-        owner, length, metadata = caller_id(), _number(request, "Upload-Length"), _metadata(request)
+        project, length, metadata = caller_project(), _number(request, "Upload-Length"), _metadata(request)
         uploads = _uploads(service)
         with_bytes = "content-type" in request.headers and request.headers.get("content-length") != "0"
         if with_bytes:
             _check_type(request)
         checksum = _checksum(request)
-        made = await threads.call(lambda: uploads.create(owner, _filename(metadata), length, metadata))
+        made = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
         if with_bytes:
             made = await threads.consume(
-                aiter(request.stream()), lambda chunks: uploads.append(owner, made.id, 0, chunks, checksum)
+                aiter(request.stream()), lambda chunks: uploads.append(project, made.id, 0, chunks, checksum)
             )
         return _told(201, made, Location=f"/v1/uploads/{made.id}")
 
@@ -74,8 +74,8 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     @_spoken
     async def get_upload(request: Request, upload_id: str) -> Response:
         """How far an upload has come: Upload-Offset of Upload-Length bytes."""
-        owner, uploads = caller_id(), _uploads(service)
-        upload = await threads.call(lambda: uploads.get(owner, upload_id))
+        project, uploads = caller_project(), _uploads(service)
+        upload = await threads.call(lambda: uploads.get(project, upload_id))
         more = {"Upload-Metadata": upload.metadata} if upload.metadata else {}
         return _told(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
 
@@ -84,12 +84,12 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     async def append_to_upload(request: Request, upload_id: str) -> Response:
         """The bytes from Upload-Offset on; what the answer's Upload-Offset counts is durable."""
         _check_type(request)
-        owner, offset, checksum = caller_id(), _number(request, "Upload-Offset"), _checksum(request)
+        project, offset, checksum = caller_project(), _number(request, "Upload-Offset"), _checksum(request)
         uploads = _uploads(service)
         return _told(
             204,
             await threads.consume(
-                aiter(request.stream()), lambda chunks: uploads.append(owner, upload_id, offset, chunks, checksum)
+                aiter(request.stream()), lambda chunks: uploads.append(project, upload_id, offset, chunks, checksum)
             ),
         )
 
@@ -97,8 +97,8 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     @_spoken
     async def delete_upload(request: Request, upload_id: str) -> Response:
         """Forget an upload."""
-        owner, uploads = caller_id(), _uploads(service)
-        await threads.call(lambda: uploads.delete(owner, upload_id))
+        project, uploads = caller_project(), _uploads(service)
+        await threads.call(lambda: uploads.delete(project, upload_id))
         return Response(status_code=204, headers={"Tus-Resumable": _VERSION})
 
     return router

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.requests import ClientDisconnect, Request
 
-from fastsplat.api.access.caller import caller_id
+from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.multipart import Part, read_parts
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
@@ -99,12 +99,12 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
         FastSplatError: what the form, the files or the service's limits have against it.
     """
     stream = aiter(request.stream())
-    owner = caller_id()
+    project = caller_project()
     content_type = request.headers.get("content-type", "")
     try:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
-        return await threads.consume(stream, lambda body: _receive(service, settings, owner, content_type, body))
+        return await threads.consume(stream, lambda body: _receive(service, settings, project, content_type, body))
     except FastSplatError:
         if "expect" not in request.headers:
             await _drain(stream)
@@ -123,12 +123,12 @@ async def _drain(stream: AsyncIterator[bytes]) -> None:
 
 
 def _receive(
-    service: SceneService, settings: Settings, owner: str, content_type: str, body: Iterator[bytes]
+    service: SceneService, settings: Settings, project: str, content_type: str, body: Iterator[bytes]
 ) -> Operation:
     texts: dict[str, list[str]] = {}
     text_bytes = 0
     captures = 0
-    with service.new_upload(owner) as upload:
+    with service.new_upload() as upload:
         for part in read_parts(content_type, body, settings.capture.max_entries + _MAX_TEXT_PARTS):
             if part.filename is None:
                 value = _text(part, _MAX_TEXT_BYTES - text_bytes)
@@ -149,7 +149,7 @@ def _receive(
                 upload.write(part.filename, part.chunks)
         form = _form(texts)
         for upload_id in form.uploads:
-            upload.adopt(*service.resumable.complete(owner, upload_id))
+            upload.adopt(*service.resumable.complete(project, upload_id))
         options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
         return service.create_scene(upload, form.name, form.request_id, options)
 

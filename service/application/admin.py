@@ -9,6 +9,7 @@ from sqlalchemy import text
 
 from fastsplat.service.application.figures import Figures
 from fastsplat.service.application.keys import Keys
+from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.database import transaction
@@ -19,14 +20,16 @@ class Admin:
     """The operator's side of one service.
 
     Attributes:
-        keys: who may come in.
+        keys: who may call.
+        projects: whose scenes are apart from each other.
         figures: jobs and scenes, for metrics.
     """
 
     def __init__(self, store: Store, settings: Settings, open_scenes: Callable[[], int]) -> None:
         self._store = store
         self._settings = settings
-        self.keys = Keys(store.keys)
+        self.keys = Keys(store.keys, store.projects)
+        self.projects = Projects(store.projects)
         self.figures = Figures(store.job_metrics, open_scenes)
 
     def check_ready(self) -> None:

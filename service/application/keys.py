@@ -12,12 +12,14 @@ import os
 import re
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 from fastsplat.service.common.atomic import sync_directory
-from fastsplat.service.store.key_repository import KeyKind, KeyRecord, KeyRepository
-from fastsplat_contract.errors import InvalidInputError, ResourceError
+from fastsplat.service.store.key_repository import ROLES, KeyRecord, KeyRepository, Role
+from fastsplat.service.store.project_repository import ProjectRepository
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
 
 _KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 _NOBODY = "0" * 64
@@ -27,26 +29,39 @@ _MAX_NAME = 200
 class Keys:
     """The keys of one database."""
 
-    def __init__(self, rows: KeyRepository) -> None:
+    def __init__(self, rows: KeyRepository, projects: ProjectRepository) -> None:
         self._rows = rows
+        self._projects = projects
 
-    def create(self, name: str, kind: KeyKind, lifetime_s: float | None = None) -> tuple[KeyRecord, str]:
+    def create(
+        self, name: str, role: Role, lifetime_s: float | None = None, project: str = DEFAULT_PROJECT
+    ) -> tuple[KeyRecord, str]:
         """Make a key. Returns its record, and the key itself, which nobody can tell again.
 
         Args:
             name: for people.
-            kind: "write", or "read" for one that can only ask and look.
+            role: what it may do, see `KeyRecord`.
             lifetime_s: seconds until it expires; None: never.
+            project: whose scenes it sees.
 
         Raises:
-            InvalidInputError: an unusable name or lifetime.
+            InvalidInputError: an unusable name, role or lifetime.
+            NotFoundError: there is no such project.
         """
         if not 0 < len(name) <= _MAX_NAME or not name.isprintable():
             raise InvalidInputError("the name is empty, too long or not printable", field="name")
+        if role not in ROLES:
+            raise InvalidInputError(f"no role {str(role)[:80]!r}", field="role", hint=f"There are {', '.join(ROLES)}.")
         if lifetime_s is not None and not 0 < lifetime_s < 1e10:
             raise InvalidInputError(f"a lifetime of {lifetime_s} s", field="expires", hint="Give a time above 0.")
+        if not self._projects.exists(project):
+            raise NotFoundError(
+                f"no project {project[:80]!r}",
+                field="project",
+                hint="Make it with: fastsplat projects create NAME; or see which there are: fastsplat projects list",
+            )
         key = _new_key()
-        record = _record(key, name, kind, lifetime_s)
+        record = _record(key, name, role, lifetime_s, project)
         self._rows.add(record)
         return record, key
 
@@ -65,10 +80,11 @@ class Keys:
     def valid(self) -> KeyRing:
         """The keys that open something now."""
         now = time.time()
-        return KeyRing({record.id: record for record in self._rows.all() if record.valid(now)})
+        by_id = {record.id: record for record in self._rows.all() if record.valid(now)}
+        return KeyRing(by_id, frozenset(self._projects.names()))
 
     def ensure_first(self, path: Path) -> bool:
-        """If no key was ever made, make one that may write and leave it in the file `path` (mode 0600).
+        """If no key was ever made, make an operator's of the default project, and leave it in `path` (mode 0600).
 
         Any number of processes may do this at once: they agree on one key. Returns whether the file holds a new key.
 
@@ -85,18 +101,25 @@ class Keys:
                 field="data_dir",
                 hint="Make the data folder writable, or make a key with: fastsplat keys create",
             ) from error
-        self._rows.add(_record(key, "first", "write", None))
+        self._rows.add(_record(key, "first", "operator", None, DEFAULT_PROJECT))
         return True
 
 
 class KeyRing:
     """What is needed to judge a key without a look into the database."""
 
-    def __init__(self, by_id: Mapping[str, KeyRecord]) -> None:
+    def __init__(self, by_id: Mapping[str, KeyRecord], projects: Set[str] = frozenset()) -> None:
         self._by_id = by_id
+        self.projects = projects
+        """The names of all projects."""
 
     def __contains__(self, key_id: object) -> bool:
         return key_id in self._by_id
+
+    def is_valid(self, key_id: str) -> bool:
+        """Whether the key of this id is valid now."""
+        record = self._by_id.get(key_id)
+        return record is not None and record.valid(time.time())
 
     def find(self, key: str) -> KeyRecord | None:
         """The record of a key that is valid now. Takes as long for a wrong secret as for the right one."""
@@ -120,9 +143,10 @@ def _hash(key: str) -> str:
     return hashlib.sha256(key.encode(errors="replace")).hexdigest()
 
 
-def _record(key: str, name: str, kind: KeyKind, lifetime_s: float | None) -> KeyRecord:
+def _record(key: str, name: str, role: Role, lifetime_s: float | None, project: str) -> KeyRecord:
     now = time.time()
-    return KeyRecord(key_id_of(key), name, kind, _hash(key), now, None if lifetime_s is None else now + lifetime_s)
+    expires_at = None if lifetime_s is None else now + lifetime_s
+    return KeyRecord(key_id_of(key), name, role, _hash(key), now, expires_at, project=project)
 
 
 def _shared_secret(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -36,6 +37,12 @@ class OpenScenes:
         )
         self._encoders: dict[str, TextEncoder] = {}
         self._encoder_lock = threading.Lock()
+
+    def over(self, store: Store) -> OpenScenes:
+        """The same memory and encoders, with the scenes of another view of the store."""
+        other = copy.copy(self)
+        other._store = store
+        return other
 
     def count(self) -> int:
         """How many are open."""

@@ -1,4 +1,4 @@
-"""What one key may hold, checked before bytes are taken and again in the transaction that makes a scene."""
+"""What one project may hold, checked before bytes are taken and again in the transaction that makes a scene."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from fastsplat_contract.errors import QuotaError
 
 
 class Quotas:
-    """The bounds of every key, all of them alike."""
+    """The bounds of every project, all of them alike."""
 
     def __init__(self, usage: QuotaUsage, settings: QuotaSettings) -> None:
         self._usage = usage
         self._settings = settings
 
-    def check_room(self, owner: str, pending_bytes: int) -> None:
-        """Return if `owner` may make one scene more, beside `pending_bytes` of unfinished uploads.
+    def check_room(self, project: str, pending_bytes: int) -> None:
+        """Return if `project` may make one scene more, beside `pending_bytes` of unfinished uploads.
 
         Raises:
             QuotaError: they may not; says which bound it is.
@@ -25,16 +25,16 @@ class Quotas:
         """
         if not self.bounded:
             return
-        usage = self._usage.of(owner)
+        usage = self._usage.of(project)
         self._check(Usage(usage.scenes + 1, usage.stored_bytes + pending_bytes, usage.queued_jobs + 1))
 
-    def reserve(self, connection: Connection, owner: str, scene_id: str, size: int) -> None:
-        """Count a scene against its owner, in the transaction that makes it.
+    def reserve(self, connection: Connection, project: str, scene_id: str, size: int) -> None:
+        """Count a scene against its project, in the transaction that makes it.
 
         Raises:
             QuotaError: it would pass a bound; the transaction must not be committed.
         """
-        self._check(reserve(connection, owner, scene_id, size))
+        self._check(reserve(connection, project, scene_id, size))
 
     @property
     def bounded(self) -> bool:
@@ -51,8 +51,8 @@ class Quotas:
         for (what, count, limit, hint), setting in zip(bounds, settings, strict=True):
             if limit and count > limit:
                 raise QuotaError(
-                    f"with this, the key would hold {count} {what}",
+                    f"with this, the project would hold {count} {what}",
                     field=what,
-                    limit=f"{limit} {what} of one key (FASTSPLAT_QUOTAS__{setting})",
+                    limit=f"{limit} {what} of one project (FASTSPLAT_QUOTAS__{setting})",
                     hint=hint,
                 )

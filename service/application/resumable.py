@@ -28,6 +28,7 @@ from fastsplat.service.application.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
@@ -68,7 +69,7 @@ class Resumable:
 
 @dataclass(frozen=True)
 class _Info:
-    owner: str
+    project: str
     name: str
     length: int
     metadata: str
@@ -86,11 +87,11 @@ class ResumableUploads:
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
 
-    def create(self, owner: str, name: str, length: int, metadata: str = "") -> Resumable:
+    def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
         """Announce a file; durable on return.
 
         Args:
-            owner: the key that may go on with it.
+            project: whose keys may go on with it.
             name: see `Resumable`.
             length: bytes it will have.
             metadata: kept as it is.
@@ -98,7 +99,7 @@ class ResumableUploads:
         Raises:
             InvalidInputError: an unsafe name, or a negative length.
             LimitExceededError: longer than `max_bytes`.
-            QuotaError: the key holds all that it may.
+            QuotaError: the project holds all that it may.
             ResourceError: the disk is full, or has too little space for it.
         """
         safe_parts(name)
@@ -112,7 +113,7 @@ class ResumableUploads:
                 hint="Send fewer or smaller images.",
             )
         if self._quotas is not None and self._quotas.bounded:
-            self._quotas.check_room(owner, length + self._pending_bytes(owner))
+            self._quotas.check_room(project, length + self._pending_bytes(project))
         check_free_space(self._blobs.root, self._min_free_bytes, length)
         upload_id = uuid.uuid4().hex
         folder = self._blobs.upload(upload_id)
@@ -121,28 +122,28 @@ class ResumableUploads:
             _write_durably(folder / _DATA, "")
             _write_durably(folder / _OFFSET, _digits(0))
             # Last: a folder without it is no upload.
-            _write_durably(folder / _INFO, json.dumps(asdict(_Info(owner, name, length, metadata))))
+            _write_durably(folder / _INFO, json.dumps(asdict(_Info(project, name, length, metadata))))
             sync_directory(folder)
             sync_directory(folder.parent)
         except OSError as error:
             remove(folder)
             raise disk_error(error, "upload") from error
-        return self.get(owner, upload_id)
+        return self.get(project, upload_id)
 
-    def get(self, owner: str, upload_id: str) -> Resumable:
+    def get(self, project: str, upload_id: str) -> Resumable:
         """Where an upload stands.
 
         Raises:
-            NotFoundError: there is none of that id, not of this key, or it has expired.
+            NotFoundError: there is none of that id, not of this project, or it has expired.
         """
-        folder, info = self._find(owner, upload_id)
+        folder, info = self._find(project, upload_id)
         offset = int((folder / _OFFSET).read_text())
         expires_at = _changed_at(folder) + self._lifetime_s
         return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
 
     def append(
         self,
-        owner: str,
+        project: str,
         upload_id: str,
         offset: int,
         chunks: Iterable[bytes],
@@ -160,7 +161,7 @@ class ResumableUploads:
             LimitExceededError: more bytes than announced; those announced stay.
             ResourceError: the disk is full.
         """
-        folder, info = self._find(owner, upload_id)
+        folder, info = self._find(project, upload_id)
         with _locked(folder) as data:
             reached = int((folder / _OFFSET).read_text())
             if offset != reached:
@@ -180,26 +181,26 @@ class ResumableUploads:
                 piece.keep()
                 raise
             piece.finish()
-        return self.get(owner, upload_id)
+        return self.get(project, upload_id)
 
-    def delete(self, owner: str, upload_id: str) -> None:
+    def delete(self, project: str, upload_id: str) -> None:
         """Forget an upload.
 
         Raises:
             NotFoundError, UploadLockedError: as `append`.
         """
-        folder, _ = self._find(owner, upload_id)
+        folder, _ = self._find(project, upload_id)
         with _locked(folder):
             remove(folder)
 
-    def complete(self, owner: str, upload_id: str) -> tuple[str, Path]:
+    def complete(self, project: str, upload_id: str) -> tuple[str, Path]:
         """Name and bytes of an upload that is whole; it will never change again.
 
         Raises:
             NotFoundError: as `get`.
             OffsetConflictError: it is not whole.
         """
-        upload = self.get(owner, upload_id)
+        upload = self.get(project, upload_id)
         if upload.offset != upload.length:
             raise OffsetConflictError(
                 f"upload {upload_id} has {upload.offset} of {upload.length} bytes",
@@ -208,21 +209,21 @@ class ResumableUploads:
             )
         return upload.name, self._blobs.upload(upload_id) / _DATA
 
-    def _pending_bytes(self, owner: str) -> int:
-        """What this key's unfinished uploads will weigh."""
+    def _pending_bytes(self, project: str) -> int:
+        """What this project's unfinished uploads will weigh."""
         total = 0
         for upload_id in self._blobs.ids("uploads"):
             try:
-                total += self._find(owner, upload_id)[1].length
+                total += self._find(project, upload_id)[1].length
             except NotFoundError:
                 continue
         return total
 
-    def _find(self, owner: str, upload_id: str) -> tuple[Path, _Info]:
+    def _find(self, project: str, upload_id: str) -> tuple[Path, _Info]:
         try:
             folder = self._blobs.upload(upload_id)
-            info = _Info(**json.loads((folder / _INFO).read_text()))
-            if info.owner == owner and _changed_at(folder) + self._lifetime_s > time.time():
+            info = _read_info(folder / _INFO)
+            if info.project == project and _changed_at(folder) + self._lifetime_s > time.time():
                 return folder, info
         except (OSError, ValueError):
             pass
@@ -301,6 +302,14 @@ def _locked(folder: Path) -> Iterator[BinaryIO]:
                 hint="Wait until it has ended, ask for the offset, then go on.",
             ) from None
         yield data
+
+
+def _read_info(path: Path) -> _Info:
+    content = json.loads(path.read_text())
+    # Earlier releases wrote down the key that announced it: all their keys are the default project's now.
+    content.setdefault("project", DEFAULT_PROJECT)
+    content.pop("owner", None)
+    return _Info(**content)
 
 
 def _changed_at(folder: Path) -> float:

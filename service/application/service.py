@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 import time
 import uuid
@@ -27,7 +28,7 @@ from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.job_repository import no_upload
-from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import CameraFormat
@@ -37,21 +38,24 @@ Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
 
 class SceneService:
-    """Scenes, operations and questions over one data folder. Synchronous; every method is safe from any thread.
+    """Scenes, operations and questions of one project. Synchronous; every method is safe from any thread.
+
+    What is another project's does not exist here; see `in_project`. It begins in the default project.
 
     Raises nothing but `FastSplatError`s for anything a user can cause. Any number of these, in any number of
     processes, may share a data folder.
     """
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
-        self._store = store
+        self.project = DEFAULT_PROJECT
+        self._store = store.in_project(self.project)
         self._settings = settings
         self._check_files = admit or _admit_upload
         self._admitting = threading.BoundedSemaphore(settings.capture.concurrent_validations)
-        self._scenes = OpenScenes(store, settings)
-        self.answers = Answers(store, settings, self._scenes)
+        self._scenes = OpenScenes(self._store, settings)
+        self.answers = Answers(self._store, settings, self._scenes)
         """Questions, pictures and files of finished scenes."""
-        self.versions = Versions(store, settings, self._scenes)
+        self.versions = Versions(self._store, settings, self._scenes)
         """Edits of finished scenes."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
@@ -64,6 +68,18 @@ class SceneService:
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)
         """What those who run the service ask of it."""
+
+    def in_project(self, project: str) -> SceneService:
+        """This service as another project has it. Threads, open scenes and limits are shared, so close one of them."""
+        if project == self.project:
+            return self
+        other = copy.copy(self)
+        other.project = project
+        other._store = self._store.in_project(project)
+        other._scenes = self._scenes.over(other._store)
+        other.answers = Answers(other._store, self._settings, other._scenes)
+        other.versions = Versions(other._store, self._settings, other._scenes)
+        return other
 
     def __enter__(self) -> Self:
         return self
@@ -81,21 +97,18 @@ class SceneService:
         """A standing question says that it lives after so long a silence, if it does not choose."""
         return self._settings.calls.heartbeat_s
 
-    def new_upload(self, owner: str = "") -> UploadSession:
+    def new_upload(self) -> UploadSession:
         """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all.
 
-        Args:
-            owner: the key whose quotas count.
-
         Raises:
-            QuotaError: the key holds all that it may.
+            QuotaError: the project holds all that it may.
             ResourceError: the disk is almost full.
         """
-        self._quotas.check_room(owner, 0)
+        self._quotas.check_room(self.project, 0)
         check_free_space(self._store.blobs.root, self._settings.uploads.min_free_bytes)
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture, owner)
+        return UploadSession(upload_id, folder, self._settings.capture)
 
     def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the upload is over either way.
@@ -113,7 +126,7 @@ class SceneService:
         with upload.committing():
             check_request(name, request_id, options, self._settings.store)
             digest = upload.digest(name, options)
-            earlier = self._store.scenes.find_request(request_id, digest)
+            earlier = self._store.scenes.find_request(request_id, digest, self.project)
             if earlier is not None:
                 remove(upload.folder)
                 return operation_of(earlier)
@@ -129,9 +142,10 @@ class SceneService:
                 upload_id=upload.id,
                 options={"admitted": upload.raw.name, **options_to_json(options)},
                 priority=options.priority,
+                project=self.project,
             )
             record, new = self._store.scenes.create(
-                job, lambda connection: self._quotas.reserve(connection, upload.owner, job.scene_id, upload.bytes)
+                job, lambda connection: self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
             )
             if not new:
                 self._store.blobs.drop_upload(upload.id)

@@ -33,10 +33,8 @@ class UploadSession:
         upload_id: str,
         folder: Path,
         settings: CaptureSettings,
-        owner: str = "",
     ) -> None:
         self.id = upload_id
-        self.owner = owner
         self.folder = folder
         self.raw = folder / "raw"
         self._settings = settings

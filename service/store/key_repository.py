@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from sqlalchemy import Engine, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.schema import api_keys
 from fastsplat_contract.errors import NotFoundError
 
-KeyKind = Literal["write", "read"]
+Role = Literal["reader", "editor", "admin", "operator"]
+ROLES: tuple[Role, ...] = get_args(Role)
+"""Each may do what those before it may."""
 
 
 @dataclass(frozen=True)
@@ -23,24 +26,30 @@ class KeyRecord:
     Attributes:
         id: part of the key itself, and of log lines.
         name: for people.
-        kind: "read" keys query and view; "write" keys also create, change and delete.
+        role: readers query and view; editors also create and change; admins also delete; operators also do all that in
+            any project.
         hash: hex sha256 of the whole key.
         created_at: when it was made.
         expires_at: when it ends; None: never.
         revoked_at: when it was revoked; None: it was not.
+        project: whose scenes it sees.
     """
 
     id: str
     name: str
-    kind: KeyKind
+    role: Role
     hash: str
     created_at: float
     expires_at: float | None = None
     revoked_at: float | None = None
+    project: str = DEFAULT_PROJECT
 
     def valid(self, now: float) -> bool:
         """Whether it is accepted at time `now`."""
         return self.revoked_at is None and (self.expires_at is None or now < self.expires_at)
+
+
+_COLUMNS = [column.label(name) for name, column in api_keys.c.items()]
 
 
 class KeyRepository:
@@ -61,7 +70,7 @@ class KeyRepository:
     def all(self) -> Sequence[KeyRecord]:
         """Every key ever made, oldest first."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
-            rows = connection.execute(select(api_keys).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
+            rows = connection.execute(select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
             return [KeyRecord(**row) for row in rows]
 
     def revoke(self, key_id: str, now: float) -> None:

@@ -9,6 +9,9 @@ from typing import Any
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.scenes import Scale, SceneState
 
+DEFAULT_PROJECT = "default"
+"""The project of those who name none; every database has it."""
+
 
 @dataclass(frozen=True)
 class SceneRecord:
@@ -25,6 +28,7 @@ class SceneRecord:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
+    project: str = DEFAULT_PROJECT
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class OperationRecord:
     starts: int
     cancel_requested: bool
     priority: int
+    project: str = DEFAULT_PROJECT
 
     @property
     def retries(self) -> int:
@@ -76,6 +81,7 @@ class NewJob:
     upload_id: str
     options: Mapping[str, Any]
     priority: int = 0
+    project: str = DEFAULT_PROJECT
 
 
 @dataclass(frozen=True)

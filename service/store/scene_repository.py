@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
 from fastsplat_contract.operations import OperationState
@@ -24,9 +24,14 @@ class SceneRepository:
     """Scenes and operations in one database; every method is one transaction and safe from any thread.
 
     All of them raise `DatabaseError` when the database does not answer.
+
+    Args:
+        engine: of the database.
+        project: there are no scenes and operations but this project's; None: there are those of all projects.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, project: str | None = None) -> None:
+        self._project = project
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
@@ -48,28 +53,28 @@ class SceneRepository:
         now = time.time()
         scene: dict[str, Any] = {
             "id": job.scene_id, "name": job.name, "operation_id": job.operation_id, "state": "TRAINING",
-            "created_at": now, "dictionary": [], "cameras": [], "quality": {},
+            "created_at": now, "dictionary": [], "cameras": [], "quality": {}, "project": job.project,
         }  # fmt: skip
         operation: dict[str, Any] = {
             "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
             "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
             "options": dict(job.options), "priority": job.priority,
-            "stages": [], "created_at": now, "updated_at": now,
+            "stages": [], "created_at": now, "updated_at": now, "project": job.project,
         }  # fmt: skip
         try:
             with self._writing() as connection:
                 connection.execute(insert(operations).values(operation))
                 connection.execute(insert(scenes).values(scene))
                 within(connection)
-                return _operation(connection, job.operation_id), True
+                return self._operation(connection, job.operation_id), True
         except IntegrityError:
-            earlier = self.find_request(job.request_id, job.request_digest)
+            earlier = self.find_request(job.request_id, job.request_digest, job.project)
             if earlier is None:
                 raise
             return earlier, False
 
-    def find_request(self, request_id: str, digest: str) -> OperationRecord | None:
-        """The operation that this request id made before, or None.
+    def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
+        """The operation that this request id made before in a project, or None.
 
         Raises:
             ConflictError: it was made by other content.
@@ -77,7 +82,8 @@ class SceneRepository:
         if not request_id:
             return None
         with self._reading() as connection:
-            row = connection.execute(select(operations).where(operations.c.request_id == request_id)).mappings().first()
+            here = select(operations).where(operations.c.request_id == request_id, operations.c.project == project)
+            row = connection.execute(here).mappings().first()
         if row is None:
             return None
         if row["request_digest"] != digest:
@@ -95,7 +101,7 @@ class SceneRepository:
             NotFoundError: there is none of that id.
         """
         with self._reading() as connection:
-            return _operation(connection, operation_id)
+            return self._operation(connection, operation_id)
 
     def scene(self, scene_id: str) -> SceneRecord:
         """One scene, with its cameras.
@@ -104,7 +110,8 @@ class SceneRepository:
             NotFoundError: there is none of that id.
         """
         with self._reading() as connection:
-            row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
+            query = select(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
+            row = connection.execute(query).mappings().first()
         if row is None:
             raise no_scene(scene_id)
         return SceneRecord(**row)
@@ -115,7 +122,8 @@ class SceneRepository:
         Raises:
             NotFoundError: there is none of that id.
         """
-        query = select(scenes.c.state, scenes.c.version, scenes.c.operation_id).where(scenes.c.id == scene_id)
+        columns = scenes.c.state, scenes.c.version, scenes.c.operation_id
+        query = select(*columns).where(scenes.c.id == scene_id, *self._within(scenes))
         with self._reading() as connection:
             row = connection.execute(query).first()
         if row is None:
@@ -125,7 +133,8 @@ class SceneRepository:
 
     def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
         """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty."""
-        query = select(*_LISTED).order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
+        query = select(*_LISTED).where(*self._within(scenes))
+        query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
         if after is not None:
             created, scene_id = after
             same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
@@ -138,7 +147,8 @@ class SceneRepository:
     ) -> Sequence[OperationRecord]:
         """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if any."""
         rows = operations.c
-        query = select(operations).order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
+        query = select(operations).where(*self._within(operations))
+        query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
         if state is not None:
             query = query.where(rows.state == state)
         if after is not None:
@@ -150,7 +160,7 @@ class SceneRepository:
 
     def ready_scene_ids(self) -> Sequence[str]:
         """Ids of all READY scenes, newest first."""
-        query = select(scenes.c.id).where(scenes.c.state == "READY")
+        query = select(scenes.c.id).where(scenes.c.state == "READY", *self._within(scenes))
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 
@@ -161,9 +171,9 @@ class SceneRepository:
             NotFoundError: there is none of that id.
         """
         with self._writing() as connection:
-            before = _operation(connection, operation_id)
+            before = self._operation(connection, operation_id)
             _stop(connection, before)
-            return _operation(connection, operation_id)
+            return self._operation(connection, operation_id)
 
     def delete_scene(self, scene_id: str) -> OperationRecord:
         """Delete a scene and stop its operation; the request id becomes free again.
@@ -178,10 +188,27 @@ class SceneRepository:
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
-            _stop(connection, _operation(connection, record.operation_id))
+            _stop(connection, self._operation(connection, record.operation_id))
             here = operations.c.id == record.operation_id
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
-            return _operation(connection, record.operation_id)
+            return self._operation(connection, record.operation_id)
+
+    def _within(self, table: Table) -> Sequence[ColumnElement[bool]]:
+        return () if self._project is None else (table.c.project == self._project,)
+
+    def _operation(self, connection: Connection, operation_id: str) -> OperationRecord:
+        query = select(operations).where(operations.c.id == operation_id, *self._within(operations))
+        row = connection.execute(query).mappings().first()
+        if row is None:
+            raise no_operation(operation_id)
+        return as_operation(row)
+
+
+def no_operation(operation_id: str) -> NotFoundError:
+    """The error for an unknown operation."""
+    return NotFoundError(
+        f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
+    )
 
 
 def no_scene(scene_id: str) -> NotFoundError:
@@ -198,20 +225,6 @@ def _stop(connection: Connection, operation: OperationRecord) -> None:
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
     connection.execute(running.values(cancel_requested=True, updated_at=now))
-
-
-def _operation(connection: Connection, operation_id: str) -> OperationRecord:
-    row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().first()
-    if row is None:
-        raise no_operation(operation_id)
-    return as_operation(row)
-
-
-def no_operation(operation_id: str) -> NotFoundError:
-    """The error for an unknown operation."""
-    return NotFoundError(
-        f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
-    )
 
 
 def as_operation(row: RowMapping) -> OperationRecord:

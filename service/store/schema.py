@@ -16,7 +16,21 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
+from fastsplat.service.store.records import DEFAULT_PROJECT
+
 metadata = MetaData()
+
+
+def _project() -> Column[str]:
+    return Column("project", String(64), nullable=False, default=DEFAULT_PROJECT, server_default=DEFAULT_PROJECT)
+
+
+projects = Table(
+    "projects",
+    metadata,
+    Column("name", String(64), primary_key=True),
+    Column("created_at", Double, nullable=False),
+)
 
 scenes = Table(
     "scenes",
@@ -32,7 +46,8 @@ scenes = Table(
     Column("dictionary", JSON, nullable=False),
     Column("cameras", JSON, nullable=False),
     Column("quality", JSON, nullable=False),
-    Index("scenes_newest_first", "created_at", "id"),
+    _project(),
+    Index("scenes_newest_first", "project", "created_at", "id"),
 )
 
 operations = Table(
@@ -41,8 +56,8 @@ operations = Table(
     Column("id", String(40), primary_key=True),
     Column("scene_id", String(40), nullable=False),
     Column("state", String(16), nullable=False, index=True),
-    # An idempotency key belongs to one request only; it is given back when its scene is deleted.
-    Column("request_id", String(200), nullable=True, unique=True),
+    # An idempotency key belongs to one request of a project; it is given back when its scene is deleted.
+    Column("request_id", String(200), nullable=True),
     Column("request_digest", String(64), nullable=False),
     Column("upload_id", String(40), nullable=False),
     Column("options", JSON, nullable=False),
@@ -58,6 +73,8 @@ operations = Table(
     Column("cancel_requested", Boolean, nullable=False, default=False),
     # Higher ones first.
     Column("priority", Integer, nullable=False, default=0, server_default="0"),
+    _project(),
+    UniqueConstraint("project", "request_id", name="operations_request"),
 )
 
 workers = Table(
@@ -92,19 +109,20 @@ api_keys = Table(
     metadata,
     Column("id", String(16), primary_key=True),
     Column("name", String(200), nullable=False),
-    Column("kind", String(8), nullable=False),
+    # It has the name that it had when there were two kinds of keys.
+    Column("kind", String(8), key="role", nullable=False),
     Column("hash", String(64), nullable=False),
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),
     Column("revoked_at", Double, nullable=True),
+    _project(),
 )
 
-# What each scene counts against the quotas of the key that made it.
+# What each scene counts against the quotas of its project.
 quota_usage = Table(
     "holdings",
     metadata,
     Column("scene_id", String(40), primary_key=True),
-    Column("owner", String(16), nullable=False, index=True),
     Column("bytes", BigInteger, nullable=False),
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqlalchemy import Engine
@@ -12,6 +12,7 @@ from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.object_store import open_blobs
+from fastsplat.service.store.project_repository import ProjectRepository
 from fastsplat.service.store.quota_usage import QuotaUsage
 from fastsplat.service.store.reserve import Reserve
 from fastsplat.service.store.scene_repository import SceneRepository
@@ -23,7 +24,10 @@ from fastsplat_contract.errors import ResourceError
 
 @dataclass(frozen=True)
 class Store:
-    """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer."""
+    """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
+
+    `scenes` are those of all projects, see `in_project`.
+    """
 
     scenes: SceneRepository
     versions: VersionRepository
@@ -31,10 +35,15 @@ class Store:
     workers: WorkerRepository
     job_metrics: JobMetrics
     keys: KeyRepository
+    projects: ProjectRepository
     quota_usage: QuotaUsage
     blobs: Blobs
     reserve: Reserve
     engine: Engine
+
+    def in_project(self, project: str) -> Store:
+        """The same store, in which there are no scenes and operations but those of one project."""
+        return replace(self, scenes=SceneRepository(self.engine, project))
 
     def close(self) -> None:
         """Close the connections."""
@@ -68,6 +77,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         workers=WorkerRepository(engine),
         job_metrics=JobMetrics(engine),
         keys=KeyRepository(engine),
+        projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
         blobs=blobs,
         reserve=reserve,

@@ -175,7 +175,7 @@ def test_keys_and_tls_reach_both_ports(
     settings = api_settings.model_copy(
         update={"auth": "on", "tls_cert": pem / "server.pem", "tls_key": pem / "server.key"}
     )
-    read, write = (service.admin.keys.create(kind, kind)[1] for kind in ("read", "write"))
+    read, write = (service.admin.keys.create(role, role)[1] for role in ("reader", "admin"))
     with serving(service, settings) as ports:
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
         with Client(url, key=read, ca=pem / "ca.pem") as client:  # which asks the server where gRPC is

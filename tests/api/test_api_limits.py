@@ -39,7 +39,7 @@ def _limiter(**limits: Any) -> tuple[RateLimiter, _Clock]:
 
 
 def _key(name: str) -> Principal:
-    return Principal(name)
+    return Principal(name, "default", "editor")
 
 
 @settings(deadline=None, max_examples=50)
@@ -85,7 +85,7 @@ def test_calls_under_way_are_bounded_by_key_and_together() -> None:
 
 def test_one_key_cannot_hold_all_threads_that_take_uploads() -> None:
     limiter, _ = _limiter(uploads=2)
-    upload = Rule("write", long_lived=True, upload=True)
+    upload = Rule("editor", long_lived=True, upload=True)
     held = [limiter.enter(_key("a"), upload), limiter.enter(_key("a"), upload)]
     with pytest.raises(RateLimitedError, match="uploads"):
         limiter.enter(_key("a"), upload)

@@ -25,14 +25,14 @@ def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
 
 @pytest.fixture
 def keys(store: Store) -> Keys:
-    return Keys(store.keys)
+    return Keys(store.keys, store.projects)
 
 
 def test_a_key_opens_and_nothing_near_it_does(keys: Keys) -> None:
-    record, key = keys.create("robot", "read")
-    _, other = keys.create("other", "write")
+    record, key = keys.create("robot", "reader")
+    _, other = keys.create("other", "editor")
     ring = keys.valid()
-    assert ring.find(key) == record and record.kind == "read" and record.id in ring
+    assert ring.find(key) == record and record.role == "reader" and record.id in ring
     stem, secret = key[:17], key.split("_", 2)[2]
     swapped = f"fsk_{record.id}_{other.split('_', 2)[2]}"
     near = [key[:-1], key + "x", key[:-1] + ("A" if key[-1] != "A" else "B"), swapped, secret, stem, key.upper(), ""]
@@ -41,19 +41,19 @@ def test_a_key_opens_and_nothing_near_it_does(keys: Keys) -> None:
 
 
 def test_only_hashes_are_kept(keys: Keys, store: Store) -> None:
-    _, key = keys.create("robot", "write")
+    _, key = keys.create("robot", "editor")
     (record,) = store.keys.all()
     assert key.split("_", 2)[2] not in repr(record) and len(record.hash) == 64
 
 
 def test_keys_are_all_different(keys: Keys) -> None:
-    made = [keys.create("x", "read")[1] for _ in range(20)]
+    made = [keys.create("x", "reader")[1] for _ in range(20)]
     assert len(set(made)) == len({key_id_of(key) for key in made}) == 20
 
 
 def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
-    _, brief = keys.create("brief", "write", lifetime_s=0.2)
-    record, key = keys.create("gone", "write")
+    _, brief = keys.create("brief", "editor", lifetime_s=0.2)
+    record, key = keys.create("gone", "editor")
     ring = keys.valid()
     assert ring.find(brief) and ring.find(key)
     keys.revoke(record.id)
@@ -67,7 +67,7 @@ def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
 def test_nonsense_is_refused(keys: Keys) -> None:
     for name, lifetime in (("", None), ("x" * 201, None), ("a\nb", None), ("x", 0.0), ("x", -1.0), ("x", float("nan"))):
         with pytest.raises(InvalidInputError):
-            keys.create(name, "read", lifetime)
+            keys.create(name, "reader", lifetime)
     with pytest.raises(NotFoundError):
         keys.revoke("nobody")
     assert keys.all() == ()
@@ -79,17 +79,17 @@ def test_the_first_key_is_one_key_however_many_start_at_once(store: Store, tmp_p
 
     def start() -> None:
         barrier.wait()
-        Keys(store.keys).ensure_first(path)
+        Keys(store.keys, store.projects).ensure_first(path)
 
     threads = [threading.Thread(target=start) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    keys = Keys(store.keys)
+    keys = Keys(store.keys, store.projects)
     assert len(keys.all()) == 1
     found = keys.valid().find(path.read_text().strip())
-    assert found is not None and found.kind == "write"
+    assert found is not None and (found.role, found.project) == ("operator", "default")
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert sorted(os.listdir(path.parent)) == sorted({*os.listdir(path.parent)} - {".key"})
     assert not [name for name in os.listdir(path.parent) if name.startswith(".key")]
@@ -97,7 +97,7 @@ def test_the_first_key_is_one_key_however_many_start_at_once(store: Store, tmp_p
 
 
 def test_no_first_key_is_made_where_there_was_one(keys: Keys, tmp_path: Path) -> None:
-    record, _ = keys.create("operator", "write")
+    record, _ = keys.create("operator", "editor")
     keys.revoke(record.id)
     assert not keys.ensure_first(tmp_path / "key") and not (tmp_path / "key").exists()
 

@@ -1,4 +1,4 @@
-"""Quotas: what one key may hold, whatever others hold, also when many ask at once."""
+"""Quotas: what one project may hold, whatever others hold, also when many ask at once."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneSer
         service.close()
 
 
-def _post(service: SceneService, owner: str, size: int = 10) -> str:
-    with service.new_upload(owner) as upload:
+def _post(service: SceneService, project: str, size: int = 10) -> str:
+    with service.in_project(project).new_upload() as upload:
         upload.write("a.jpg", [b"x" * size])
         return service.create_scene(upload, "", "", SceneOptions()).scene_id
 
@@ -46,7 +46,7 @@ def _uploads(tmp_path: Path) -> int:
     return len(list((tmp_path / "uploads").iterdir()))
 
 
-def test_scenes_are_counted_by_key_and_come_back_when_deleted(
+def test_scenes_are_counted_by_project_and_come_back_when_deleted(
     opened: Callable[..., SceneService], tmp_path: Path
 ) -> None:
     service = opened(scenes=2)
@@ -56,7 +56,7 @@ def test_scenes_are_counted_by_key_and_come_back_when_deleted(
     assert caught.value.reason == "QUOTA" and "FASTSPLAT_QUOTAS__SCENES" in caught.value.limit
     assert _uploads(tmp_path) == 2
     _post(service, "b")
-    service.delete_scene(first)
+    service.in_project("a").delete_scene(first)
     _post(service, "a")
 
 
@@ -67,7 +67,7 @@ def test_bytes_are_counted_with_those_of_unfinished_uploads(
     _post(service, "a", 60)
     with pytest.raises(QuotaError, match="bytes"):
         _post(service, "a", 41)
-    assert _uploads(tmp_path) == 1 and len(service.list_scenes()[0]) == 1
+    assert _uploads(tmp_path) == 1 and len(service.in_project("a").list_scenes()[0]) == 1
     pending = service.resumable.create("a", "a.zip", 40)
     with pytest.raises(QuotaError):
         service.resumable.create("a", "b.zip", 1)
@@ -81,7 +81,8 @@ def test_jobs_that_wait_are_bounded_and_a_cancelled_one_makes_room(opened: Calla
     scene_id = _post(service, "a")
     with pytest.raises(QuotaError, match="jobs"):
         _post(service, "a")
-    service.cancel_operation(service.get_scene(scene_id).operation_id)
+    mine = service.in_project("a")
+    mine.cancel_operation(mine.get_scene(scene_id).operation_id)
     _post(service, "a")
 
 
@@ -103,7 +104,7 @@ def test_many_at_once_pass_no_bound(opened: Callable[..., SceneService]) -> None
         thread.start()
     for thread in threads:
         thread.join()
-    assert outcomes.count("made") == 3 and len(service.list_scenes()[0]) == 3
+    assert outcomes.count("made") == 3 and len(service.in_project("a").list_scenes()[0]) == 3
 
 
 def test_without_bounds_nothing_is_refused(opened: Callable[..., SceneService]) -> None:

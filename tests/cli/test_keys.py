@@ -31,12 +31,12 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 
 def test_a_key_is_made_listed_and_revoked(fastsplat: Callable[..., Result], tmp_path: Path) -> None:
-    made = fastsplat("keys", "create", "the robot", "--read-only", "--days", "2")
+    made = fastsplat("keys", "create", "the robot", "--role", "reader", "--days", "2")
     key = made.stdout.strip()
     store = open_store(tmp_path / "data")
-    keys = Keys(store.keys)
+    keys = Keys(store.keys, store.projects)
     record = keys.valid().find(key)
-    assert record is not None and record.kind == "read" and record.name == "the robot"
+    assert record is not None and record.role == "reader" and record.name == "the robot"
     assert record.expires_at is not None and record.expires_at - record.created_at == 2 * 86_400
     listed = fastsplat("keys", "list").stdout
     assert record.id in listed and "the robot" in listed and key.split("_", 2)[2] not in listed

@@ -23,7 +23,7 @@ from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.migrations import migrate
 from fastsplat.service.store.schema import metadata
-from fastsplat_contract.errors import ConflictError
+from fastsplat_contract.errors import ConflictError, NotFoundError
 
 _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
@@ -83,6 +83,13 @@ def _rows(engine: Engine) -> dict[str, list[Any]]:
         return {name: sorted(map(repr, connection.execute(text(f"SELECT * FROM {name}")))) for name in names}
 
 
+def _columns_of_all(engine: Engine) -> dict[str, list[dict[str, Any]]]:
+    with engine.connect() as connection:
+        names = [name for name in inspect(connection).get_table_names() if name not in ("alembic_version", "projects")]
+        rows = {name: connection.execute(text(f"SELECT * FROM {name}")).mappings() for name in names}
+        return {name: sorted(map(dict, each), key=repr) for name, each in rows.items()}
+
+
 def test_an_earlier_releases_database_and_a_new_one_become_the_same_as_the_tables(empty: Engine) -> None:
     with empty.begin() as connection:
         metadata.create_all(connection)
@@ -123,14 +130,40 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     empty: Engine, tmp_path: Path, database_url: str
 ) -> None:
     _fill(empty, _BEFORE_ALEMBIC)
-    before = _rows(empty)
+    before = _columns_of_all(empty)
     migrate(empty)
-    assert _rows(empty) == before
+    after = _columns_of_all(empty)
+    assert {
+        table: [row.keys() - old.keys() for row, old in zip(after[table], rows, strict=True)]
+        for table, rows in before.items()
+    } == {
+        table: [{"project"}] * len(rows) if table in ("scenes", "operations", "api_keys") else [set()] * len(rows)
+        for table, rows in before.items()
+    }
+    changed = {
+        (table, name): (old[name], row.get(name))
+        for table, rows in before.items()
+        for old, row in zip(rows, after[table], strict=True)
+        for name in old
+        if row.get(name) != old[name]
+    }
+    assert changed == {
+        ("api_keys", "kind"): ("read", "reader"),
+        ("holdings", "owner"): ("0123456789ab", None),
+        ("schema_version", "version"): (2, 3),
+    }
+    assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)
+    with pytest.raises(NotFoundError):
+        store.in_project("another").scenes.scene("done")
+    mine = store.in_project("default").scenes
+    assert [scene.id for scene in mine.list_scenes(9)] == ["new", "done"] and mine.operation("op_done")
+    again = mine.find_request("once", "d")
+    assert again is not None and again.id == "op_done"
     scene = store.scenes.scene("done")
     assert [version.version for version in store.versions.of(scene)] == ["op_done", "v2"]
-    assert [(key.name, key.kind) for key in store.keys.all()] == [("robot", "read")]
-    usage = store.quota_usage.of("0123456789ab")
+    assert [(key.name, key.role, key.project) for key in store.keys.all()] == [("robot", "reader", "default")]
+    usage = store.quota_usage.of("default")
     assert (usage.scenes, usage.stored_bytes, usage.queued_jobs) == (1, 4096, 0)
     assert [worker.heartbeat_at for worker in store.workers.list_workers()] == [1000.5]
     assert [(job.id, job.priority) for job in store.jobs.waiting()] == [("op_new", 5)]

@@ -1,0 +1,64 @@
+"""Projects in the database. Every scene, operation, request id and key belongs to one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import Engine, exists, func, insert, select
+from sqlalchemy.exc import IntegrityError
+
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import api_keys, projects, scenes
+from fastsplat_contract.errors import ConflictError
+
+
+@dataclass(frozen=True)
+class ProjectRecord:
+    """One project. `created_at` is seconds since 1970, UTC; `keys` counts revoked and expired ones, too."""
+
+    name: str
+    created_at: float
+    scenes: int
+    keys: int
+
+
+class ProjectRepository:
+    """Projects in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._reading = engine.execution_options(read_only=True)
+
+    def add(self, name: str) -> None:
+        """Insert a project.
+
+        Raises:
+            ConflictError: there is one of that name.
+        """
+        try:
+            with transaction(self._engine) as connection:
+                connection.execute(insert(projects).values(name=name, created_at=time.time()))
+        except IntegrityError:
+            raise ConflictError(f"there is a project {name!r} already", field="project") from None
+
+    def exists(self, name: str) -> bool:
+        """Whether there is a project of that name."""
+        with transaction(self._reading) as connection:
+            return bool(connection.scalar(select(exists().where(projects.c.name == name))))
+
+    def names(self) -> Sequence[str]:
+        """The name of every project."""
+        with transaction(self._reading) as connection:
+            return list(connection.scalars(select(projects.c.name)))
+
+    def all(self) -> Sequence[ProjectRecord]:
+        """Every project by name."""
+        counts = [
+            select(func.count()).where(table.c.project == projects.c.name).scalar_subquery()
+            for table in (scenes, api_keys)
+        ]
+        query = select(projects.c.name, projects.c.created_at, *counts).order_by(projects.c.name)
+        with transaction(self._reading) as connection:
+            return [ProjectRecord(*row) for row in connection.execute(query)]

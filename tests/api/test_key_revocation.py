@@ -1,0 +1,277 @@
+"""Whatever a key has under way ends when the key does: streams, events, waits, downloads and uploads, over both ports.
+
+The server looks at its keys once a second (`Authenticator.FRESH_S`), so each ends within two; no test measures it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import queue
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import grpc
+import httpx
+import pytest
+
+from fastsplat.api.access.authenticator import Authenticator, Credentials
+from fastsplat.api.access.policy import rule_of
+from fastsplat.service.application.keys import KeyRing
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.key_repository import KeyRecord
+from fastsplat.service.store.records import NewJob
+from fastsplat_contract.errors import DatabaseError, UnauthenticatedError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, rpc_refusal, served
+
+_LONG_FILE = 1 << 28  # more than any buffer on its way
+
+
+@dataclass(frozen=True)
+class _Place:
+    faces: Faces
+    service: SceneService
+    scene_id: str
+    operation_id: str
+
+    def key(self, lifetime_s: float | None = None) -> tuple[str, str]:
+        record, key = self.service.admin.keys.create("brief", "editor", lifetime_s)
+        return record.id, key
+
+
+@pytest.fixture(scope="module")
+def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Place]:
+    settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path_factory.mktemp("revoked")})
+    with open_service(settings) as service, served(service, settings) as faces:
+        scene_id = add_scene(service, settings)
+        os.truncate(service._store.blobs.version(scene_id, "1") / "scene.ply", _LONG_FILE)
+        service._store.scenes.create(NewJob("queued", "queued", "", "", "", "queued", {}))
+        yield _Place(faces, service, scene_id, "queued")
+
+
+class _Call:
+    """A call that has begun, and would go on for long."""
+
+    def __init__(self, ended: Callable[[], str]) -> None:
+        self.ended = ended
+        """Waits for the end; returns the reason that the client is told, "" where the connection ends without one."""
+
+
+def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list) -> Callable[[_Place, str], _Call]:
+    def start(place: _Place, key: str) -> _Call:
+        call = begin(place, (("authorization", f"Bearer {key}"),))
+
+        def ended() -> str:
+            with pytest.raises(grpc.RpcError) as caught:
+                read(call)
+            refusal = rpc_refusal(caught.value)
+            assert refusal.code == "UNAUTHENTICATED"
+            return refusal.reason
+
+        return _Call(ended)
+
+    return start
+
+
+def _stream_query(place: _Place, metadata: Any) -> Any:
+    requests: queue.Queue[Any] = queue.Queue()
+    question = pb.StandingQuestion(query=pb.QueryRequest(scene_id=place.scene_id, texts=["mug"]), heartbeat_s=0.1)
+    requests.put(pb.StreamQueryRequest(question=question))
+    call = place.faces.rpc.StreamQuery(iter(requests.get, None), metadata=metadata, timeout=30)
+    assert next(call).WhichOneof("part") == "accepted" and next(call).WhichOneof("part") == "heartbeat"
+    return call
+
+
+def _watch(place: _Place, metadata: Any) -> Any:
+    call = place.faces.rpc.WatchOperation(
+        pb.WatchOperationRequest(operation_id=place.operation_id), metadata=metadata, timeout=30
+    )
+    assert next(call).state == pb.OPERATION_STATE_QUEUED
+    return call
+
+
+def _wait(place: _Place, metadata: Any) -> Any:
+    request = pb.WaitOperationRequest(operation_id=place.operation_id, timeout_s=200)
+    call = place.faces.rpc.WaitOperation.future(request, metadata=metadata, timeout=30)
+    time.sleep(0.3)
+    return call
+
+
+def _download(place: _Place, metadata: Any) -> Any:
+    call = place.faces.rpc.DownloadScenePly(
+        pb.DownloadScenePlyRequest(scene_id=place.scene_id), metadata=metadata, timeout=30
+    )
+    assert len(next(call).data)
+
+    def slowly() -> Iterator[Any]:
+        for chunk in call:
+            time.sleep(0.1)
+            yield chunk
+
+    return slowly()
+
+
+def _upload(place: _Place, metadata: Any) -> Any:
+    requests: queue.Queue[Any] = queue.Queue()
+    requests.put(pb.CreateSceneRequest(header=pb.CreateSceneHeader()))
+    requests.put(pb.CreateSceneRequest(file=pb.FileHeader(name="a.jpg")))
+    requests.put(pb.CreateSceneRequest(chunk=b"a"))
+    call = place.faces.rpc.CreateScene.future(iter(requests.get, None), metadata=metadata, timeout=30)
+    _wait_for(lambda: _uploads(place) > 0)
+    return call
+
+
+def _rest(head: Callable[[_Place], str], *, begins: bool) -> Callable[[_Place, str], _Call]:
+    """A request by its head; `begins`: it is answered, and the answer then goes on."""
+
+    def start(place: _Place, key: str) -> _Call:
+        connection = socket.create_connection(("127.0.0.1", place.faces.ports.http), timeout=20)
+        lines = head(place).replace("\n", "\r\n", 1).split("\r\n", 1)
+        more = f"Host: localhost\r\nConnection: close\r\nAuthorization: Bearer {key}\r\n"
+        connection.sendall(f"{lines[0]}\r\n{more}{lines[1]}".encode())
+        answer = connection.makefile("rb")
+        if begins:
+            assert answer.readline().split()[1] == b"200"
+        elif "POST" in lines[0]:
+            _wait_for(lambda: _uploads(place) > 0)
+        else:
+            time.sleep(0.3)
+
+        def ended() -> str:
+            with connection, answer:
+                if begins:
+                    total = 0
+                    while piece := answer.read1(1 << 16):
+                        total += len(piece)
+                        assert total < _LONG_FILE and not piece.endswith(b"0\r\n\r\n"), "it ended as if it were whole"
+                        time.sleep(0.005)
+                    return ""
+                assert answer.readline().split()[1] == b"401"
+                return "UNAUTHENTICATED" if b'"UNAUTHENTICATED"' in answer.read() else "?"
+
+        return _Call(ended)
+
+    return start
+
+
+_BODY = "Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 2000\r\n\r\n"
+_PART = '--x\r\nContent-Disposition: form-data; name="images"; filename="a.jpg"\r\n\r\nabc'
+
+
+def _piece(place: _Place) -> str:
+    upload = place.service.resumable.create("default", "a.zip", 2000)
+    return (
+        f"PATCH /v1/uploads/{upload.id} HTTP/1.1\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+        "Content-Type: application/offset+octet-stream\r\nContent-Length: 2000\r\n\r\nabc"
+    )
+
+
+_CALLS: dict[str, Callable[[_Place, str], _Call]] = {
+    "gRPC StreamQuery": _rpc(_stream_query),
+    "gRPC WatchOperation": _rpc(_watch),
+    "gRPC WaitOperation": _rpc(_wait, read=lambda call: call.result()),
+    "gRPC DownloadScenePly": _rpc(_download),
+    "gRPC CreateScene": _rpc(_upload, read=lambda call: call.result()),
+    "REST events": _rest(lambda place: f"GET /v1/operations/{place.operation_id}/events HTTP/1.1\n\r\n", begins=True),
+    "REST wait": _rest(
+        lambda place: f"GET /v1/operations/{place.operation_id}:wait?timeout_s=200 HTTP/1.1\n\r\n", begins=False
+    ),
+    "REST scene.ply": _rest(lambda place: f"GET /v1/scenes/{place.scene_id}/scene.ply HTTP/1.1\n\r\n", begins=True),
+    "REST POST scenes": _rest(lambda place: f"POST /v1/scenes HTTP/1.1\n{_BODY}{_PART}", begins=False),
+    "REST PATCH upload": _rest(_piece, begins=False),
+}
+
+
+def _uploads(place: _Place) -> int:
+    return len(list(Path(place.service._store.blobs.root / "uploads").glob("*/raw/*")))
+
+
+def _wait_for(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 30
+    while not what():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+_EXPIRING = ("gRPC StreamQuery", "gRPC CreateScene", "REST events", "REST PATCH upload")
+
+
+@pytest.mark.parametrize(
+    ("call", "expires"), [*((call, False) for call in _CALLS), *((call, True) for call in _EXPIRING)]
+)
+def test_a_call_ends_with_its_key_and_others_go_on(place: _Place, call: str, expires: bool) -> None:
+    key_id, key = place.key(lifetime_s=3.0 if expires else None)
+    _, other = place.key()
+    watching = _watch(place, (("authorization", f"Bearer {other}"),))
+    running = _CALLS[call](place, key)
+    if not expires:
+        place.service.admin.keys.revoke(key_id)
+    assert running.ended() in ("UNAUTHENTICATED", "")
+    _wait_for(lambda: _uploads(place) == 0)  # an upload that was cut leaves nothing
+    assert watching.is_active()
+    watching.cancel()
+    response = httpx.get(f"{place.faces.rest.base_url}/v1/scenes", headers={"Authorization": f"Bearer {key}"})
+    assert response.status_code == 401
+
+
+def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_ends_none() -> None:
+    valid = KeyRecord("0" * 12, "robot", "reader", "0" * 64, 0.0)
+    reads: list[float] = []
+
+    class _Ring(KeyRing):
+        def find(self, key: str) -> KeyRecord | None:
+            return valid
+
+    def load() -> KeyRing:
+        reads.append(time.monotonic())
+        if len(reads) == 2:
+            raise DatabaseError("it does not answer")
+        return _Ring({valid.id: valid} if len(reads) < 4 else {})
+
+    async def main() -> list[str]:
+        authenticator = Authenticator(load, auth_enabled=True)
+        rule = rule_of("GET /v1/scenes")
+
+        async def call() -> str:
+            principal = await authenticator.authenticate(Credentials("fsk"), rule)
+            assert principal is not None
+            try:
+                with authenticator.watch(principal):
+                    await asyncio.Event().wait()
+            except UnauthenticatedError as error:
+                return error.message
+            raise AssertionError
+
+        return await asyncio.gather(*(call() for _ in range(50)))
+
+    ends = asyncio.run(main())
+    assert len(ends) == 50 and len(reads) == 4
+    assert Authenticator.FRESH_S <= 1
+
+
+def test_a_task_that_others_cancel_is_cancelled() -> None:
+    valid = KeyRecord("0" * 12, "robot", "reader", "0" * 64, 0.0)
+
+    async def main() -> None:
+        authenticator = Authenticator(lambda: KeyRing({valid.id: valid}), auth_enabled=False)
+        principal = await authenticator.authenticate(Credentials(""), rule_of("GET /v1/scenes"))
+        assert principal is not None and principal.role == "operator"
+
+        async def call() -> None:
+            with authenticator.watch(principal):
+                await asyncio.Event().wait()
+
+        task = asyncio.create_task(call())
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
