@@ -33,21 +33,21 @@ def opened(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
 def _post(service: SceneService, request_id: str = "", content: bytes = b"picture") -> Operation:
     with service.new_upload() as upload:
         upload.write("a.jpg", [content])
-        return upload.commit("a place", request_id, SceneOptions())
+        return service.create_scene(upload, "a place", request_id, SceneOptions())
 
 
 _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "get_scene": lambda service, scene: service.get_scene(scene),
     "list_labels": lambda service, scene: service.list_labels(scene),
-    "list_objects": lambda service, scene: service.list_objects(scene),
-    "list_versions": lambda service, scene: service.list_versions(scene),
-    "current_version": lambda service, scene: service.current_version(scene),
+    "list_objects": lambda service, scene: service.answers.list_objects(scene),
+    "list_versions": lambda service, scene: service.versions.all(scene),
+    "current_version": lambda service, scene: service.versions.current(scene),
     "camera_file": lambda service, scene: service.camera_file(scene, "json"),
-    "scene_ply": lambda service, scene: service.scene_ply(scene),
-    "mask_ply": lambda service, scene: service.mask_ply(scene, "mug"),
-    "query": lambda service, scene: service.query(QueryRequest(scene, ("mug",))),
-    "edit_scene": lambda service, scene: service.edit_scene(scene, [Edit("remove", label="mug")]),
-    "undo_edit": lambda service, scene: service.undo_edit(scene),
+    "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
+    "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
+    "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))),
+    "edit_scene": lambda service, scene: service.versions.edit(scene, [Edit("remove", label="mug")]),
+    "undo_edit": lambda service, scene: service.versions.undo(scene, ""),
     "delete_scene": lambda service, scene: service.delete_scene(scene),
 }
 
@@ -74,7 +74,7 @@ def test_operations_and_lists_are_a_projects_own(opened: SceneService) -> None:
             call(operation.id)
     assert [row.id for row in mine.list_operations().operations] == [operation.id]
     assert [row.id for row in theirs.list_scenes().scenes] == [other.scene_id]
-    assert opened.list_scenes() == ((), "") and opened.query(QueryRequest("", ("mug",))) == ()
+    assert opened.list_scenes() == ((), "") and opened.answers.query(QueryRequest("", ("mug",))) == ()
     assert mine.cancel_operation(operation.id).state == "CANCELLED"
     assert theirs.get_operation(other.id).state == "QUEUED"
 
