@@ -97,7 +97,7 @@ async def serve(
         metrics.watch_jobs(admin.figures)
     doors = open_doors(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
-    threads = Threads(settings.limits.threads, metrics)
+    threads = Threads(settings.limits, metrics, settings.uploads)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
         listener = _listen(settings.host, settings.http_port)

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
-from fastsplat.api.threads import Threads
 from fastsplat_contract.json_codec import to_json
 
 _R = TypeVar("_R")
+
+
+class Run(Protocol):
+    """Runs a function on a thread."""
+
+    def __call__(self, function: Callable[[], _R], /) -> Awaitable[_R]:
+        """Await its result."""
+
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
 """What OpenAPI says of every route's errors."""
@@ -44,19 +51,19 @@ async def while_connected(request: Request, awaitable: Awaitable[_R]) -> _R:
         work.cancel()
 
 
-async def run_cancellable(request: Request, threads: Threads, function: Callable[[], _R]) -> _R:
-    """The result of a service call, made on a thread.
+async def run_cancellable(request: Request, run: Run, function: Callable[[], _R]) -> _R:
+    """The result of a service call, made on a thread by `Threads.call` or `Threads.answer`.
 
     Raises:
         ClientDisconnect: nobody waits for the result any more.
     """
-    return await while_connected(request, threads.call(function))
+    return await while_connected(request, run(function))
 
 
-async def json_of_call(request: Request, threads: Threads, function: Callable[[], object]) -> Response:
+async def json_of_call(request: Request, run: Run, function: Callable[[], object]) -> Response:
     """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
     event loop."""
-    return json_response(await run_cancellable(request, threads, lambda: to_json(function())))
+    return json_response(await run_cancellable(request, run, lambda: to_json(function())))
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

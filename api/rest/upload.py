@@ -104,7 +104,9 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
     try:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
-        return await threads.consume(stream, lambda body: _receive(service, settings, owner, content_type, body))
+        return await threads.consume(
+            stream, lambda body: _receive(service, settings, owner, content_type, body), size=len
+        )
     except FastSplatError:
         if "expect" not in request.headers:
             await _drain(stream)
