@@ -86,6 +86,10 @@ class LimitSettings(BaseModel):
     uploads: int = Field(4, ge=1, description="uploads of one key under way")
     all_uploads: int = Field(64, ge=1, description="uploads of all keys under way; more are refused at once")
     admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
+    connections: int = Field(8_192, ge=1, description="HTTP connections, and as many gRPC calls under way")
+    head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")
+    idle_s: float = Field(300.0, gt=0, description="seconds after which a gRPC connection without calls is closed")
+    streams: int = Field(256, ge=1, description="calls of one gRPC connection at a time")
     threads: int = Field(
         0, ge=0, description="threads that answer requests, round robin over keys; 0: two a core, at least four"
     )
@@ -139,6 +143,9 @@ class Settings(BaseSettings):
         "",
         pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
         description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
+    )
+    trusted_proxies: tuple[str, ...] = Field(
+        (), description="addresses of proxies whose X-Forwarded headers are believed; none: nobody's"
     )
     metrics_host: str = "127.0.0.1"
     metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")

@@ -33,14 +33,19 @@ def file_response(*media_types: str, description: str) -> dict[int | str, dict[s
     return {200: {"content": content, "description": description}}
 
 
-async def while_connected(request: Request, awaitable: Awaitable[_R]) -> _R:
+async def while_connected(request: Request, awaitable: Awaitable[_R], body_read: asyncio.Event | None = None) -> _R:
     """What `awaitable` returns; when the client closes the connection it is cancelled, down to the rasterizer.
+
+    Args:
+        request: whose connection.
+        awaitable: the work.
+        body_read: set once the work has read the whole body, if it does; until then it notices by itself.
 
     Raises:
         ClientDisconnect: nobody waits for the result any more.
     """
     work = asyncio.ensure_future(awaitable)
-    disconnect = asyncio.ensure_future(_disconnect(request))
+    disconnect = asyncio.ensure_future(_disconnect(request, body_read))
     try:
         await asyncio.wait((work, disconnect), return_when=asyncio.FIRST_COMPLETED)
         if not work.done():
@@ -71,6 +76,8 @@ def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | N
     return Response(body, status, headers, "application/json")
 
 
-async def _disconnect(request: Request) -> None:
+async def _disconnect(request: Request, body_read: asyncio.Event | None) -> None:
+    if body_read is not None:
+        await body_read.wait()
     while (await request.receive())["type"] != "http.disconnect":
         pass  # what is left of the body
