@@ -75,6 +75,7 @@ STATUSES: dict[type[FastSplatError], Status] = {
     errors.QuotaError: Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
     errors.RateLimitedError: Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
     errors.OverloadedError: _EXHAUSTED,
+    errors.DeadlineExceededError: Status(504, grpc.StatusCode.DEADLINE_EXCEEDED, "The time is up"),
     errors.CancelledError: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
     errors.UnauthenticatedError: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
     errors.PermissionDeniedError: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),

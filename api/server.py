@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import resource
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
-
-import uvicorn
-from fastapi import FastAPI
 
 from fastsplat.api.access.exposure import check_exposure, is_loopback
 from fastsplat.api.access.gate import build_gate
 from fastsplat.api.grpc.server import start_server
 from fastsplat.api.health import Readiness
+from fastsplat.api.http_server import make_http_server
 from fastsplat.api.metrics import Metrics, serve_metrics
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
-from fastsplat.api.tls import Tls, tls_of
+from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
@@ -32,7 +29,6 @@ _log = logging.getLogger(__name__)
 
 _TURN_S = 0.001  # so long a computing thread may keep the event loop, and with it /livez, waiting
 _MOST_FILES = 65_536
-_MAX_REQUEST_HEAD = 2**18  # so that a question of 100 kB in a URL gets an answer that says what is wrong with it
 
 
 @dataclass(frozen=True)
@@ -97,16 +93,18 @@ async def serve(
         metrics.watch_jobs(admin.figures)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
-    threads = Threads(settings.limits.threads, metrics)
+    threads = Threads(settings.limits, metrics, settings.uploads)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
         listener = _listen(settings.host, settings.http_port)
         opened.callback(listener.close)
         metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
         opened.push_async_callback(asyncio.to_thread, stop_metrics)
-        grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, gate, tls)
+        grpc_server = await start_server(
+            service, threads, settings.host, settings.grpc_port, gate, tls, settings.limits
+        )
         app = create_app(service, settings, threads, gate, readiness, grpc_server.port)
-        http_server = _http_server(app, settings, tls)
+        http_server = make_http_server(app, settings, tls)
         serving = asyncio.create_task(http_server.serve([listener]))
         stopping = asyncio.create_task(stop.wait())
         watching: asyncio.Task[None] | None = None
@@ -139,32 +137,6 @@ def _raise_file_limit() -> None:
     enough = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
     if soft != resource.RLIM_INFINITY and soft < enough:
         resource.setrlimit(resource.RLIMIT_NOFILE, (enough, hard))
-
-
-def _http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> _Server:
-    return _Server(
-        uvicorn.Config(
-            app,
-            http="h11",
-            ws="none",
-            lifespan="off",
-            log_config=None,
-            access_log=False,
-            proxy_headers=False,
-            server_header=False,
-            h11_max_incomplete_event_size=_MAX_REQUEST_HEAD,
-            timeout_graceful_shutdown=math.ceil(settings.drain_s),
-            ssl_certfile=tls.cert if tls is not None else None,
-            ssl_context_factory=None if tls is None else lambda config, default: tls.http_context(),
-        )
-    )
-
-
-class _Server(uvicorn.Server):
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leave the signals to `run`, which has two servers to stop."""
-        yield
 
 
 def _listen(host: str, port: int) -> socket.socket:

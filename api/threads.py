@@ -11,13 +11,17 @@ import concurrent.futures
 import contextvars
 import os
 import threading
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from fastsplat.api.access.caller import caller_id
+from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.metrics import Metrics
 from fastsplat.service.common.cancellation import Cancellation, cancellable
-from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat.service.settings import LimitSettings, UploadSettings
+from fastsplat_contract.errors import CancelledError, DeadlineExceededError, OverloadedError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
@@ -28,60 +32,122 @@ _STALL_S = 60.0
 class Threads:
     """Two bounded pools: one for calls, one for uploads, so that slow uploads never starve questions."""
 
-    def __init__(self, size: int = 0, metrics: Metrics | None = None) -> None:
-        """Threads for calls: `size`, or if 0 two a core and at least four. `metrics` learns what waits and runs."""
-        self._calls = ThreadPoolExecutor(size or max(4, 2 * (os.cpu_count() or 1)), thread_name_prefix="call")
-        self._uploads = ThreadPoolExecutor(8, thread_name_prefix="upload")
+    def __init__(
+        self,
+        limits: LimitSettings | None = None,
+        metrics: Metrics | None = None,
+        uploads: UploadSettings | None = None,
+    ) -> None:
+        """Threads as `limits` say, for uploads as slow as `uploads` say; `metrics` learns what waits and runs."""
+        self._limits = limits or LimitSettings()
+        self._upload_settings = uploads or UploadSettings()
+        self._calls = FairPool(self._limits.threads or max(4, 2 * (os.cpu_count() or 1)), "call")
+        self._uploads = ThreadPoolExecutor(self._limits.all_uploads, thread_name_prefix="upload")
+        self._receiving = 0
         self._metrics = metrics or Metrics()
+
+    async def answer(self, function: Callable[[], _R]) -> _R:
+        """As `call`, for a question or a picture, which have less time.
+
+        Raises:
+            DeadlineExceededError: it was not done in the time that the server gives it.
+        """
+        return await self._run(function, self._limits.answer_s)
 
     async def call(self, function: Callable[[], _R]) -> _R:
         """Run a service call on a thread and await its answer. If this coroutine is cancelled, so is the call: it stops
-        at its next `check_cancelled`."""
-        cancellation = Cancellation()
+        at its next `check_cancelled`; keys take turns.
+
+        Raises:
+            DeadlineExceededError: it was not done in the time that the server gives it.
+        """
+        return await self._run(function, self._limits.call_s)
+
+    async def _run(self, function: Callable[[], _R], timeout_s: float) -> _R:
+        cancellation = Cancellation(timeout_s)
 
         def watched() -> _R:
             with cancellable(cancellation):
+                cancellation.check()
                 return function()
 
         try:
             with self._metrics.queued() as call:
                 context = contextvars.copy_context()  # the thread knows who calls
-                call.future = self._calls.submit(context.run, call.run, watched)
+                call.future = self._calls.submit(caller_id(), lambda: context.run(call.run, watched))
                 return await asyncio.wrap_future(call.future)
         except asyncio.CancelledError:
             cancellation.cancel()
             raise
 
-    async def consume(self, stream: AsyncIterator[_T], function: Callable[[Iterator[_T]], _R]) -> _R:
+    async def consume(
+        self, stream: AsyncIterator[_T], function: Callable[[Iterator[_T]], _R], size: Callable[[_T], int]
+    ) -> _R:
         """Run `function` on a thread over `stream` as a plain iterator.
 
         Items are fetched one by one as the thread asks for them, so a slow disk slows the sender down through the
         transport's own flow control and nothing piles up in memory. If the sender goes away, or this coroutine is
-        cancelled, the thread's next fetch raises.
+        cancelled, the thread's next fetch or `check_cancelled` raises.
+
+        Args:
+            stream: what the sender sends.
+            function: what takes it.
+            size: bytes of an item.
+
+        Raises:
+            OverloadedError: as many uploads as the server takes are under way.
+            DeadlineExceededError: the sender is too slow.
         """
-        loop = asyncio.get_running_loop()
-        feed = _Feed(loop, stream)
+        if self._receiving >= self._limits.all_uploads:
+            raise OverloadedError(
+                "as many uploads as the server takes are under way",
+                limit=f"{self._limits.all_uploads} uploads of all keys at a time (FASTSPLAT_LIMITS__ALL_UPLOADS)",
+                hint="Wait a moment, then send it again.",
+            )
+        feed = _Feed(asyncio.get_running_loop(), stream, size, self._upload_settings)
         context = contextvars.copy_context()  # the thread knows who calls
-        future = loop.run_in_executor(self._uploads, lambda: context.run(function, feed))
+        cancellation = Cancellation()
+
+        def received() -> _R:
+            with cancellable(cancellation):
+                return function(feed)
+
+        self._receiving += 1
+        future = asyncio.get_running_loop().run_in_executor(self._uploads, lambda: context.run(received))
+        future.add_done_callback(self._received)
         try:
             return await asyncio.shield(future)
         except asyncio.CancelledError:
+            cancellation.cancel()
             feed.cut()
             future.add_done_callback(_silence)
             raise
 
+    def _received(self, future: asyncio.Future[Any]) -> None:
+        self._receiving -= 1
+
     def close(self) -> None:
         """Wait for what runs, drop what waits."""
-        self._calls.shutdown(cancel_futures=True)
+        self._calls.close()
         self._uploads.shutdown(cancel_futures=True)
 
 
 class _Feed(Iterator[_T]):
     """An asynchronous stream as an iterator for another thread."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, stream: AsyncIterator[_T]) -> None:
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        stream: AsyncIterator[_T],
+        size: Callable[[_T], int],
+        settings: UploadSettings,
+    ) -> None:
         self._loop = loop
         self._stream = stream
+        self._size = size
+        self._settings = settings
+        self._bytes = 0
+        self._waited_s = 0.0  # for the sender; what our own disk takes is not its fault
         self._gone = threading.Event()
         self._pending: concurrent.futures.Future[tuple[_T] | None] | None = None
 
@@ -92,24 +158,38 @@ class _Feed(Iterator[_T]):
             self._pending.cancel()
 
     def __next__(self) -> _T:
+        began = time.monotonic()
         self._pending = asyncio.run_coroutine_threadsafe(self._fetch(), self._loop)
         try:
-            item = self._pending.result(_STALL_S)
+            item = self._pending.result(max(0.0, self._patience_s()))
         except concurrent.futures.CancelledError:
             raise CancelledError("the sender went away") from None
         except TimeoutError:
             self._pending.cancel()
-            raise InvalidInputError(
-                f"the upload stalled for {_STALL_S:g} s",
-                limit=f"{_STALL_S:g} s between two chunks",
-                hint="Send it again.",
-            ) from None
+            raise self._too_slow() from None
+        self._waited_s += time.monotonic() - began
         # An end that comes with a cancellation is no end: what has arrived must not pass for the whole.
         if self._gone.is_set():
             raise CancelledError("the sender went away")
         if item is None:
             raise StopIteration
+        self._bytes += self._size(item[0])
         return item[0]
+
+    def _patience_s(self) -> float:
+        """How long the sender may now be silent."""
+        settings = self._settings
+        behind = settings.slow_start_s + self._bytes / settings.min_bytes_per_s - self._waited_s
+        return min(behind, _STALL_S, settings.deadline_s - self._waited_s)
+
+    def _too_slow(self) -> DeadlineExceededError:
+        settings = self._settings
+        return DeadlineExceededError(
+            f"the upload is too slow: {self._bytes} bytes so far",
+            limit=f"{settings.min_bytes_per_s:g} bytes a second, {_STALL_S:g} s between two chunks, "
+            f"{settings.deadline_s:g} s in all",
+            hint="Send it again over a better connection, or in pieces (tus, /v1/uploads).",
+        )
 
     async def _fetch(self) -> tuple[_T] | None:
         if self._gone.is_set():

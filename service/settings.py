@@ -60,6 +60,15 @@ class UploadSettings(SettingGroup, section="uploads"):
     """Uploads are refused while the data folder's disk has less free space than this, so that jobs that run can end and
     scenes can be deleted; 0: never."""
 
+    min_bytes_per_s: float = Field(1024.0, gt=0)
+    """A sender that is slower than this over the whole upload is disconnected."""
+
+    slow_start_s: float = Field(20.0, gt=0)
+    """Seconds that a sender may be silent, or behind `min_bytes_per_s`."""
+
+    deadline_s: float = Field(6 * 3600.0, gt=0)
+    """Seconds that receiving one upload, or one piece of a resumable one, may take."""
+
 
 class StoreSettings(BaseModel):
     """Limits of the service layer that belong to no other room."""
@@ -82,9 +91,18 @@ class LimitSettings(BaseModel):
     rate_per_s: float = Field(1_000.0, gt=0, description="requests a second of one key, over time")
     burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
     in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
-    uploads: int = Field(4, ge=1, description="uploads of one key under way; all keys share eight threads for them")
+    uploads: int = Field(4, ge=1, description="uploads of one key under way")
+    all_uploads: int = Field(64, ge=1, description="uploads of all keys under way; more are refused at once")
     admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
-    threads: int = Field(0, ge=0, description="threads that answer requests; 0: two a core, at least four")
+    connections: int = Field(8_192, ge=1, description="HTTP connections, and as many gRPC calls under way")
+    head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")
+    idle_s: float = Field(300.0, gt=0, description="seconds after which a gRPC connection without calls is closed")
+    streams: int = Field(256, ge=1, description="calls of one gRPC connection at a time")
+    threads: int = Field(
+        0, ge=0, description="threads that answer requests, round robin over keys; 0: two a core, at least four"
+    )
+    answer_s: float = Field(60.0, gt=0, description="seconds that one question or picture may take, waiting included")
+    call_s: float = Field(600.0, gt=0, description="seconds that any other call may take, waiting included")
 
 
 class QuotaSettings(BaseModel):
@@ -108,6 +126,10 @@ class CallSettings(BaseModel):
     max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
     max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")
     max_versions: int = Field(50, ge=2, description="versions of one scene")
+    max_encodings: int = Field(
+        1_024, ge=1, description="sentences that one question may have encoded: (texts + negatives) x templates"
+    )
+    max_pixels: int = Field(2**27, ge=1, description="pixels that one question may have rendered: views x texts")
     max_edits: int = Field(100, ge=1, description="edits in one request")
     heartbeat_s: float = Field(5.0, gt=0, description="a standing question says that it lives after so long a silence")
 
@@ -129,6 +151,9 @@ class Settings(BaseSettings):
         "",
         pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
         description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
+    )
+    trusted_proxies: tuple[str, ...] = Field(
+        (), description="addresses of proxies whose X-Forwarded headers are believed; none: nobody's"
     )
     metrics_host: str = "127.0.0.1"
     metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")

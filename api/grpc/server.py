@@ -16,6 +16,7 @@ from fastsplat.api.grpc.servicer import SceneServicer
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 
@@ -50,7 +51,7 @@ class RunningServer:
 
 
 async def start_server(
-    service: SceneService, threads: Threads, host: str, port: int, gate: Gate, tls: Tls | None
+    service: SceneService, threads: Threads, host: str, port: int, gate: Gate, tls: Tls | None, limits: LimitSettings
 ) -> RunningServer:
     """Listen on host:port (0 takes a free port) with health checks (not serving until told otherwise) and reflection.
 
@@ -59,8 +60,15 @@ async def start_server(
     """
     server = aio.server(
         interceptors=[AccessInterceptor(gate), DecodingInterceptor()],
+        maximum_concurrent_rpcs=limits.connections,
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
+            ("grpc.max_concurrent_streams", limits.streams),
+            ("grpc.max_connection_idle_ms", round(limits.idle_s * 1000)),
+            ("grpc.server_handshake_timeout_ms", round(limits.head_s * 1000)),
+            ("grpc.keepalive_time_ms", 60_000),  # a robot that lost its network is noticed
+            ("grpc.keepalive_timeout_ms", 20_000),
+            ("grpc.http2.min_ping_interval_without_data_ms", 10_000),
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
         ],
     )

@@ -42,7 +42,9 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Upload a capture and queue its training."""
         async with guarded(context, "CreateScene"):
             operation = await self._threads.consume(
-                _whole(request_iterator, context), lambda messages: receive_scene(self._service, messages)
+                _whole(request_iterator, context),
+                lambda messages: receive_scene(self._service, messages),
+                size=pb.CreateSceneRequest.ByteSize,
             )
             return _as(pb.Operation, operation)
 
@@ -157,7 +159,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             return list(messages_of_query(self._service.answers.ask(from_proto(QueryRequest, request))))
 
         async with guarded(context, "Query"):
-            for message in await self._threads.call(asked):
+            for message in await self._threads.answer(asked):
                 yield message
 
     async def StreamQuery(  # noqa: N802
@@ -171,7 +173,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:  # noqa: N802
         """One picture."""
         async with guarded(context, "RenderView"):
-            picture = await self._threads.call(
+            picture = await self._threads.answer(
                 lambda: self._service.answers.picture(from_proto(PictureRequest, request))
             )
             for chunk in chunks(picture):
@@ -208,7 +210,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> AsyncIterator[pb.Chunk]:
         """The Gaussians that answer a text as a 3DGS PLY."""
         async with guarded(context, "DownloadMaskPly"):
-            ply = await self._threads.call(
+            ply = await self._threads.answer(
                 lambda: self._service.answers.mask_ply(request.scene_id, request.text, request.version)
             )
             for chunk in chunks(ply):

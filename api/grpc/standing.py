@@ -64,7 +64,7 @@ async def answer_stream(
                 if (error := reading.exception()) is not None:
                     raise error
             if (question := inbox.take_question()) is not None:
-                version = await threads.call(lambda: _accept(service, question.query))
+                version = await threads.answer(lambda: _accept(service, question.query))
                 yield pb.StreamQueryResponse(question=question.number, accepted=pb.Accepted(version=version))
                 continue
             pose, dropped = inbox.take_pose()
@@ -202,7 +202,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     def asked() -> list[pb.QueryResponse]:
         return [message for answer in service.answers.query(query) for message in messages_of(answer)]
 
-    work = asyncio.ensure_future(threads.call(asked))
+    work = asyncio.ensure_future(threads.answer(asked))
     try:
         while not work.done():
             await asyncio.wait((work,), timeout=pose.question.heartbeat_s)

@@ -73,13 +73,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
         )
-        return await json_of_call(request, threads, lambda: service.answers.ask(question))
+        return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
 
     @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
-        return await json_of_call(request, threads, lambda: service.answers.ask(question))
+        return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",
@@ -97,7 +97,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """A picture from one of the scene's own cameras."""
         picture = PictureRequest(scene_id, kind, text, view=view, version=version, depth_scale=depth_scale)
-        png = await run_cancellable(request, threads, lambda: service.answers.picture(picture))
+        png = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
         return Response(png, media_type="image/png")
 
     @router.get(
@@ -117,7 +117,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """Labels or depth from one of the scene's own cameras, as an array."""
         picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
-        npy = await run_cancellable(request, threads, lambda: service.answers.picture(picture))
+        npy = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
         return Response(npy, media_type=_MEDIA_TYPES["npy"])
 
     @router.post(
@@ -128,7 +128,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
         """A picture from a free viewpoint, or from one of the scene's own cameras."""
         picture = PictureRequest(scene_id, **vars(body))
-        content = await run_cancellable(request, threads, lambda: service.answers.picture(picture))
+        content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
         return Response(content, media_type=_MEDIA_TYPES[body.format])
 
     @router.get(
@@ -142,7 +142,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:
         """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
-        path, current = await run_cancellable(request, threads, lambda: service.answers.scene_ply(scene_id, version))
+        path, current = await run_cancellable(
+            request, threads.answer, lambda: service.answers.scene_ply(scene_id, version)
+        )
         return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{current}")
 
     @router.get(
@@ -152,7 +154,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
         """Only the Gaussians that answer the text, as a 3DGS PLY."""
-        ply = await run_cancellable(request, threads, lambda: service.answers.mask_ply(scene_id, text, version))
+        ply = await run_cancellable(request, threads.answer, lambda: service.answers.mask_ply(scene_id, text, version))
         return Response(ply, media_type=_PLY, headers={"Content-Disposition": 'attachment; filename="mask.ply"'})
 
     @router.get(
@@ -176,7 +178,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         question = QueryRequest(
             scene_id, (text,), outputs=frozenset({"mask3d"}), version=version, mask3d_encoding=encoding
         )
-        answer = (await run_cancellable(request, threads, lambda: service.answers.query(question)))[0]
+        answer = (await run_cancellable(request, threads.answer, lambda: service.answers.query(question)))[0]
         return Response(
             answer.mask3d,
             media_type="application/octet-stream",

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
-from fastsplat.api.threads import Threads
 from fastsplat_contract.json_codec import to_json
 
 _R = TypeVar("_R")
+
+
+class Run(Protocol):
+    """Runs a function on a thread."""
+
+    def __call__(self, function: Callable[[], _R], /) -> Awaitable[_R]:
+        """Await its result."""
+
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
 """What OpenAPI says of every route's errors."""
@@ -26,14 +33,19 @@ def file_response(*media_types: str, description: str) -> dict[int | str, dict[s
     return {200: {"content": content, "description": description}}
 
 
-async def while_connected(request: Request, awaitable: Awaitable[_R]) -> _R:
+async def while_connected(request: Request, awaitable: Awaitable[_R], body_read: asyncio.Event | None = None) -> _R:
     """What `awaitable` returns; when the client closes the connection it is cancelled, down to the rasterizer.
+
+    Args:
+        request: whose connection.
+        awaitable: the work.
+        body_read: set once the work has read the whole body, if it does; until then it notices by itself.
 
     Raises:
         ClientDisconnect: nobody waits for the result any more.
     """
     work = asyncio.ensure_future(awaitable)
-    disconnect = asyncio.ensure_future(_disconnect(request))
+    disconnect = asyncio.ensure_future(_disconnect(request, body_read))
     try:
         await asyncio.wait((work, disconnect), return_when=asyncio.FIRST_COMPLETED)
         if not work.done():
@@ -44,19 +56,19 @@ async def while_connected(request: Request, awaitable: Awaitable[_R]) -> _R:
         work.cancel()
 
 
-async def run_cancellable(request: Request, threads: Threads, function: Callable[[], _R]) -> _R:
-    """The result of a service call, made on a thread.
+async def run_cancellable(request: Request, run: Run, function: Callable[[], _R]) -> _R:
+    """The result of a service call, made on a thread by `Threads.call` or `Threads.answer`.
 
     Raises:
         ClientDisconnect: nobody waits for the result any more.
     """
-    return await while_connected(request, threads.call(function))
+    return await while_connected(request, run(function))
 
 
-async def json_of_call(request: Request, threads: Threads, function: Callable[[], object]) -> Response:
+async def json_of_call(request: Request, run: Run, function: Callable[[], object]) -> Response:
     """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
     event loop."""
-    return json_response(await run_cancellable(request, threads, lambda: to_json(function())))
+    return json_response(await run_cancellable(request, run, lambda: to_json(function())))
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
@@ -64,6 +76,8 @@ def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | N
     return Response(body, status, headers, "application/json")
 
 
-async def _disconnect(request: Request) -> None:
+async def _disconnect(request: Request, body_read: asyncio.Event | None) -> None:
+    if body_read is not None:
+        await body_read.wait()
     while (await request.receive())["type"] != "http.disconnect":
         pass  # what is left of the body

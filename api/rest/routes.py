@@ -54,12 +54,12 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     @router.get("/scenes", response_model=SceneList)
     async def list_scenes(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:
         """Scenes in pages, newest first."""
-        return await json_of_call(request, threads, lambda: service.list_scenes(page_size, page_token))
+        return await json_of_call(request, threads.call, lambda: service.list_scenes(page_size, page_token))
 
     @router.get("/scenes/{scene_id}", response_model=Scene)
     async def get_scene(request: Request, scene_id: str) -> Response:
         """One scene with its dictionary, cameras and quality."""
-        return await json_of_call(request, threads, lambda: service.get_scene(scene_id))
+        return await json_of_call(request, threads.call, lambda: service.get_scene(scene_id))
 
     @router.delete("/scenes/{scene_id}", status_code=204, response_class=Response)
     async def delete_scene(scene_id: str) -> Response:
@@ -72,7 +72,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         request: Request, scene_id: str, page_size: PageSize = 0, page_token: PageToken = ""
     ) -> Response:
         """The dictionary in pages, by label id."""
-        return await json_of_call(request, threads, lambda: service.list_labels(scene_id, page_size, page_token))
+        return await json_of_call(request, threads.call, lambda: service.list_labels(scene_id, page_size, page_token))
 
     @router.get("/scenes/{scene_id}/objects", response_model=ObjectList)
     async def list_objects(
@@ -85,7 +85,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     ) -> Response:
         """The things of a scene as oriented boxes, in pages."""
         return await json_of_call(
-            request, threads, lambda: service.answers.list_objects(scene_id, version, label, page_size, page_token)
+            request,
+            threads.answer,
+            lambda: service.answers.list_objects(scene_id, version, label, page_size, page_token),
         )
 
     @router.get(
@@ -110,26 +112,26 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         ] = "json",
     ) -> Response:
         """The scene's own cameras as a file."""
-        content = await run_cancellable(request, threads, lambda: service.camera_file(scene_id, format))
+        content = await run_cancellable(request, threads.call, lambda: service.camera_file(scene_id, format))
         return Response(content, media_type=MEDIA_TYPES[format])
 
     @router.post("/scenes/{scene_id}:edit", response_model=SceneVersion)
     async def edit_scene(request: Request, scene_id: str, body: EditIn) -> Response:
         """Make a new version of a scene: the edits in order, all or none; it is current on return."""
         return await json_of_call(
-            request, threads, lambda: service.versions.edit(scene_id, body.edits, body.request_id)
+            request, threads.call, lambda: service.versions.edit(scene_id, body.edits, body.request_id)
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)
     async def undo_edit(request: Request, scene_id: str, body: UndoIn | None = None) -> Response:
         """Go back to the version before the current one."""
         expected = body.version if body is not None else ""
-        return await json_of_call(request, threads, lambda: service.versions.undo(scene_id, expected))
+        return await json_of_call(request, threads.call, lambda: service.versions.undo(scene_id, expected))
 
     @router.get("/scenes/{scene_id}/versions", response_model=VersionList)
     async def list_versions(request: Request, scene_id: str) -> Response:
         """Every version of a scene, oldest first."""
-        return await json_of_call(request, threads, lambda: VersionList(service.versions.all(scene_id)))
+        return await json_of_call(request, threads.call, lambda: VersionList(service.versions.all(scene_id)))
 
     return router
 
@@ -148,7 +150,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         state: Annotated[OperationState | None, Query(description="only those in this state")] = None,
     ) -> Response:
         """Operations in pages, newest first."""
-        return await json_of_call(request, threads, lambda: service.list_operations(page_size, page_token, state))
+        return await json_of_call(request, threads.call, lambda: service.list_operations(page_size, page_token, state))
 
     @router.get("/operations/{operation_id}:wait", response_model=Operation)
     async def wait_operation(
@@ -176,16 +178,16 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.get("/operations/{operation_id}", response_model=Operation)
     async def get_operation(request: Request, operation_id: str) -> Response:
         """Where a job stands, stage by stage."""
-        return await json_of_call(request, threads, lambda: service.get_operation(operation_id))
+        return await json_of_call(request, threads.call, lambda: service.get_operation(operation_id))
 
     @router.post("/operations/{operation_id}:cancel", response_model=Operation)
     async def cancel_operation(request: Request, operation_id: str) -> Response:
         """Ask a job to stop; one that is over stays as it is."""
-        return await json_of_call(request, threads, lambda: service.cancel_operation(operation_id))
+        return await json_of_call(request, threads.call, lambda: service.cancel_operation(operation_id))
 
     @router.post("/operations/{operation_id}:retry", response_model=Operation)
     async def retry_operation(request: Request, operation_id: str) -> Response:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
-        return await json_of_call(request, threads, lambda: service.retry_operation(operation_id))
+        return await json_of_call(request, threads.call, lambda: service.retry_operation(operation_id))
 
     return router

@@ -66,7 +66,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
         made = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
         if with_bytes:
             made = await threads.consume(
-                aiter(request.stream()), lambda chunks: uploads.append(project, made.id, 0, chunks, checksum)
+                aiter(request.stream()), lambda chunks: uploads.append(project, made.id, 0, chunks, checksum), size=len
             )
         return _told(201, made, Location=f"/v1/uploads/{made.id}")
 
@@ -89,7 +89,9 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
         return _told(
             204,
             await threads.consume(
-                aiter(request.stream()), lambda chunks: uploads.append(project, upload_id, offset, chunks, checksum)
+                aiter(request.stream()),
+                lambda chunks: uploads.append(project, upload_id, offset, chunks, checksum),
+                size=len,
             ),
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
+from itertools import islice
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -11,6 +12,7 @@ from starlette.requests import ClientDisconnect, Request
 
 from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.multipart import Part, read_parts
+from fastsplat.api.rest.responses import while_connected
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
 from fastsplat.service.application.service import SceneService
@@ -22,6 +24,7 @@ from fastsplat_contract.operations import Operation, SceneOptions
 _FILE_FIELDS = ("capture", "images", "files")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
+_MAX_EPILOGUE_CHUNKS = 64
 
 
 def _options() -> dict[str, Any]:
@@ -98,17 +101,31 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
     Raises:
         FastSplatError: what the form, the files or the service's limits have against it.
     """
-    stream = aiter(request.stream())
+    stream, body_read = aiter(request.stream()), asyncio.Event()
     project = caller_project()
     content_type = request.headers.get("content-type", "")
     try:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
-        return await threads.consume(stream, lambda body: _receive(service, settings, project, content_type, body))
+        return await while_connected(
+            request,
+            threads.consume(
+                _noting_end(stream, body_read),
+                lambda body: _receive(service, settings, project, content_type, body),
+                size=len,
+            ),
+            body_read,
+        )
     except FastSplatError:
         if "expect" not in request.headers:
             await _drain(stream)
         raise
+
+
+async def _noting_end(stream: AsyncIterator[bytes], end: asyncio.Event) -> AsyncIterator[bytes]:
+    async for chunk in stream:
+        yield chunk
+    end.set()
 
 
 async def _drain(stream: AsyncIterator[bytes]) -> None:
@@ -147,11 +164,18 @@ def _receive(
                         "more than one capture", field="capture", hint='Send single photos as "images".'
                     )
                 upload.write(part.filename, part.chunks)
+        _read_to_end(body)
         form = _form(texts)
         for upload_id in form.uploads:
             upload.adopt(*service.resumable.complete(project, upload_id))
         options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
         return service.create_scene(upload, form.name, form.request_id, options)
+
+
+def _read_to_end(body: Iterator[bytes]) -> None:
+    """Behind the closing boundary there may be a few bytes more, which say nothing (RFC 2046)."""
+    if sum(map(len, islice(body, _MAX_EPILOGUE_CHUNKS))) > _MAX_TEXT_BYTES or next(body, None) is not None:
+        raise InvalidInputError("the form goes on behind its closing boundary", field="body")
 
 
 def _text(part: Part, room: int) -> bytes:

@@ -13,13 +13,14 @@ ones are here; all of them are in `fastsplat_contract`.
 """
 
 from fastsplat_client.client import Client
-from fastsplat_client.errors import DeadlineExceededError, RemoteError, UnreachableError
+from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import (
     CancelledError,
     ConflictError,
+    DeadlineExceededError,
     FastSplatError,
     InvalidInputError,
     Kind,

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_client.captures import CaptureFiles
-from fastsplat_client.errors import DeadlineExceededError, UnreachableError, read
+from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import DeadlineExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions

@@ -24,13 +24,6 @@ class UnreachableError(FastSplatError):
     reason = "UNREACHABLE"
 
 
-class DeadlineExceededError(FastSplatError):
-    """The answer did not come in the time that the caller gave; the server stops working on it."""
-
-    kind = Kind.CANCELLED
-    reason = "DEADLINE_EXCEEDED"
-
-
 def read(kind: type[T], answer: httpx.Response | str) -> T:
     """What the server answered.
 

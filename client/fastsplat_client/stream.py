@@ -11,9 +11,9 @@ from pathlib import Path
 import grpc
 from google.protobuf.message import DecodeError
 
-from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
+from fastsplat_client.errors import UnreachableError, error_of
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, Kind
+from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
 from fastsplat_contract.pieces import answers_of, query_of
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest

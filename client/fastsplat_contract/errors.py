@@ -23,6 +23,7 @@
     ├── RateLimitedError                    RESOURCE_EXHAUSTED    RATE_LIMITED
     │   └── OverloadedError                                       OVERLOADED
     ├── CancelledError                      CANCELLED             CANCELLED
+    ├── DeadlineExceededError               DEADLINE_EXCEEDED     DEADLINE_EXCEEDED
     ├── UnauthenticatedError                UNAUTHENTICATED       UNAUTHENTICATED
     ├── PermissionDeniedError               PERMISSION_DENIED     PERMISSION_DENIED
     ├── NotReadyNowError                    UNAVAILABLE           UNAVAILABLE
@@ -53,6 +54,7 @@ class Kind(Enum):
     FAILED_PRECONDITION = "FAILED_PRECONDITION"
     RESOURCE_EXHAUSTED = "RESOURCE_EXHAUSTED"
     CANCELLED = "CANCELLED"
+    DEADLINE_EXCEEDED = "DEADLINE_EXCEEDED"
     UNAUTHENTICATED = "UNAUTHENTICATED"
     PERMISSION_DENIED = "PERMISSION_DENIED"
     UNAVAILABLE = "UNAVAILABLE"
@@ -251,6 +253,13 @@ class CancelledError(FastSplatError):
 
     kind = Kind.CANCELLED
     reason = "CANCELLED"
+
+
+class DeadlineExceededError(FastSplatError):
+    """The work was not done in the time it may take: the caller's, or the server's own limit."""
+
+    kind = Kind.DEADLINE_EXCEEDED
+    reason = "DEADLINE_EXCEEDED"
 
 
 class UnauthenticatedError(FastSplatError):

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 from pathlib import Path
 
+from fastsplat.service.application.costs import check_encodings, check_pixels
 from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
@@ -153,6 +154,8 @@ class Answers:
     def _answer(self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         cameras = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
+        if "mask2d" in request.outputs:
+            check_pixels((posed for _, _, posed in cameras), len(request.texts), self._settings.calls)
         shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
         answers: list[Answer] = []
         for answer in index.answer(query):
@@ -184,6 +187,9 @@ class Answers:
             templates=request.templates or None,
             coverage=request.coverage,
         )
+        check_encodings(query, self._settings.calls)
+        if "mask2d" in request.outputs:
+            check_pixels(request.cameras, len(request.texts), self._settings.calls)
         check_texts(dataclasses.replace(request, scene_id=""))  # whatever id there is not is not found
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import threading
 import time
 import uuid
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import check_page_size, check_request
+from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
@@ -51,7 +51,7 @@ class SceneService:
         self._store = store.in_project(self.project)
         self._settings = settings
         self._check_files = admit or _admit_upload
-        self._admitting = threading.BoundedSemaphore(settings.capture.concurrent_validations)
+        self._validating = ValidationSlots(settings.capture.concurrent_validations)
         self._scenes = OpenScenes(self._store, settings)
         self.answers = Answers(self._store, settings, self._scenes)
         """Questions, pictures and files of finished scenes."""
@@ -130,7 +130,7 @@ class SceneService:
             if earlier is not None:
                 remove(upload.folder)
                 return operation_of(earlier)
-            with self._admitting:
+            with self._validating.taken(self.project):
                 upload.replace_files(self._check_files(upload.raw, self._settings.capture).folder)
             self._store.blobs.keep_upload(upload.id)
             job = NewJob(

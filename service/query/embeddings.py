@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import ModelUnavailableError
@@ -19,6 +20,8 @@ if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely
 
 F32 = NDArray[np.float32]
 _DEFAULTS = QuerySettings()
+_BATCH = 16
+"""Sentences that are encoded between two looks whether anybody waits for them."""
 
 
 def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[str]) -> F32:
@@ -31,7 +34,11 @@ def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[
     if not names:
         return np.zeros((0, 0), dtype=np.float32)
     sentences = [template.replace("{}", name) for name in names for template in templates]
-    vectors = np.asarray(encoder.encode(sentences), dtype=np.float64)
+    pieces = []
+    for start in range(0, len(sentences), _BATCH):
+        check_cancelled()
+        pieces.append(np.asarray(encoder.encode(sentences[start : start + _BATCH]), dtype=np.float64))
+    vectors = np.concatenate(pieces)
     if vectors.ndim != 2 or len(vectors) != len(sentences) or not np.isfinite(vectors).all():
         raise ModelUnavailableError(
             f"text encoder {encoder.name} answered {len(sentences)} texts with shape {vectors.shape}",

@@ -30,6 +30,7 @@ _STATUSES = {
     errors.ConflictError: (409, "ALREADY_EXISTS"),
     errors.NotReadyError: (409, "FAILED_PRECONDITION"),
     errors.CancelledError: (499, "CANCELLED"),
+    errors.DeadlineExceededError: (504, "DEADLINE_EXCEEDED"),
     errors.ResourceError: (503, "RESOURCE_EXHAUSTED"),
     errors.UnauthenticatedError: (401, "UNAUTHENTICATED"),
     errors.PermissionDeniedError: (403, "PERMISSION_DENIED"),

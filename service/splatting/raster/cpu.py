@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 import torch
 from torch import Tensor
 
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.splatting.raster import classify, harmonics
 from fastsplat.service.splatting.raster.checks import isect_limit_error
 from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
@@ -205,6 +206,7 @@ def _call(kernel: Callable[P, T], settings: RasterSettings) -> Callable[P, T]:
         except kernels.TooManyIsectsError:
             raise isect_limit_error(settings.max_isects) from None
         except kernels.CallCancelledError:
+            check_cancelled()  # says why
             raise CancelledError("the rendering was cancelled") from None
 
     return call

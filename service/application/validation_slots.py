@@ -1,0 +1,47 @@
+"""How many uploads are validated at a time, shared over their owners."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from fastsplat.service.common.cancellation import check_cancelled
+
+_POLL_S = 0.1
+
+
+class ValidationSlots:
+    """A bounded number of places; one owner never has them all, unless there is only one.
+
+    Args:
+        count: places of all owners.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._share = max(1, count - 1)
+        self._taken: Counter[str] = Counter()
+        self._changed = threading.Condition()
+
+    @contextmanager
+    def taken(self, owner: str) -> Iterator[None]:
+        """A block that holds a place; waits for one.
+
+        Raises:
+            CancelledError: the caller does not wait any longer.
+        """
+        with self._changed:
+            while self._taken.total() >= self._count or self._taken[owner] >= self._share:
+                check_cancelled()
+                self._changed.wait(_POLL_S)
+            self._taken[owner] += 1
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._taken[owner] -= 1
+                if not self._taken[owner]:
+                    del self._taken[owner]
+                self._changed.notify_all()

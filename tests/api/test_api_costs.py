@@ -1,0 +1,172 @@
+"""What a request costs is bounded before it is paid, alike on both protocols; nobody's work starves another's."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import grpc
+import pytest
+
+from fastsplat.api.access.caller import Principal, current_principal
+from fastsplat.api.fair_pool import FairPool
+from fastsplat.api.threads import Threads
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.settings import LimitSettings, Settings, UploadSettings
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.made_scene import turned
+from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal, served
+
+
+def _refused(faces: Faces, request: QueryRequest, protocol: str) -> Refusal:
+    if protocol == "gRPC":
+        with pytest.raises(grpc.RpcError) as caught:
+            list(faces.rpc.Query(to_proto(request)))
+        return rpc_refusal(caught.value)
+    body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
+    return rest_refusal(faces.rest.post(f"/v1/scenes/{request.scene_id}:query", json=body))
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_too_many_sentences_or_pixels_are_refused_before_any_work(
+    faces: Faces, service: SceneService, scene_id: str, protocol: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Any] = []
+    monkeypatch.setattr(service._scenes, "reading", lambda *arguments: opened.append(arguments))
+    templates = tuple(f"{{}} number {number}" for number in range(64))
+    texts = tuple(f"thing {number}" for number in range(64))
+    encodings = _refused(faces, QueryRequest(scene_id, texts, templates=templates), protocol)
+    assert (encodings.reason, encodings.details["field"]) == ("LIMIT_EXCEEDED", "templates")
+    posed = turned(0.0)
+    large = type(posed)(posed.camera.scaled_to(4000, 3000), posed.world_from_camera)
+    question = QueryRequest(scene_id, ("mug",), (large,) * 64, outputs=frozenset({"mask2d"}))
+    pixels = _refused(faces, question, protocol)
+    assert (pixels.reason, pixels.details["field"]) == ("LIMIT_EXCEEDED", "cameras")
+    assert "FASTSPLAT_CALLS__MAX_PIXELS" in pixels.details["limit"] and not opened
+
+
+class _Slow:
+    """A service whose questions end only by being stopped."""
+
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+
+    @property
+    def answers(self) -> _Slow:
+        return self
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service, name)
+
+    def ask(self, request: QueryRequest) -> QueryOut:
+        never = threading.Event()
+        while not never.wait(0.005):
+            check_cancelled()
+        raise AssertionError
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_the_server_itself_ends_what_takes_too_long(
+    service: SceneService, api_settings: Settings, scene_id: str, protocol: str
+) -> None:
+    limits = LimitSettings(answer_s=0.2)
+    with served(_Slow(service), api_settings.model_copy(update={"limits": limits})) as faces:
+        refusal = _refused(faces, QueryRequest(scene_id, ("mug",)), protocol)
+    assert refusal.reason == "DEADLINE_EXCEEDED" and refusal.code in (504, "DEADLINE_EXCEEDED")
+    assert refusal.details["limit"] == "0.2 s"
+
+
+@pytest.fixture
+def impatient(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
+    """A server that waits half a second for a sender, and takes two uploads at a time."""
+    changes = {
+        "uploads": UploadSettings(slow_start_s=0.5),
+        "limits": LimitSettings(all_uploads=2),
+    }
+    with served(service, api_settings.model_copy(update=changes)) as faces:
+        yield faces
+
+
+def _begin_upload(faces: Faces) -> http.client.HTTPConnection:
+    """A form that never comes to its end."""
+    connection = http.client.HTTPConnection("127.0.0.1", faces.ports.http, timeout=60)
+    connection.putrequest("POST", "/v1/scenes")
+    connection.putheader("Content-Type", "multipart/form-data; boundary=x")
+    connection.putheader("Content-Length", "100000")
+    connection.endheaders(b"--x\r\n")
+    return connection
+
+
+def test_a_sender_that_drips_is_cut_off(impatient: Faces) -> None:
+    connection = _begin_upload(impatient)
+    over = threading.Event()
+
+    def drip() -> None:
+        while not over.wait(0.1):
+            try:
+                connection.sock.sendall(b"C")
+            except OSError:
+                return
+
+    dripping = threading.Thread(target=drip)
+    dripping.start()
+    try:
+        response = connection.getresponse()
+        assert response.status == 504 and b"DEADLINE_EXCEEDED" in response.read()
+    finally:
+        over.set()
+        dripping.join(30)
+        connection.close()
+
+
+def test_a_stream_that_is_silent_is_cut_off(impatient: Faces) -> None:
+    silent = threading.Event()
+
+    def messages() -> Iterator[pb.CreateSceneRequest]:
+        yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(name="x"))
+        silent.wait(60)
+
+    with pytest.raises(grpc.RpcError) as caught:
+        impatient.rpc.CreateScene(messages())
+    silent.set()
+    assert rpc_refusal(caught.value).reason == "DEADLINE_EXCEEDED"
+
+
+def test_more_uploads_than_the_server_takes_are_refused_at_once(service: SceneService, api_settings: Settings) -> None:
+    limits = LimitSettings(all_uploads=2)
+    with served(service, api_settings.model_copy(update={"limits": limits})) as faces:
+        slow = [_begin_upload(faces) for _ in range(2)]
+        refusal = None
+        while refusal is None or refusal.reason != "OVERLOADED":  # until both have arrived
+            refusal = rest_refusal(faces.rest.post("/v1/scenes", files={"images": ("a.jpg", b"no picture")}))
+            assert refusal.reason in ("OVERLOADED", "CORRUPT_IMAGE", "INVALID_INPUT")
+        assert refusal.code == 503
+        for connection in slow:
+            connection.close()
+
+
+def test_work_slots_go_by_key() -> None:
+    callers: list[str] = []
+
+    class Recording(FairPool):
+        def submit(self, caller: str, function: Callable[[], Any]) -> Any:
+            callers.append(caller)
+            return super().submit(caller, function)
+
+    async def main() -> None:
+        threads = Threads(LimitSettings(threads=2))
+        threads._calls = Recording(2, "recorded")
+        for key in ("one", "two"):
+            current_principal.set(Principal(key, True))
+            await threads.answer(lambda: None)
+        await asyncio.to_thread(threads.close)
+
+    asyncio.run(main())
+    assert callers == ["one", "two"]

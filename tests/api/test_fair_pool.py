@@ -1,0 +1,76 @@
+"""Threads go round robin over callers; what nobody waits for is not run."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from fastsplat.api.fair_pool import FairPool
+
+
+@pytest.fixture
+def pool() -> Iterator[FairPool]:
+    pool = FairPool(3, "test")
+    yield pool
+    pool.close()
+
+
+def test_one_caller_never_has_every_thread(pool: FairPool) -> None:
+    release, begun = threading.Event(), threading.Semaphore(0)
+
+    def hold() -> None:
+        begun.release()
+        assert release.wait(30)
+
+    held = [pool.submit("greedy", hold) for _ in range(20)]
+    assert all(begun.acquire(timeout=30) for _ in range(2))
+    assert pool.submit("other", lambda: "answered").result(30) == "answered"
+    assert not any(future.done() for future in held)
+    release.set()
+    assert [future.result(30) for future in held] == [None] * 20
+
+
+def test_callers_take_turns_however_much_one_has_queued() -> None:
+    pool = FairPool(1, "turns")
+    release, order = threading.Event(), []
+    first = pool.submit("a", lambda: release.wait(30))
+    queued = [pool.submit(caller, lambda caller=caller: order.append(caller)) for caller in "aaaabbc"]
+    release.set()
+    for future in (first, *queued):
+        future.result(30)
+    assert "".join(order) == "bcabaaa" or "".join(order) == "abcabaa"
+    assert set(order[:3]) == {"a", "b", "c"}
+    pool.close()
+
+
+def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
+    release, ran = threading.Event(), []
+    held = [pool.submit("a", lambda: release.wait(30)) for _ in range(2)]
+    given_up = [pool.submit("a", lambda: ran.append(1)) for _ in range(100)]
+    for future in given_up:
+        assert future.cancel()
+    assert len(pool._callers["a"].waiting) == 0
+    release.set()
+    for future in held:
+        future.result(30)
+    assert pool.submit("a", lambda: "next").result(30) == "next" and not ran
+
+
+def test_an_error_is_the_calls_own_and_closing_cancels_what_waits(pool: FairPool) -> None:
+    with pytest.raises(ZeroDivisionError):
+        pool.submit("a", lambda: 1 / 0).result(30)
+    release = threading.Event()
+    held = [pool.submit("a", lambda: release.wait(30)) for _ in range(2)]
+    waiting = pool.submit("a", lambda: None)
+    closing = threading.Thread(target=pool.close)
+    closing.start()
+    while not waiting.done():
+        pass
+    assert waiting.cancelled()
+    release.set()
+    closing.join(30)
+    assert all(future.result(30) for future in held)
+    with pytest.raises(RuntimeError):
+        pool.submit("a", lambda: None)
