@@ -43,6 +43,7 @@ _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
 _MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+_NOTIFICATIONS_S = 60.0  # our workflows neither send nor receive any
 _ENDED = ("SUCCESS", "ERROR", "CANCELLED")
 _MAX_DELETED_AT_ONCE = 1000
 
@@ -86,6 +87,8 @@ def start(worker: Worker) -> None:
         "log_level": "WARNING",
         "run_migrations": True,
         "sys_db_idle_transaction_timeout_sec": IDLE_TRANSACTION_TIMEOUT_S,
+        "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
+        "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
     }
     DBOS(config=config)
     _adopt_engine_log()
