@@ -34,7 +34,7 @@ class JobSettings(SettingGroup, section="jobs"):
     max_starts: int = Field(3, ge=1)
     """A job is FAILED once its trainer or worker has died this often."""
 
-    poll_interval_s: float = Field(1.0, gt=0)
+    poll_interval_s: float = Field(2.0, gt=0)
     """How often a worker looks for new jobs and for cancellations."""
 
     progress_interval_s: float = Field(0.5, gt=0)

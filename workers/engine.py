@@ -90,7 +90,9 @@ def start(worker: Worker) -> None:
         "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
         "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
     }
-    DBOS(config=config)
+    engine = DBOS(config=config)
+    # The engine looks for its own housekeeping jobs, of which we have none, every second, and has no setting for it.
+    engine._registry.get_internal_queue()._polling_interval_sec = _NOTIFICATIONS_S
     _adopt_engine_log()
     DBOS.launch()
     DBOS.register_queue(
@@ -98,7 +100,7 @@ def start(worker: Worker) -> None:
     )
     _repeat(worker, "enqueue jobs", _enqueue_waiting, jobs.poll_interval_s)
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
-    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.heartbeat_interval_s)
+    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
     _repeat(worker, "check claims", _exit_if_fenced, jobs.heartbeat_interval_s)
     _repeat(worker, "cleanup", _clean_up, jobs.cleanup_interval_s)
     _repeat(worker, "storage cleanup", _clean_up_storage, _STORAGE_CLEANUP_INTERVAL_S)
