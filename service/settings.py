@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_settings import (
+    BaseSettings,
+    EnvSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    SettingsError,
+)
+from sqlalchemy import make_url
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
@@ -17,6 +25,8 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import InvalidInputError
 
+_FILE = "_file"
+
 
 class JobSettings(SettingGroup, section="jobs"):
     """How workers take and watch jobs, and when they give up."""
@@ -24,7 +34,7 @@ class JobSettings(SettingGroup, section="jobs"):
     max_starts: int = Field(3, ge=1)
     """A job is FAILED once its trainer or worker has died this often."""
 
-    poll_interval_s: float = Field(0.3, gt=0)
+    poll_interval_s: float = Field(2.0, gt=0)
     """How often a worker looks for new jobs and for cancellations."""
 
     progress_interval_s: float = Field(0.5, gt=0)
@@ -134,6 +144,35 @@ class CallSettings(BaseModel):
     heartbeat_s: float = Field(5.0, gt=0, description="a standing question says that it lives after so long a silence")
 
 
+class _EnvironmentAndFiles(EnvSettingsSource):
+    """Environment variables, and the content of files that variables with the suffix _FILE name, as in
+    FASTSPLAT_DATABASE_PASSWORD_FILE for FASTSPLAT_DATABASE_PASSWORD.
+
+    Secrets come as files, which neither child processes nor `docker inspect` show.
+    """
+
+    def _load_env_vars(self) -> Mapping[str, str | None]:
+        variables = dict(super()._load_env_vars())
+        for name in [name for name in variables if name.startswith(ENV_PREFIX.lower()) and name.endswith(_FILE)]:
+            path, setting = variables.pop(name), name.removesuffix(_FILE)
+            if path and variables.get(setting):
+                raise InvalidInputError(f"{setting.upper()} and {name.upper()} are both set", field=name.upper())
+            if path:
+                variables[setting] = _secret(name.upper(), Path(path))
+        return variables
+
+
+def _secret(variable: str, path: Path) -> str:
+    try:
+        return path.read_text().rstrip("\r\n")
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(
+            f"the file that {variable} names cannot be read: {getattr(error, 'strerror', 'it is no text')}",
+            field=variable,
+            hint="Make it readable for the service's user.",
+        ) from error
+
+
 class Settings(BaseSettings):
     """Everything an operator can set, with the defaults of a laptop without a GPU."""
 
@@ -144,6 +183,7 @@ class Settings(BaseSettings):
     data_dir: Path = Field(Path("fastsplat-data"), description="scenes, uploads and the embedded database")
     models: Path = Field(Path(".models"), description="model directory, one folder a model")
     database_url: str = Field("", description="SQLAlchemy URL; empty: SQLite inside data_dir")
+    database_password: str = Field("", repr=False, description="for a database_url without one, best from a file")
     host: str = "127.0.0.1"
     http_port: int = 8000
     grpc_port: int = 8001
@@ -176,6 +216,29 @@ class Settings(BaseSettings):
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()
     quotas: QuotaSettings = QuotaSettings()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Values given in Python, then the environment and the files that it names."""
+        return init_settings, _EnvironmentAndFiles(settings_cls)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _join_password(cls, values: Any) -> Any:
+        """Put the password into the URL, which is what all who open the database are given."""
+        if isinstance(values, dict) and values.get("database_url") and values.get("database_password"):
+            url = make_url(values["database_url"])
+            if url.password is None:
+                url = url.set(password=values["database_password"])
+            values = {**values, "database_url": url.render_as_string(hide_password=False), "database_password": ""}
+        return values
 
     @property
     def first_key(self) -> Path:

@@ -43,6 +43,7 @@ _QUEUE = "scenes"
 _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the old one
 _MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+_NOTIFICATIONS_S = 60.0  # our workflows neither send nor receive any
 _ENDED = ("SUCCESS", "ERROR", "CANCELLED")
 _MAX_DELETED_AT_ONCE = 1000
 
@@ -86,8 +87,12 @@ def start(worker: Worker) -> None:
         "log_level": "WARNING",
         "run_migrations": True,
         "sys_db_idle_transaction_timeout_sec": IDLE_TRANSACTION_TIMEOUT_S,
+        "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
+        "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
     }
-    DBOS(config=config)
+    engine = DBOS(config=config)
+    # The engine looks for its own housekeeping jobs, of which we have none, every second, and has no setting for it.
+    engine._registry.get_internal_queue()._polling_interval_sec = _NOTIFICATIONS_S
     _adopt_engine_log()
     DBOS.launch()
     DBOS.register_queue(
@@ -95,7 +100,7 @@ def start(worker: Worker) -> None:
     )
     _repeat(worker, "enqueue jobs", _enqueue_waiting, jobs.poll_interval_s)
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
-    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.heartbeat_interval_s)
+    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
     _repeat(worker, "check claims", _exit_if_fenced, jobs.heartbeat_interval_s)
     _repeat(worker, "cleanup", _clean_up, jobs.cleanup_interval_s)
     _repeat(worker, "storage cleanup", _clean_up_storage, _STORAGE_CLEANUP_INTERVAL_S)

@@ -46,7 +46,7 @@ class Job:
             "upload": str(self.upload),
             "folder": str(self.folder),
             "options": to_plain(self.options),
-            "settings": self.settings.model_dump(mode="json", exclude={"database_url"}),
+            "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password"}),
             "stages": stages,
         }
         return json.dumps(spec).encode() + b"\n"

@@ -95,9 +95,9 @@ class TrainerProcess:
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
     # A trainer reads untrusted data, and needs neither the database nor the object store.
-    database_url = environment_variable(Settings, "database_url")
+    secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password"))
     for name in list(environment):
-        if name == database_url or name.startswith("AWS_"):
+        if name.startswith((*secrets, "AWS_")):
             del environment[name]
     if job.settings.jobs.threads_per_job:
         environment["OMP_NUM_THREADS"] = str(job.settings.jobs.threads_per_job)

@@ -22,8 +22,8 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 2
-"""1 knew neither images nor label maps, and had other names for the moments."""
+_VERSION = 3
+"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest."""
 
 
 _log = logging.getLogger(__name__)
@@ -53,6 +53,7 @@ def write_checkpoint(checkpoint: Checkpoint, folder: Path, fingerprint: str) -> 
         "iteration": str(checkpoint.iteration),
         "elapsed_s": checkpoint.elapsed_s.hex(),
     }
+    metadata["sha256"] = _seal(metadata, checkpoint.tensors)
     content = safetensors.torch.save({name: t.contiguous() for name, t in checkpoint.tensors.items()}, metadata)
     beside = folder / f".{_NAME}.{os.getpid()}"
     try:
@@ -92,7 +93,22 @@ def read_checkpoint(folder: Path, fingerprint: str) -> Checkpoint | None:
         return None
     if version != str(_VERSION) or metadata.get("fingerprint") != fingerprint:
         raise ConflictError("the checkpoint belongs to another training run", field=_NAME, hint=hint)
-    return Checkpoint(int(metadata["iteration"]), float.fromhex(metadata["elapsed_s"]), tensors)
+    seal = metadata.pop("sha256", "")
+    if seal != _seal(metadata, tensors):
+        raise ConflictError("the checkpoint does not match its own digest", field=_NAME, hint=hint)
+    try:
+        return Checkpoint(int(metadata["iteration"]), float.fromhex(metadata["elapsed_s"]), tensors)
+    except (KeyError, ValueError) as error:
+        raise ConflictError("the checkpoint is damaged", field=_NAME, hint=hint) from error
+
+
+def _seal(metadata: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:
+    """sha256 of everything in a checkpoint: a flipped bit must not be trained on."""
+    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    for name in sorted(tensors):
+        digest.update(name.encode())
+        _update(digest, tensors[name].contiguous().cpu().numpy())
+    return digest.hexdigest()
 
 
 def fingerprint_of(

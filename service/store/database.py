@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping
@@ -87,6 +88,12 @@ def transaction(engine: Engine) -> Iterator[Connection]:
                 "the disk of the database is full", hint="Delete scenes that are not needed any more, or free space."
             ) from error
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise _damaged() from error
+
+
+def _damaged() -> DatabaseError:
+    return DatabaseError("the database is damaged", hint="Run: fastsplat doctor. Then restore a backup.")
 
 
 def _tune_sqlite(connection: Any, record: Any) -> None:
@@ -112,6 +119,8 @@ def _open_tables(engine: Engine, tries: int = 5) -> None:
         try:
             migrate(engine)
             return
+        except ValueError as error:  # text that is none, or a revision that is no number
+            raise _damaged() from error
         except DBAPIError as error:
             if not remaining:
                 raise DatabaseError(f"the database does not answer ({type(error.orig).__name__})") from error

@@ -101,6 +101,7 @@ def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
         if not path.exists() or path == Path(__file__):
             continue
         for name in re.findall(rf"\b{ENV_PREFIX}([A-Z0-9_]+)", path.read_text()):
+            name = name.removesuffix("_FILE")  # a file that holds the value
             if name not in variables and not (name.endswith("_") and any(each.startswith(name) for each in variables)):
                 unknown.setdefault(f"{ENV_PREFIX}{name}", []).append(str(path.relative_to(ROOT)))
     assert not unknown

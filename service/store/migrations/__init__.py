@@ -58,6 +58,7 @@ def revisions(connection: Connection) -> tuple[int, int]:
 def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
     from alembic import command  # a database that is of this release already does without
     from alembic.config import Config
+    from alembic.util import CommandError
 
     revision = _revision(connection)
     if revision is not None and int(revision) > int(newest):
@@ -70,7 +71,10 @@ def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
     config.set_main_option("script_location", str(scripts).replace("%", "%%"))
     if revision is None and inspect(connection).has_table(operations.name):
         command.stamp(config, _BEFORE_ALEMBIC)
-    command.upgrade(config, newest)
+    try:
+        command.upgrade(config, newest)
+    except CommandError as error:
+        raise ValueError(f"the database is of a version that never was: {revision}") from error
     # Releases before alembic look here, and refuse a database of a later version.
     version = {"version": int(newest)}
     if not connection.execute(update(schema_version).values(version)).rowcount:

@@ -1,0 +1,115 @@
+"""The compose file: settings and secrets reach the containers, nothing has a default password or is unbounded."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from fastsplat.api.metrics import Metrics
+from fastsplat.service.application.service import open_service
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.store.database import resolve_url
+from fastsplat_contract.errors import InvalidInputError
+
+ROOT = Path(__file__).parent.parent.parent
+COMPOSE = ROOT / "docker/compose.yaml"
+OURS = ("api", "worker", "worker-cuda")
+
+
+@pytest.fixture(scope="module")
+def compose() -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load(COMPOSE.read_text())
+    return document
+
+
+def test_every_container_is_named_bounded_and_its_log_rotated(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        assert re.search(r":[^:]*\d", service["image"]), name
+        assert service["mem_limit"] and 0 < service["pids_limit"] <= 4096, name
+        assert service["logging"]["options"].keys() == {"max-size", "max-file"}, name
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    for name in (*OURS, "models"):
+        assert compose["services"][name]["image"] == f"fastsplat/{name}:${{IMAGE_VERSION:-{version}}}"
+
+
+def test_the_password_is_a_file_and_has_no_default(compose: dict[str, Any]) -> None:
+    assert not re.search(r"PASSWORD\w*:?-|//[^/\s@]*:[^/\s@]*@", COMPOSE.read_text())
+    path = COMPOSE.parent / compose["secrets"]["database_password"]["file"]
+    for ignored in (".gitignore", ".dockerignore"):
+        assert f"/{path.parent.relative_to(ROOT)}/" in (ROOT / ignored).read_text().splitlines()
+    for name in (*OURS, "postgres"):
+        assert compose["services"][name]["secrets"] == ["database_password"]
+        files = [value for key, value in compose["services"][name]["environment"].items() if key.endswith("_FILE")]
+        assert files == ["/run/secrets/database_password"]
+
+
+def test_settings_of_the_file_reach_the_containers(compose: dict[str, Any]) -> None:
+    for name in (*OURS, "models"):
+        assert compose["services"][name]["env_file"] == ["fastsplat.env"]
+    lines = (ROOT / "docker/fastsplat.env").read_text().splitlines()
+    assert all(re.fullmatch(r"#.*|FASTSPLAT_\w+=.*|", line) for line in lines)
+
+
+def test_the_containers_environment_opens_the_database_with_the_password_of_the_file(
+    compose: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = tmp_path / "database_password"
+    secret.write_text("p@ss/word\n")
+    for name, value in compose["services"]["api"]["environment"].items():
+        monkeypatch.setenv(name, value.replace("/run/secrets/database_password", str(secret)))
+    load_settings.cache_clear()
+    try:
+        settings = load_settings()
+    finally:
+        load_settings.cache_clear()
+    url = resolve_url(tmp_path, settings.database_url, sqlite_name="x")
+    assert (url.username, url.password, url.host, url.database) == ("fastsplat", "p@ss/word", "postgres", "fastsplat")
+    assert settings.database_password == ""
+
+
+def test_a_secret_that_cannot_be_read_or_is_given_twice_is_refused_and_not_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FASTSPLAT_DATABASE_URL_FILE", str(tmp_path / "none"))
+    with pytest.raises(InvalidInputError) as caught:
+        Settings()
+    assert caught.value.field == "FASTSPLAT_DATABASE_URL_FILE" and caught.value.hint
+    (tmp_path / "one").write_text("sqlite:///secret")
+    monkeypatch.setenv("FASTSPLAT_DATABASE_URL_FILE", str(tmp_path / "one"))
+    assert Settings().database_url == "sqlite:///secret"
+    monkeypatch.setenv("FASTSPLAT_DATABASE_URL", "sqlite:///other")
+    with pytest.raises(InvalidInputError) as caught:
+        Settings()
+    assert "secret" not in str(caught.value)
+
+
+def test_every_metric_of_the_dashboard_exists_with_its_labels(tmp_path: Path) -> None:
+    dashboard = json.loads((ROOT / "docker/grafana.json").read_text())
+    expressions = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    with open_service(Settings(data_dir=tmp_path)) as service:
+        metrics = Metrics()
+        metrics.watch_jobs(service.admin.figures)
+        declared = {family.name: family for family in metrics.registry.collect()}
+        labels = {
+            name: set(metrics.registry._names_to_collectors[name]._labelnames)
+            for name in declared
+            if name in metrics.registry._names_to_collectors
+        }
+        labels["fastsplat_jobs"], labels["fastsplat_open_scenes"] = {"state"}, set()
+    assert len(expressions) > 8
+    for expression in expressions:
+        for name in re.findall(r"\bfastsplat_\w+", expression):
+            family = re.sub(r"_(total|bucket|count|sum)$", "", name)
+            assert family in declared, name
+            kind = declared[family].type
+            assert name == family + {"counter": "_total", "histogram": "_bucket"}.get(kind, ""), name
+            used = {label for group in re.findall(r"by \(([^)]*)\)", expression) for label in group.split(", ")} - {
+                "le"
+            }
+            assert used <= labels[family], expression
