@@ -17,9 +17,9 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError
 from fastsplat_contract.operations import ListOperations, OperationList
-from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of
+from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of, skipped_of
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
@@ -166,8 +166,9 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Ranked labels, masks and objects."""
 
         def asked() -> list[pb.QueryResponse]:
-            answers = self._service.query(from_proto(QueryRequest, request))
-            return [message for answer in answers for message in messages_of(answer)]
+            query = from_proto(QueryRequest, request)
+            out = QueryOut(self._service.query(query)) if query.scene_id else self._service.query_scenes(query)
+            return [message for answer in out.answers for message in messages_of(answer)] + list(skipped_of(out))
 
         async with guarded(context, "Query"):
             for message in await self._threads.call(asked):

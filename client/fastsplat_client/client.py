@@ -263,6 +263,16 @@ class Client:
         protocol: Literal["REST", "gRPC"] = "REST",
     ) -> tuple[Answer, ...]:
         """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
+        return self.ask_scenes(request, timeout_s=timeout_s, protocol=protocol).answers
+
+    def ask_scenes(
+        self,
+        request: QueryRequest,
+        *,
+        timeout_s: float | None = None,
+        protocol: Literal["REST", "gRPC"] = "REST",
+    ) -> QueryOut:
+        """As `ask`, with the scenes that a question to all of them did not ask: they are damaged, or too many."""
         if protocol == "gRPC":
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = _without_scene(request)
@@ -274,7 +284,7 @@ class Client:
                 body.pop(field)
             params = {"text": body.pop("texts")} | {name: value for name, value in body.items() if value is not None}
             response = self._transport.call("GET", "/query", params=params, timeout_s=timeout_s)
-        return read(QueryOut, response).answers
+        return read(QueryOut, response)
 
     def mask3d(self, scene_id: str, text: str, *, version: str = "") -> NDArray[np.bool_]:
         """bool [G]: which Gaussians answer the text; row number = Gaussian id of the version."""

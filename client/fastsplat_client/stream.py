@@ -14,9 +14,9 @@ from google.protobuf.message import DecodeError
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, Kind
-from fastsplat_contract.pieces import answers_of
+from fastsplat_contract.pieces import answers_of, query_out_of
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
@@ -89,11 +89,11 @@ class Grpc:
             except grpc.RpcError as error:
                 raise error_from(error) from error
 
-    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[Answer, ...]:
-        """One answer a text, over gRPC; raises as `Client.ask`."""
+    def ask(self, request: QueryRequest, timeout_s: float) -> QueryOut:
+        """One answer a text, and the scenes that were not asked, over gRPC; raises as `Client.ask_scenes`."""
         with self.opened() as (stub, metadata):
             call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
-            return tuple(answers_of(call, request.outputs))
+            return query_out_of(call, request.outputs)
 
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]

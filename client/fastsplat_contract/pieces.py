@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.queries import Answer, QueryOut, SkippedScene
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 CHUNK_BYTES = 2**20
@@ -50,6 +50,30 @@ def messages_of(answer: Answer) -> Iterator[pb.QueryResponse]:
         response.mask3d = chunk
         room = 0
     yield response
+
+
+def skipped_of(out: QueryOut) -> Iterator[pb.QueryResponse]:
+    """The message that says which scenes were not asked, if there are any."""
+    if out.skipped_count:
+        yield pb.QueryResponse(skipped=map(to_proto, out.skipped), skipped_count=out.skipped_count)
+
+
+def query_out_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> QueryOut:
+    """All that the messages of a Query say that asked for `outputs`."""
+    skipped: list[SkippedScene] = []
+    count = 0
+
+    def about_answers() -> Iterator[pb.QueryResponse]:
+        nonlocal count
+        for response in responses:
+            if response.skipped_count:
+                skipped.extend(from_proto(SkippedScene, scene) for scene in response.skipped)
+                count = response.skipped_count
+            else:
+                yield response
+
+    answers = tuple(answers_of(about_answers(), outputs))
+    return QueryOut(answers, tuple(skipped), count)
 
 
 def answers_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> Iterator[Answer]:

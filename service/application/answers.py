@@ -15,9 +15,11 @@ from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
+
+_MAX_SKIPPED = 1_000
 
 
 class Answers:
@@ -30,18 +32,29 @@ class Answers:
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """One answer a text, of one scene or of every READY one; raises as `SceneService.query`."""
-        query = self._check(request)
         if request.scene_id:
-            return self._ask(query, request)
+            return self._ask(self._check(request), request)
+        return self.query_scenes(request).answers
+
+    def query_scenes(self, request: QueryRequest) -> QueryOut:
+        """Answers of every READY scene, and the scenes that were not asked; raises as `SceneService.query`."""
+        query = self._check(request)
         _check_everywhere(request)
+        ready = self._store.scenes.ready_scene_ids()
+        limit = self._settings.calls.max_queried_scenes
         answers: list[Answer] = []
-        for scene_id in self._store.scenes.ready_scene_ids():
+        skipped: list[SkippedScene] = []
+        for scene_id in ready[:limit]:
             check_cancelled()
             try:
                 answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
             except NotFoundError:
                 continue  # deleted since it was listed
-        return tuple(answers)
+            except SceneFileError as error:
+                skipped.append(SkippedScene(scene_id, error.reason, error.message))
+        over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
+        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in ready[limit:])
+        return QueryOut(tuple(answers), tuple(skipped[:_MAX_SKIPPED]), len(skipped))
 
     def picture(self, request: PictureRequest) -> bytes:
         """The bytes of one picture; raises as `SceneService.view_picture`."""

@@ -28,7 +28,7 @@ from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryRequest
+from fastsplat_contract.queries import Answer, CameraFormat, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import Edit, LabelList, ObjectList, Scene, SceneList, SceneVersion
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
@@ -263,7 +263,8 @@ class SceneService:
         return self._scenes.version(scene_id, "")
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
-        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
+        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene of
+        the project, newest first.
 
         Cameras, views and versions belong to one scene.
 
@@ -276,6 +277,15 @@ class SceneService:
             CancelledError: nobody waits for the answer any more.
         """
         return self._answers.query(request)
+
+    def query_scenes(self, request: QueryRequest) -> QueryOut:
+        """Ask every scene, as `query` does if the request names none, and say which were not asked: damaged ones, and
+        those beyond the newest `FASTSPLAT_CALLS__MAX_QUERIED_SCENES`.
+
+        Raises:
+            FastSplatError: as `query`.
+        """
+        return self._answers.query_scenes(request)
 
     def view_picture(self, request: PictureRequest) -> bytes:
         """One view of a scene as a picture, or as an array file.
