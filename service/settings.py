@@ -134,6 +134,7 @@ class CallSettings(BaseModel):
         4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
     )
     max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
+    max_queried_scenes: int = Field(100, ge=1, description="scenes, the newest, that a question to all of them asks")
     max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")
     max_versions: int = Field(50, ge=2, description="versions of one scene")
     max_encodings: int = Field(

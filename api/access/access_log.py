@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 
-from fastsplat.api.access.caller import current_principal
+from fastsplat.api.access.caller import caller_id
 
 _MAX_CHARS = 200
 
@@ -24,7 +24,6 @@ def log_request(
         started: `time.perf_counter()` when the request came.
     """
     milliseconds = round(1000 * (time.perf_counter() - started), 1)
-    principal = current_principal.get()
     log.info(
         "%s %s %s",
         method,
@@ -36,6 +35,6 @@ def log_request(
             "path": path[:_MAX_CHARS],
             "status": status,
             "milliseconds": milliseconds,
-            "key_id": principal.key_id if principal is not None else "",
+            "key_id": caller_id(),
         },
     )

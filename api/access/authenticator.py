@@ -182,7 +182,11 @@ class KeyWatch:
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """Where the task must not be cancelled because it runs somebody else's code; the block ends at its end."""
+        """Where the task must not be cancelled because it runs somebody else's code; the block ends at its end.
+
+        gRPC, cancelled while it sends a message, tells the client nothing; so a client that does not read what it was
+        sent hears of the end when it reads on.
+        """
         self._deferred = True
         try:
             yield

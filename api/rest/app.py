@@ -43,7 +43,8 @@ _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in pla
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
 **Units**: scene units (meters when the scene's `scale` is METRIC), seconds, pixels with centers at +0.5.
-**Keys**: `Authorization: Bearer KEY` or `X-Api-Key: KEY`; health alone needs none.
+**Keys**: `Authorization: Bearer KEY` or `X-Api-Key: KEY`; health alone needs none. A key belongs to a project, and what
+is another project's does not exist for it; an operator's may name another project as `X-Fastsplat-Project`.
 **Errors**: RFC 9457 problems; `reason` is stable. The same content goes over gRPC as google.rpc.Status."""
 
 

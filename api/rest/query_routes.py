@@ -40,7 +40,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def query(
         request: Request,
         text: Annotated[list[str], Query(description="the question; several are allowed")],
-        scene: Annotated[str, Query(description="scene id; empty: all ready scenes, newest first")] = "",
+        scene: Annotated[str, Query(description="scene id; empty: all ready scenes of the project, newest first")] = "",
         version: Version = "",
         outputs: Annotated[
             list[Literal["mask3d", "objects"]], Query(description="what to compute beside the ranking")
@@ -61,7 +61,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             Mask3dEncoding, Query(description=description_of(QueryIn, "mask3d_encoding"))
         ] = "bits",
     ) -> Response:
-        """Ranked labels for a text, in one scene or in all."""
+        """Ranked labels for a text, in one scene or in all of the project."""
         question = QueryRequest(
             scene,
             tuple(text),

@@ -278,7 +278,7 @@ class Client:
         timeout_s: float | None = None,
         protocol: Literal["REST", "gRPC"] = "REST",
     ) -> QueryOut:
-        """As `ask`, with the scenes that a request without a scene had to leave out, each with the reason."""
+        """As `ask`, with the scenes that a question to all of them did not ask: they are damaged, or too many."""
         if protocol == "gRPC":
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = _without_scene(request)

@@ -90,7 +90,7 @@ class Grpc:
                 raise error_from(error) from error
 
     def ask(self, request: QueryRequest, timeout_s: float) -> QueryOut:
-        """One answer a text, over gRPC; raises as `Client.ask`."""
+        """One answer a text, and the scenes that were not asked, over gRPC; raises as `Client.ask_everywhere`."""
         with self.opened() as (stub, metadata):
             call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
             return query_of(call, request.outputs)

@@ -14,7 +14,6 @@ CHUNK_BYTES = 2**20
 """Size of the pieces of anything that could pass gRPC's 4 MiB."""
 
 _MASK_BYTES = CHUNK_BYTES - 1024
-_SKIPPED_PER_MESSAGE = 1000
 
 
 def messages_of(answer: Answer) -> Iterator[pb.QueryResponse]:
@@ -62,26 +61,29 @@ def answers_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> Iter
 
 
 def messages_of_query(answered: QueryOut) -> Iterator[pb.QueryResponse]:
-    """All answers as `messages_of`, then the scenes that were left out, if any."""
+    """All answers as `messages_of`, then, if there are any, the scenes that were not asked."""
     for answer in answered.answers:
         yield from messages_of(answer)
-    for start in range(0, len(answered.skipped), _SKIPPED_PER_MESSAGE):
-        skipped = answered.skipped[start : start + _SKIPPED_PER_MESSAGE]
-        yield pb.QueryResponse(skipped=[to_proto(scene) for scene in skipped])
+    if answered.skipped_count:
+        yield pb.QueryResponse(skipped=map(to_proto, answered.skipped), skipped_count=answered.skipped_count)
 
 
 def query_of(responses: Iterable[pb.QueryResponse], outputs: Set[str]) -> QueryOut:
-    """What a Query that asked for `outputs` was answered."""
+    """All that the messages of a Query say that asked for `outputs`."""
     skipped: list[SkippedScene] = []
+    count = 0
 
-    def without_skipped() -> Iterator[pb.QueryResponse]:
+    def about_answers() -> Iterator[pb.QueryResponse]:
+        nonlocal count
         for response in responses:
-            if response.skipped:
+            if response.skipped_count:
                 skipped.extend(from_proto(SkippedScene, scene) for scene in response.skipped)
+                count = response.skipped_count
             else:
                 yield response
 
-    return QueryOut(tuple(answers_of(without_skipped(), outputs)), tuple(skipped))
+    answers = tuple(answers_of(about_answers(), outputs))
+    return QueryOut(answers, tuple(skipped), count)
 
 
 def chunks(data: bytes) -> Iterator[bytes]:

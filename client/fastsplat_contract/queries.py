@@ -88,9 +88,9 @@ class QueryIn(Request):
 
 @dataclass(frozen=True)
 class QueryRequest(QueryIn, OfScene):
-    """Questions to one scene, or to all ready scenes."""
+    """Questions to one scene, or to all ready scenes of the project."""
 
-    scene_id: Annotated[str, Field(description="empty: all ready scenes, without cameras and views")]
+    scene_id: Annotated[str, Field(description="empty: all ready scenes of the project, without cameras and views")]
 
 
 # A tuple: a ranking makes as many as there are labels, and a frozen dataclass takes four times as long.
@@ -182,10 +182,13 @@ class Answer(Response):
 
 @dataclass(frozen=True)
 class SkippedScene(Response):
-    """A scene that a question to all scenes left out."""
+    """A scene that a question to all scenes did not ask, and why."""
 
     scene_id: str
-    reason: Annotated[str, Field(description="of the error that its own query ends with, such as SCENE_DAMAGED")]
+    reason: Annotated[
+        str,
+        Field(description="OVER_LIMIT: so many newer ones were asked; else the stable reason of its error"),
+    ]
     detail: Annotated[str, Field(description="one sentence for people")]
 
 
@@ -194,7 +197,11 @@ class QueryOut(NamedTuple):
     """One answer a text; over all scenes, one a scene and text."""
 
     answers: Many[Answer]
-    skipped: Annotated[Many[SkippedScene], Field(description="scenes left out of a question to all scenes")] = ()
+    skipped: Annotated[
+        Many[SkippedScene],
+        Field(description="over all scenes: those that were not asked, newest first, the first 1,000 of them"),
+    ] = ()
+    skipped_count: Annotated[int, Field(description="how many scenes were not asked")] = 0
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ from fastsplat_contract.scenes import ObjectList
 
 _log = logging.getLogger(__name__)
 
+_MAX_SKIPPED = 1_000
+
 
 class Answers:
     """What can be asked of finished scenes. Every method is safe from any thread."""
@@ -57,14 +59,16 @@ class Answers:
         return self.ask(request).answers
 
     def ask(self, request: QueryRequest) -> QueryOut:
-        """As `query`; a question to all scenes also names those that cannot answer, such as a damaged one."""
+        """As `query`; a question to all scenes also names those that were not asked: damaged ones, or too many."""
         query = self._check(request)
         if request.scene_id:
             return QueryOut(self._ask(query, request))
         _check_everywhere(request)
+        ready = self._store.scenes.ready_scene_ids()
+        limit = self._settings.calls.max_queried_scenes
         answers: list[Answer] = []
         skipped: list[SkippedScene] = []
-        for scene_id in self._store.scenes.ready_scene_ids():
+        for scene_id in ready[:limit]:
             check_cancelled()
             try:
                 answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
@@ -73,7 +77,9 @@ class Answers:
             except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
                 _log.warning("scene %s is left out of a question to all: %s", scene_id, error)
                 skipped.append(SkippedScene(scene_id, error.reason, error.message))
-        return QueryOut(tuple(answers), tuple(skipped))
+        over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
+        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in ready[limit:])
+        return QueryOut(tuple(answers), tuple(skipped[:_MAX_SKIPPED]), len(skipped))
 
     def picture(self, request: PictureRequest) -> bytes:
         """One view of a scene as a picture, or as an array file.

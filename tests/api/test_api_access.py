@@ -211,6 +211,13 @@ def test_without_keys_pages_of_other_sites_stay_outside(faces: Faces) -> None:
     assert faces.rest.get("/v1/scenes", headers={"Origin": "http://localhost:8000"}).status_code == 200
 
 
+def test_without_keys_everybody_is_an_operator_of_the_default_project(faces: Faces) -> None:
+    named = {"X-Fastsplat-Project": "default"}
+    assert faces.rest.get("/v1/scenes", headers=named).json() == faces.rest.get("/v1/scenes").json()
+    nowhere = faces.rest.get("/v1/scenes", headers={"X-Fastsplat-Project": "nowhere"})
+    assert (rest_refusal(nowhere).code, rest_refusal(nowhere).reason) == (404, "NOT_FOUND")
+
+
 def test_without_a_source_of_keys_nobody_gets_in() -> None:
     async def asked() -> int:
         transport = httpx.ASGITransport(create_app(None, Settings()))

@@ -46,6 +46,21 @@ def test_a_key_is_made_listed_and_revoked(fastsplat: Callable[..., Result], tmp_
     store.close()
 
 
+def test_a_key_of_a_project_needs_the_project(fastsplat: Callable[..., Result], tmp_path: Path) -> None:
+    refused = fastsplat("keys", "create", "kitchen robot", "--project", "kitchen")
+    assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
+    assert fastsplat("projects", "create", "kitchen").exit_code == 0
+    assert isinstance(fastsplat("projects", "create", "Kitchen!").exception, InvalidInputError)
+    made = fastsplat("keys", "create", "kitchen robot", "--project", "kitchen", "--role", "admin")
+    store = open_store(tmp_path / "data")
+    record = Keys(store.keys, store.projects).valid().find(made.stdout.strip())
+    store.close()
+    assert record is not None and (record.project, record.role) == ("kitchen", "admin")
+    assert fastsplat("keys", "create", "x", "--role", "write").exit_code == 2
+    listed = fastsplat("projects", "list").stdout
+    assert "kitchen" in listed and "default" in listed and "kitchen" in fastsplat("keys", "list").stdout
+
+
 def test_serving_without_keys_is_refused_on_an_open_host(fastsplat: Callable[..., Result], tmp_path: Path) -> None:
     refused = fastsplat("serve", "--no-auth")
     assert isinstance(refused.exception, InvalidInputError) and refused.exception.field == "auth"

@@ -1617,7 +1617,7 @@ Global___PosedCamera: _TypeAlias = PosedCamera  # noqa: Y015
 
 @_typing.final
 class QueryRequest(_message.Message):
-    """Questions to one scene, or to all ready scenes."""
+    """Questions to one scene, or to all ready scenes of the project."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1634,7 +1634,7 @@ class QueryRequest(_message.Message):
     MASK2D_ENCODING_FIELD_NUMBER: _builtins.int
     MASK3D_ENCODING_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
-    """empty: all ready scenes, without cameras and views"""
+    """empty: all ready scenes of the project, without cameras and views"""
     version: _builtins.str
     """of the scene; empty: the current one"""
     coverage: _builtins.float
@@ -1702,7 +1702,8 @@ Global___QueryRequest: _TypeAlias = QueryRequest  # noqa: Y015
 class QueryResponse(_message.Message):
     """The answer to one text of one scene, or a piece of it. The first message of an answer carries `answer`; messages
     without it continue the one before: append their `matches`, `masks` and `objects`, and append their `mask3d` bytes.
-    A very long mask comes in pieces, see ViewMask.continues.
+    A very long mask comes in pieces, see ViewMask.continues. After the answers of a question to all scenes may come one
+    message with `skipped` and `skipped_count` alone.
     """
 
     DESCRIPTOR: _descriptor.Descriptor
@@ -1713,8 +1714,11 @@ class QueryResponse(_message.Message):
     OBJECTS_FIELD_NUMBER: _builtins.int
     MATCHES_FIELD_NUMBER: _builtins.int
     SKIPPED_FIELD_NUMBER: _builtins.int
+    SKIPPED_COUNT_FIELD_NUMBER: _builtins.int
     mask3d: _builtins.bytes
     """in the encoding asked for, base64 in JSON; absent unless asked for"""
+    skipped_count: _builtins.int
+    """how many scenes were not asked"""
     @_builtins.property
     def answer(self) -> Global___Answer: ...
     @_builtins.property
@@ -1731,7 +1735,7 @@ class QueryResponse(_message.Message):
 
     @_builtins.property
     def skipped(self) -> _containers.RepeatedCompositeFieldContainer[Global___SkippedScene]:
-        """behind all answers of a question to all scenes: those that it left out"""
+        """over all scenes: those that were not asked, newest first, the first 1,000 of them"""
 
     def __init__(
         self,
@@ -1742,10 +1746,11 @@ class QueryResponse(_message.Message):
         objects: _abc.Iterable[Global___SceneObject] | None = ...,
         matches: _abc.Iterable[Global___Match] | None = ...,
         skipped: _abc.Iterable[Global___SkippedScene] | None = ...,
+        skipped_count: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects", "skipped", b"skipped"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects", "skipped", b"skipped", "skipped_count", b"skipped_count"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__mask3d: _TypeAlias = _typing.Literal["mask3d"]  # noqa: Y015
     _WhichOneofArgType__mask3d: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d"]  # noqa: Y015
@@ -1755,7 +1760,7 @@ Global___QueryResponse: _TypeAlias = QueryResponse  # noqa: Y015
 
 @_typing.final
 class SkippedScene(_message.Message):
-    """A scene that a question to all scenes left out."""
+    """A scene that a question to all scenes did not ask, and why."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1764,7 +1769,7 @@ class SkippedScene(_message.Message):
     DETAIL_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     reason: _builtins.str
-    """of the error that its own query ends with, such as SCENE_DAMAGED"""
+    """OVER_LIMIT: so many newer ones were asked; else the stable reason of its error"""
     detail: _builtins.str
     """one sentence for people"""
     def __init__(
