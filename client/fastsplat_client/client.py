@@ -262,21 +262,13 @@ class Client:
         return self.ask(request, timeout_s=timeout_s)
 
     def ask(
-        self,
-        request: QueryRequest,
-        *,
-        timeout_s: float | None = None,
-        protocol: Literal["REST", "gRPC"] = "REST",
+        self, request: QueryRequest, *, timeout_s: float | None = None, protocol: Literal["REST", "gRPC"] = "REST"
     ) -> tuple[Answer, ...]:
         """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
         return self.ask_everywhere(request, timeout_s=timeout_s, protocol=protocol).answers
 
     def ask_everywhere(
-        self,
-        request: QueryRequest,
-        *,
-        timeout_s: float | None = None,
-        protocol: Literal["REST", "gRPC"] = "REST",
+        self, request: QueryRequest, *, timeout_s: float | None = None, protocol: Literal["REST", "gRPC"] = "REST"
     ) -> QueryOut:
         """As `ask`, with the scenes that a question to all of them did not ask: they are damaged, or too many."""
         if protocol == "gRPC":
