@@ -9,7 +9,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
+.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -34,6 +34,10 @@ test: setup  ## every check: lint, types, architecture, laws
 lint: setup  ## format and lint in place
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
 	$(BIN)/clang-format -i $(CPP)
+
+lint-api:  ## check the API's description by redocly and spectral (npm fetches them)
+	npx --yes @redocly/cli@2 lint --extends recommended --skip-rule operation-4xx-response api/rest/openapi.json
+	npx --yes @stoplight/spectral-cli@6 lint --fail-severity warn --ruleset api/rest/spectral.yaml api/rest/openapi.json
 
 lock: setup  ## write constraints.txt from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed "s/+cpu$$//" > constraints.txt

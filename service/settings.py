@@ -193,6 +193,12 @@ class Settings(BaseSettings):
         pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
         description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
     )
+    root_path: str = Field(
+        "", pattern=r"^$|^(/[\w.~-]+)+$", description="path under which a proxy shows the HTTP interface, cut off by it"
+    )
+    cors_origins: tuple[str, ...] = Field(
+        (), description="origins whose pages may call the HTTP interface from a browser; none: the server's own alone"
+    )
     trusted_proxies: tuple[str, ...] = Field(
         (), description="addresses of proxies whose X-Forwarded headers are believed; none: nobody's"
     )

@@ -56,7 +56,7 @@ async def answer_stream(
     try:
         while True:
             if not await inbox.wait():
-                await threads.call(lambda: service.versions.current(inbox.scene_id))  # raises if the scene is gone
+                await threads.call(lambda: service.versions.resolve(inbox.scene_id))  # raises if the scene is gone
                 yield _heartbeat(inbox.number)
                 continue
             if inbox.ended:

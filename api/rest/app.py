@@ -9,6 +9,7 @@ from typing import Any
 import fastapi_offline
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
+from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 
@@ -22,6 +23,7 @@ from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.query_routes import query_routes
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
+from fastsplat.api.rest.standard_http import HeadLayer
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -35,6 +37,14 @@ _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"
 )  # FastAPI's own page wants a CDN, and a robot's LAN has none
 _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+_TAGS = (
+    {"name": "server", "description": "What this server can do."},
+    {"name": "scenes", "description": "Captures come in, scenes are looked at, edited and deleted."},
+    {"name": "uploads", "description": "Large files in pieces, by tus 1.0.0."},
+    {"name": "operations", "description": "The jobs that train scenes: look, wait, watch, cancel, retry."},
+    {"name": "queries", "description": "Questions in plain words; pictures and files of finished scenes."},
+    {"name": "health", "description": "For load balancers; needs no key."},
+)
 _DOCS_POLICY = (  # Swagger UI draws with inline styles, and its page starts with an inline script
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -86,11 +96,25 @@ def create_app(
         version="v1",
         description=_DESCRIPTION,
         docs_url=None,
+        generate_unique_id_function=lambda route: route.name,
         redoc_url=None,
+        servers=[{"url": settings.root_path or "/"}],
+        openapi_tags=[dict(tag) for tag in _TAGS],
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         redirect_slashes=False,  # a redirect would tell those without a key which paths there are
     )
     app.add_middleware(AccessLayer, routed=app, gate=gate or build_gate(settings, None))
+    app.add_middleware(HeadLayer)
     app.add_middleware(OuterLayer)
+    if settings.cors_origins:  # outermost: a browser's preflight carries no key
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(settings.cors_origins),
+            allow_methods=["*"],
+            allow_headers=["*"],
+            expose_headers=["*"],
+            max_age=600,
+        )
     problem_answers.install(app)
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
     app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
@@ -107,11 +131,11 @@ def create_app(
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
         page = get_swagger_ui_html(
-            openapi_url="/openapi.json",
+            openapi_url=f"{settings.root_path}/openapi.json",
             title=app.title,
-            swagger_js_url="/docs-files/swagger-ui-bundle.js",
-            swagger_css_url="/docs-files/swagger-ui.css",
-            swagger_favicon_url="/web/icon.svg",
+            swagger_js_url=f"{settings.root_path}/docs-files/swagger-ui-bundle.js",
+            swagger_css_url=f"{settings.root_path}/docs-files/swagger-ui.css",
+            swagger_favicon_url=f"{settings.root_path}/web/icon.svg",
         )
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page

@@ -8,6 +8,7 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
+from fastsplat.api.rest.standard_http import not_modified
 from fastsplat_contract.errors import RangeNotSatisfiableError
 
 _RANGE = re.compile(r"bytes=\s*(?:\d+-\d*|-\d+)\s*(?:,\s*(?:\d+-\d*|-\d+)\s*)*", re.IGNORECASE)
@@ -29,9 +30,8 @@ def immutable_file(request: Request, path: Path, media_type: str, filename: str,
     """
     etag = f'"{tag}"'
     headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
-    tags = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
-    if etag in tags or "*" in tags:
-        return Response(status_code=304, headers=headers)
+    if (unchanged := not_modified(request, headers)) is not None:
+        return unchanged
     size = path.stat().st_size
     range_header = request.headers.get("range")
     if range_header is not None and request.headers.get("if-range", etag) == etag:

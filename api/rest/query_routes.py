@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import replace
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
@@ -11,6 +12,7 @@ from starlette.responses import Response
 from fastsplat.api.rest.files import immutable_file
 from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, run_cancellable
 from fastsplat.api.rest.routes import Version
+from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
@@ -27,6 +29,7 @@ from fastsplat_contract.queries import (
 
 _PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}
+_UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 _Text = Annotated[str, Query(description="the question")]
 _View = Annotated[str, Query(description="name of one of the scene's cameras")]
@@ -35,6 +38,16 @@ _View = Annotated[str, Query(description="name of one of the scene's cameras")]
 def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     """Questions, pictures and files of finished scenes."""
     router = APIRouter(responses=PROBLEMS)
+
+    async def own_view(request: Request, picture: PictureRequest) -> Response:
+        """A picture that never changes for one version: a client's copy is not made anew."""
+        version = await threads.call(lambda: service.versions.resolve(picture.scene_id, picture.version))
+        exact = replace(picture, version=version)
+        headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
+        if (unchanged := not_modified(request, headers)) is not None:
+            return unchanged
+        content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(exact))
+        return Response(content, media_type=_MEDIA_TYPES[picture.format], headers=headers)
 
     @router.get("/query", response_model=QueryOut)
     async def query(
@@ -84,7 +97,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",
         response_class=Response,
-        responses=file_response("image/png", description="the picture"),
+        responses={**file_response("image/png", description="the picture"), **_UNCHANGED},
     )
     async def view_picture(
         request: Request,
@@ -97,13 +110,12 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """A picture from one of the scene's own cameras."""
         picture = PictureRequest(scene_id, kind, text, view=view, version=version, depth_scale=depth_scale)
-        png = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
-        return Response(png, media_type="image/png")
+        return await own_view(request, picture)
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.npy",
         response_class=Response,
-        responses=file_response(_MEDIA_TYPES["npy"], description="numpy's file format"),
+        responses={**file_response(_MEDIA_TYPES["npy"], description="numpy's file format"), **_UNCHANGED},
     )
     async def view_array(
         request: Request,
@@ -117,8 +129,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """Labels or depth from one of the scene's own cameras, as an array."""
         picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
-        npy = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
-        return Response(npy, media_type=_MEDIA_TYPES["npy"])
+        return await own_view(request, picture)
 
     @router.post(
         "/v1/scenes/{scene_id}:render",
@@ -137,7 +148,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         responses={
             **file_response(_PLY, description="3DGS PLY"),
             206: {"description": "the range asked for"},
-            304: {"description": "the copy that If-None-Match names is the same"},
+            **_UNCHANGED,
         },
     )
     async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:

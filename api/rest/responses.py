@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol, TypeVar
 
@@ -21,6 +22,9 @@ class Run(Protocol):
     def __call__(self, function: Callable[[], _R], /) -> Awaitable[_R]:
         """Await its result."""
 
+
+_GZIP_FROM_BYTES = 4_096
+_GZIP_LEVEL = 4
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
 """What OpenAPI says of every route's errors."""
@@ -68,7 +72,17 @@ async def run_cancellable(request: Request, run: Run, function: Callable[[], _R]
 async def json_of_call(request: Request, run: Run, function: Callable[[], object]) -> Response:
     """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
     event loop."""
-    return json_response(await run_cancellable(request, run, lambda: to_json(function())))
+    compress = "gzip" in request.headers.get("accept-encoding", "")
+
+    def answered() -> tuple[bytes, bool]:
+        body = to_json(function())
+        if compress and len(body) >= _GZIP_FROM_BYTES:
+            return gzip.compress(body, _GZIP_LEVEL, mtime=0), True
+        return body, False
+
+    body, compressed = await run_cancellable(request, run, answered)
+    headers = {"Vary": "Accept-Encoding"} | ({"Content-Encoding": "gzip"} if compressed else {})
+    return json_response(body, 200, headers)
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

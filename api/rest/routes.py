@@ -49,7 +49,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def create_scene(request: Request) -> Response:
         """Upload a capture and queue its training; the operation is durable once it is returned."""
         operation = await receive_scene(request, service, settings, threads)
-        return json_response(to_json(operation), 202, {"Location": f"/v1/operations/{operation.id}"})
+        return json_response(
+            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
+        )
 
     @router.get("/scenes", response_model=SceneList)
     async def list_scenes(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:

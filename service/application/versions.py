@@ -96,13 +96,13 @@ class Versions:
         scene = self._store.scenes.scene(scene_id)
         return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
 
-    def current(self, scene_id: str) -> str:
-        """The version that a question would read now.
+    def resolve(self, scene_id: str, version: str = "") -> str:
+        """The name of a version that can be read; "" stands for the current one.
 
         Raises:
             NotFoundError, NotReadyError: as `Answers.query`.
         """
-        return self._scenes.version(scene_id, "")
+        return self._scenes.version(scene_id, version)
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
         return next(known for known in self.all(scene_id) if known.version == version)

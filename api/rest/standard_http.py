@@ -1,0 +1,50 @@
+"""HTTP as people expect it: HEAD wherever there is GET, and ETags of what is computed."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from importlib.metadata import version
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+_OWN_HEAD = re.compile(r"/v1/uploads(/|$)")  # tus gives HEAD a meaning of its own
+
+
+class HeadLayer:
+    """ASGI middleware: a HEAD is answered as its GET, without the body (RFC 9110, section 9.3.2)."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
+            await self._app(scope, receive, send)
+            return
+        over = False
+
+        async def send_head(message: Message) -> None:
+            nonlocal over
+            if message["type"] == "http.response.start":
+                await send(message)
+                await send({"type": "http.response.body", "body": b""})
+                over = True
+
+        async def receive_until_over() -> Message:
+            return {"type": "http.disconnect"} if over else await receive()
+
+        await self._app({**scope, "method": "GET"}, receive_until_over, send_head)
+
+
+def etag_of(*parts: object) -> str:
+    """The tag of an answer that depends on nothing but `parts` and this release."""
+    return f'"{hashlib.sha256(repr((version("fastsplat"), *parts)).encode()).hexdigest()[:32]}"'
+
+
+def not_modified(request: Request, headers: dict[str, str]) -> Response | None:
+    """304 if the client's copy has the ETag of `headers`; else None."""
+    tags = {part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")}
+    return Response(status_code=304, headers=headers) if tags & {headers["ETag"], "*"} else None

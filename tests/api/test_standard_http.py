@@ -1,0 +1,89 @@
+"""HTTP as people expect it: HEAD, ETag, gzip, CORS, a path of the proxy's, operation ids that people can read."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
+from tests.api.served import Faces, rest_refusal, served
+
+_OPENAPI = Path(__file__).parents[2] / "api/rest/openapi.json"
+
+
+@pytest.mark.parametrize("path", ["", "/labels", "/scene.ply", "/rgb.png?view=front.png", "/none.png?view=front.png"])
+def test_head_says_what_get_says_without_the_body(faces: Faces, scene_id: str, path: str) -> None:
+    url = f"/v1/scenes/{scene_id}{path}"
+    got, head = faces.rest.get(url), faces.rest.head(url)
+    assert head.status_code == got.status_code and head.content == b"" and got.content
+    varying = {"date", "x-request-id", "content-length"}
+    assert {k: v for k, v in head.headers.items() if k not in varying} == {
+        k: v for k, v in got.headers.items() if k not in varying
+    }
+
+
+def test_head_of_an_event_stream_ends(faces: Faces, service: SceneService, scene_id: str) -> None:
+    operation_id = service.get_scene(scene_id).operation_id
+    assert faces.rest.head(f"/v1/operations/{operation_id}/events").headers["content-type"].startswith("text/event")
+
+
+@pytest.mark.parametrize(
+    "path", ["rgb.png?view=front.png", "mask.png?view=front.png&text=mug", "depth.npy?view=front.png"]
+)
+def test_a_picture_that_a_client_has_is_not_made_again(
+    faces: Faces, service: SceneService, scene_id: str, path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = f"/v1/scenes/{scene_id}/{path}"
+    first = faces.rest.get(url)
+    tag = first.headers["etag"]
+    other = faces.rest.get(url.replace("front.png", "a/b/right.png"))
+    assert other.headers["etag"] != tag and other.content != first.content
+    monkeypatch.setattr(service.answers, "picture", lambda request: pytest.fail("made again"))
+    for tags in (tag, f'"x", W/{tag}', "*"):
+        again = faces.rest.get(url, headers={"If-None-Match": tags})
+        assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == tag
+    gone = faces.rest.get(url.replace(scene_id, "none"), headers={"If-None-Match": "*"})
+    assert rest_refusal(gone).reason == "NOT_FOUND"
+
+
+def test_large_answers_are_compressed_for_those_who_can_read_it(faces: Faces, scene_id: str) -> None:
+    url = f"/query?text={'&text='.join(['mug', 'ball', 'moon', 'novel'] * 4)}&scene={scene_id}"
+    plain = faces.rest.get(url, headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers and plain.headers["vary"] == "Accept-Encoding"
+    with faces.rest.stream("GET", url, headers={"Accept-Encoding": "gzip"}) as response:
+        raw = b"".join(response.iter_raw())
+    assert response.headers["content-encoding"] == "gzip" and len(raw) < len(plain.content)
+    assert json.loads(gzip.decompress(raw)) == plain.json()
+
+
+def test_other_origins_may_call_only_by_setting(service: SceneService, api_settings: Settings, faces: Faces) -> None:
+    headers = {"Origin": "http://localhost:3000", "Access-Control-Request-Method": "POST"}
+    assert "access-control-allow-origin" not in faces.rest.options("/v1/scenes", headers=headers).headers
+    settings = api_settings.model_copy(update={"cors_origins": ("http://localhost:3000",)})
+    with served(service, settings) as open_faces:
+        preflight = open_faces.rest.options("/v1/scenes", headers=headers)
+        assert preflight.status_code == 200
+        assert preflight.headers["access-control-allow-origin"] == "http://localhost:3000"
+        answer = open_faces.rest.get("/v1/scenes", headers={"Origin": "http://localhost:3000"})
+        assert answer.headers["access-control-allow-origin"] == "http://localhost:3000"
+        foreign = open_faces.rest.options("/v1/scenes", headers={**headers, "Origin": "http://localhost:4000"})
+        assert "access-control-allow-origin" not in foreign.headers
+
+
+def test_behind_a_proxy_the_paths_are_the_proxys(service: SceneService, api_settings: Settings) -> None:
+    settings = api_settings.model_copy(update={"root_path": "/robots/splat", "trusted_proxies": ("127.0.0.1",)})
+    with served(service, settings) as faces:
+        assert faces.rest.get("/openapi.json").json()["servers"][0]["url"] == "/robots/splat"
+        assert '"/robots/splat/openapi.json"' in faces.rest.get("/docs").text.replace("'", '"')
+        assert faces.rest.get("/v1/scenes").status_code == 200
+
+
+def test_operation_ids_are_names() -> None:
+    paths = json.loads(_OPENAPI.read_text())["paths"]
+    ids = [operation["operationId"] for methods in paths.values() for operation in methods.values()]
+    assert len(ids) == len(set(ids)) and all(re.fullmatch(r"[a-z][a-z0-9_]{2,30}", name) for name in ids)
