@@ -53,11 +53,10 @@ def doctor(
 
 
 def _examine(settings: Settings) -> Sequence[Problem]:
-    problems = [
-        *check_folder(settings.data_dir, settings.uploads.min_free_bytes),
-        *check_database(settings.data_dir, settings.database_url),
-    ]
-    if any(problem.place in ("database", "fastsplat.sqlite") and "mode" not in problem.message for problem in problems):
+    problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
+    of_database = check_database(settings.data_dir, settings.database_url)
+    problems += of_database
+    if any(problem.place != "jobs.sqlite" for problem in of_database):
         return problems  # the rows cannot be read
     store = _open(settings)
     try:

@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import OperationRecord
@@ -77,6 +76,8 @@ def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) ->
 @jobs_app.command()
 def retry(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
     """Queue a failed or cancelled job again, with the upload that it had."""
+    from fastsplat.service.application.service import open_service  # loads what answers questions
+
     with open_service(load_settings()) as service:
         operation = service.retry_operation(job_id)
     typer.echo(f"{operation.id} is {operation.state}")

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.backup import backup, restore
+from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import shlex
 import shutil
 import socket
@@ -17,12 +18,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from images import ROOT, Builder, Image
 
 from fastsplat_client import Client, SceneOptions
+from tests.postgres import PostgresServer
 
 _PATIENCE_S = 240.0
 _UID = 10001
@@ -62,8 +64,14 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
         os.chown(path, _UID, _UID)
     if given := os.environ.get("FASTSPLAT_MODELS"):
         models = Path(given).resolve()
-    http, grpc, metrics = _free_ports(3)
+    http, grpc, metrics, postgres = _free_ports(4)
+    secret = folder / "database_password"
+    secret.write_text(secrets.token_hex(24) + "\n")
+    secret.chmod(0o444)
     environment = {
+        # As in compose.yaml, whose network calls the server's machine "postgres".
+        "FASTSPLAT_DATABASE_URL": f"postgresql://fastsplat@127.0.0.1:{postgres}/fastsplat",
+        "FASTSPLAT_DATABASE_PASSWORD_FILE": "/run/secrets/database_password",
         "FASTSPLAT_HTTP_PORT": str(http),
         "FASTSPLAT_GRPC_PORT": str(grpc),
         "FASTSPLAT_METRICS_PORT": str(metrics),
@@ -74,6 +82,7 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
         with _running(images["models"], "models", {}, data, models, folder, writable_models=True) as fetch:
             assert fetch.wait(_PATIENCE_S) == 0, "the models could not be fetched"
     with (
+        closing(PostgresServer(secret.read_text().strip(), postgres)),
         _running(images["api"], "api", environment, data, models, folder) as api,
         _running(images["worker"], "worker", environment, data, models, folder) as worker,
     ):
@@ -156,6 +165,7 @@ def _contained(
     """`command` as the image's user on a root that cannot be written, with /tmp, /data and /models as compose gives
     them. `exec` all the way, so that a signal to the process returned reaches the command itself."""
     root = shlex.quote(str(image.root))
+    secret = shlex.quote(str(data.parent / "database_password"))
     settings = {**image.environment, **environment, "HOME": "/home/fastsplat"}
     lines = [
         "set -e",
@@ -164,6 +174,9 @@ def _contained(
         f"mount -t proc proc {root}/proc",
         f"mount --rbind /dev {root}/dev",
         f"mount -t tmpfs tmpfs {root}/tmp",
+        f"mount -t tmpfs tmpfs {root}/run",
+        f"mkdir {root}/run/secrets",
+        f"if [ -f {secret} ]; then cp {secret} {root}/run/secrets/database_password; fi",
         f"mount --bind {shlex.quote(str(data))} {root}/data",
         f"mount --bind {shlex.quote(str(models))} {root}/models",
         "" if writable_models else f"mount -o remount,ro,bind {root}/models",

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psycopg
+from psycopg import sql
 
 from fastsplat.service.common.process import die_with_parent
 
@@ -29,7 +30,8 @@ _OPTIONS = {"listen_addresses": "", "fsync": "off", "max_connections": "200", "s
 class PostgresServer:
     """One server on a Unix socket. PostgreSQL refuses to run as root, so root runs it as nobody."""
 
-    def __init__(self) -> None:
+    def __init__(self, password: str = "", port: int = 5432) -> None:
+        """Start one; with a password it also listens on a port of this machine, where it asks for that."""
         self._folder = Path(tempfile.mkdtemp(prefix="fastsplat-postgres-"))
         self._folder.chmod(0o755)
         self._data = self._folder / "data"
@@ -43,19 +45,28 @@ class PostgresServer:
                 shutil.copytree(site / name, self._folder / name, ignore=shutil.ignore_patterns("include"))
             self._data.mkdir(0o700)
             os.chown(self._data, _NOBODY, _NOBODY)
-        order = ["-D", str(self._data), "-U", "postgres", "--auth=trust", "--encoding=utf8", "--no-sync"]
+        self._options = {**_OPTIONS, "port": str(port)}
+        order = ["-D", str(self._data), "-U", "postgres", "--encoding=utf8", "--no-sync"]
+        order += ["--auth-local=trust", f"--auth-host={'scram-sha-256' if password else 'trust'}"]
+        if password:
+            self._options["listen_addresses"] = "127.0.0.1"
         subprocess.run([self._programs / "initdb", *order], check=True, capture_output=True, cwd="/", **self._user)
         self._process: subprocess.Popen[bytes] | None = None
+        self._port = port
         self.start()
+        if password:
+            with psycopg.connect(self.url("postgres"), autocommit=True) as admin:
+                admin.execute(sql.SQL("CREATE USER fastsplat PASSWORD {}").format(sql.Literal(password)))
+                admin.execute("CREATE DATABASE fastsplat OWNER fastsplat")
 
     def url(self, database: str) -> str:
         """How the product is told of one of its databases."""
-        return f"postgresql://postgres@/{database}?host={self._data}"
+        return f"postgresql://postgres@:{self._port}/{database}?host={self._data}"
 
     def start(self) -> None:
         """Start, and wait until it answers."""
         parent = os.getpid()
-        options = [word for name, value in _OPTIONS.items() for word in ("-c", f"{name}={value}")]
+        options = [word for name, value in self._options.items() for word in ("-c", f"{name}={value}")]
         with (self._folder / "log.txt").open("ab") as log:
             self._process = subprocess.Popen(
                 [self._programs / "postgres", "-D", str(self._data), "-k", str(self._data), *options],

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any, NoReturn
 
-from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
+from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, _workflow_commands
 
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import Settings
@@ -44,6 +44,7 @@ _APPLICATION_VERSION = "1"  # constant: a new release must find the jobs of the 
 _MIDDLE_PRIORITY = 2**30  # the engine counts from 1, and takes small numbers first
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
 _NOTIFICATIONS_S = 60.0  # our workflows neither send nor receive any
+_HOUSEKEEPING_S = 4.0  # the engine holds a transaction open for so long, which PostgreSQL ends after 5 s
 _ENDED = ("SUCCESS", "ERROR", "CANCELLED")
 _MAX_DELETED_AT_ONCE = 1000
 
@@ -90,9 +91,7 @@ def start(worker: Worker) -> None:
         "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
         "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
     }
-    engine = DBOS(config=config)
-    # The engine looks for its own housekeeping jobs, of which we have none, every second, and has no setting for it.
-    engine._registry.get_internal_queue()._polling_interval_sec = _NOTIFICATIONS_S
+    slow_down_housekeeping(DBOS(config=config))
     _adopt_engine_log()
     DBOS.launch()
     DBOS.register_queue(
@@ -202,6 +201,17 @@ def _enqueue_waiting(worker: Worker) -> None:
         with SetWorkflowID(job.run_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - job.priority):
             DBOS.enqueue_workflow(_QUEUE, make_scene, job.id, job.retries)
         worker.store.jobs.mark_enqueued(job.id, job.retries)
+
+
+def slow_down_housekeeping(engine: DBOS) -> None:
+    """Have the engine look less often for work that it never gets here; to be called before its launch.
+
+    Each second it looks for jobs of its own queue, for delayed workflows and for those past their deadline. We have
+    none, and an idle worker spends most of its time on that. There is no setting for it; a test pins down the names for
+    the versions that the dependencies allow.
+    """
+    engine._registry.get_internal_queue()._polling_interval_sec = _NOTIFICATIONS_S
+    _workflow_commands._BACKGROUND_JOBS_INTERVAL_SEC = _HOUSEKEEPING_S
 
 
 def _adopt_engine_log() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import socket
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ import yaml
 
 from fastsplat.api.metrics import Metrics
 from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.store.database import resolve_url
-from fastsplat_contract.errors import InvalidInputError
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import DatabaseError, InvalidInputError
+from tests.postgres import PostgresServer
 
 ROOT = Path(__file__).parent.parent.parent
 COMPOSE = ROOT / "docker/compose.yaml"
@@ -60,17 +61,23 @@ def test_the_containers_environment_opens_the_database_with_the_password_of_the_
     compose: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     secret = tmp_path / "database_password"
-    secret.write_text("p@ss/word\n")
-    for name, value in compose["services"]["api"]["environment"].items():
-        monkeypatch.setenv(name, value.replace("/run/secrets/database_password", str(secret)))
-    load_settings.cache_clear()
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    server = PostgresServer("p@ss/word", port)
     try:
-        settings = load_settings()
+        for name, value in compose["services"]["api"]["environment"].items():
+            here = value.replace("/run/secrets/database_password", str(secret))
+            monkeypatch.setenv(name, here.replace("@postgres/", f"@127.0.0.1:{port}/"))
+        secret.write_text("p@ss/word\n")
+        settings = Settings()
+        assert settings.database_password == "" and "p@ss" not in json.dumps(compose)
+        with open_service(settings.model_copy(update={"data_dir": tmp_path / "data"})) as service:
+            assert service.list_scenes() == ((), "")
+        secret.write_text("another\n")
+        with pytest.raises(DatabaseError):
+            open_service(Settings(data_dir=tmp_path / "data"))
     finally:
-        load_settings.cache_clear()
-    url = resolve_url(tmp_path, settings.database_url, sqlite_name="x")
-    assert (url.username, url.password, url.host, url.database) == ("fastsplat", "p@ss/word", "postgres", "fastsplat")
-    assert settings.database_password == ""
+        server.close()
 
 
 def test_a_secret_that_cannot_be_read_or_is_given_twice_is_refused_and_not_told(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import inspect
+from types import SimpleNamespace
 
 import pytest
-from dbos import DBOS
+from dbos import DBOS, _workflow_commands
+from dbos._dbos import DBOSRegistry
+from dbos._sys_db_postgres import BACKGROUND_JOB_LOCK_IDLE_TIMEOUT_MS
 
 from fastsplat.workers.claimed_job import CANCELLED, DONE, JobOutcome, failed
+from fastsplat.workers.engine import slow_down_housekeeping
 from fastsplat.workers.heartbeat import recover_jobs_of
 
 
@@ -17,6 +21,17 @@ def test_the_engine_has_the_internal_method_that_recovers_a_dead_executors_jobs(
     monkeypatch.setattr(DBOS, "_recover_pending_workflows", calls.append)
     recover_jobs_of("host-1-aa")
     assert calls == [["host-1-aa"]]
+
+
+def test_the_engine_has_the_internals_that_make_an_idle_worker_cheap(monkeypatch) -> None:
+    registry = DBOSRegistry()
+    before = registry.get_internal_queue()._polling_interval_sec
+    name = "_BACKGROUND_JOBS_INTERVAL_SEC"
+    monkeypatch.setattr(_workflow_commands, name, getattr(_workflow_commands, name))
+    assert "_BACKGROUND_JOBS_INTERVAL_SEC" in inspect.getsource(_workflow_commands.background_jobs_thread)
+    slow_down_housekeeping(SimpleNamespace(_registry=registry))
+    assert registry.get_internal_queue()._polling_interval_sec > before
+    assert 1000 * _workflow_commands._BACKGROUND_JOBS_INTERVAL_SEC < BACKGROUND_JOB_LOCK_IDLE_TIMEOUT_MS
 
 
 _ERROR = {"kind": "INTERNAL", "reason": "X", "message": "m", "stage": "training", "details": {}}

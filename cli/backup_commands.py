@@ -14,7 +14,7 @@ from fastsplat_contract.errors import ResourceError
 
 def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on another disk.")]) -> None:
     """Save scenes, unfinished jobs, keys and settings of the database to a folder; the service may run meanwhile."""
-    from fastsplat.service.store.snapshot import back_up
+    from fastsplat.service.store.backup import back_up
 
     settings = load_settings()
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
@@ -38,7 +38,7 @@ def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on an
 
 def restore(source: Annotated[Path, typer.Argument(help="A folder that `fastsplat backup` made.")]) -> None:
     """Make the data folder and its database of a backup. The data folder must be empty, and no service may run."""
-    from fastsplat.service.store.snapshot import restore as restore_backup
+    from fastsplat.service.store.backup import restore as restore_backup
 
     settings = load_settings()
     report = restore_backup(source, settings.data_dir, settings.database_url)
