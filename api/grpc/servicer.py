@@ -12,7 +12,7 @@ from google.protobuf import empty_pb2
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import receive_scene
-from fastsplat.api.operation_watching import Operations
+from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError

@@ -8,7 +8,7 @@ from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fastsplat.api.operation_watching import Operations
+from fastsplat.api.operation_waits import Operations
 from fastsplat_contract.json_codec import to_json
 
 MEDIA_TYPE = "text/event-stream"

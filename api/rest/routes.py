@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from fastsplat.api.operation_watching import MAX_WAIT_S, Operations
+from fastsplat.api.operation_waits import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.connectivity import components
 from fastsplat.service.query.gaussian_labels import GaussianLabels
+from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat_contract.poses import vector3
@@ -49,7 +49,7 @@ def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
     """
     gaussians = scene.gaussians
     areas = masses(gaussians.log_scales, gaussians.logit_opacities)
-    sizes = expit(gaussians.logit_opacities.astype(np.float64)) * field.confidence
+    sizes = logistic(gaussians.logit_opacities) * field.confidence
     solid = (gaussians.logit_opacities >= np.log(MIN_OPACITY / (1 - MIN_OPACITY))) & (field.classes > 0)
     rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
     if not len(rows):
@@ -73,7 +73,7 @@ def masses(log_scales: F32, logit_opacities: F32) -> F64:
     """float64 [G]: opacity times the product of the two larger standard deviations: how much surface a Gaussian is."""
     logs = log_scales.astype(np.float64)
     area = np.exp(logs.sum(axis=1) - logs.min(axis=1))
-    return np.asarray(np.maximum(area * expit(logit_opacities.astype(np.float64)), np.finfo(np.float64).tiny))
+    return np.asarray(np.maximum(area * logistic(logit_opacities), np.finfo(np.float64).tiny))
 
 
 def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64) -> list[NDArray[np.int64]]:

@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.special import expit  # type: ignore[import-untyped]
+
+from fastsplat.service.query.relevancy import logistic
 
 F64 = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:
     """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
     model = calibration.entry
     logits = model.score * scores + model.lead * leads(scores, calibration.background) + model.offset
-    return np.asarray(expit(logits))
+    return logistic(logits)
 
 
 def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) -> F64:
@@ -78,7 +79,7 @@ def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) 
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
     model = calibration.present
-    return np.asarray(np.maximum(expit(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
+    return np.asarray(np.maximum(logistic(model.score * scores.max(axis=-1) + model.offset), entry.max(axis=-1)))
 
 
 def candidates(entry: F64, present: float) -> F64:

@@ -64,7 +64,7 @@ def relevancy_scores(similarity: F64, dictionary: Entries, temperature: float) -
         temperature: t ≥ 0.
     """
     margin = similarity - dictionary.negative_similarity
-    relevancy = 0.5 * (1.0 + np.tanh(0.5 * temperature * margin))  # the sigmoid that cannot overflow
+    relevancy = logistic(temperature * margin)
     return Scores(similarity, margin, relevancy)
 
 
@@ -72,3 +72,9 @@ def cosines(left: F32, right: F32) -> F64:
     """float64 [A, B] of unit vectors [A, E] and [B, E]."""
     # einsum stays on this thread: waking BLAS threads costs more than so small a product.
     return np.asarray(np.clip(np.einsum("ae,be->ab", left, right), -1.0, 1.0), dtype=np.float64)
+
+
+def logistic(x: F32 | F64) -> F64:
+    """1 / (1 + exp(-x)), float64, without overflow. Not scipy's `expit`: the commands that import the query room would
+    load all of scipy first."""
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x.astype(np.float64))))
