@@ -120,9 +120,11 @@ class QuotaSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    scenes: int = Field(0, ge=0, description="scenes")
-    stored_bytes: int = Field(0, ge=0, description="bytes of uploads whose scenes exist, and of unfinished uploads")
-    queued_jobs: int = Field(0, ge=0, description="jobs that are queued or run")
+    scenes: int = Field(1_000, ge=0, description="scenes")
+    stored_bytes: int = Field(
+        100 * 2**30, ge=0, description="bytes of uploads whose scenes exist, and of unfinished uploads"
+    )
+    queued_jobs: int = Field(100, ge=0, description="jobs that are queued or run")
 
 
 class CallSettings(BaseModel):
@@ -136,7 +138,9 @@ class CallSettings(BaseModel):
     max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
     max_queried_scenes: int = Field(100, ge=1, description="scenes, the newest, that a question to all of them asks")
     max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")
-    max_versions: int = Field(50, ge=2, description="versions of one scene")
+    max_versions: int = Field(
+        20, ge=2, description="versions of one scene that are kept; an edit beyond removes undone ones, then the oldest"
+    )
     max_encodings: int = Field(
         1_024, ge=1, description="sentences that one question may have encoded: (texts + negatives) x templates"
     )

@@ -197,7 +197,8 @@ def _repeat(worker: Worker, name: str, task: Callable[[Worker], None], interval_
 def _enqueue_waiting(worker: Worker) -> None:
     # An operation is acknowledged by its row alone; from there it reaches the engine here, once or several times:
     # the engine takes the id of a run only once.
-    for job in worker.store.jobs.waiting():
+    live_since = time.time() - worker.settings.jobs.stalled_worker_timeout_s
+    for job in worker.store.jobs.due(live_since):
         with SetWorkflowID(job.run_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - job.priority):
             DBOS.enqueue_workflow(_QUEUE, make_scene, job.id, job.retries)
         worker.store.jobs.mark_enqueued(job.id, job.retries)

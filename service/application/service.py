@@ -177,10 +177,13 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more: that
                 of a failed or cancelled job is kept for `UploadSettings.failed_retention_s`.
+            QuotaError: as many of the project's jobs wait or run as may.
         """
         record = self._store.scenes.operation(operation_id)
         if record.state in ("FAILED", "CANCELLED") and record.upload_id not in self._store.blobs.ids("uploads"):
             raise no_upload(operation_id)
+        if record.state in ("FAILED", "CANCELLED"):
+            self._quotas.check_retry(self.project)
         ended_since = time.time() - self._settings.uploads.failed_retention_s
         return operation_of(self._store.jobs.retry(operation_id, ended_since))
 

@@ -39,6 +39,8 @@ class Versions:
     def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
+        Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
+
         Questions that are being answered keep the version they began with.
 
         Args:
@@ -50,7 +52,7 @@ class Versions:
             NotFoundError: there is no such scene, label or object.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, or versions.
+            LimitExceededError: too many edits.
             ConflictError: the request id was used before for other edits.
         """
         self._check(edits, request_id)
@@ -63,12 +65,14 @@ class Versions:
                 earlier = self._store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
                     return self._in_force(earlier, current)
-                self._check_room(scene_id)
                 try:
-                    return self._make(scene_id, current, edits, request_id, digest, rows)
+                    made = self._make(scene_id, current, edits, request_id, digest, rows)
                 except ConflictError:  # a server on another machine was faster; this one is made of its result
                     if not remaining:
                         raise
+                else:
+                    self._prune(scene_id)
+                    return made
         raise AssertionError
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
@@ -103,6 +107,10 @@ class Versions:
             NotFoundError, NotReadyError: as `Answers.query`.
         """
         return self._scenes.version(scene_id, version)
+
+    def _prune(self, scene_id: str) -> None:
+        for version in self._store.versions.prune(scene_id, self._settings.calls.max_versions):
+            self._store.blobs.drop_version(scene_id, version)
 
     def _named(self, scene_id: str, version: str) -> SceneVersion:
         return next(known for known in self.all(scene_id) if known.version == version)
@@ -187,16 +195,6 @@ class Versions:
                 field="edits",
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
-            )
-
-    def _check_room(self, scene_id: str) -> None:
-        limit = self._settings.calls.max_versions
-        if len(self.all(scene_id)) >= limit:
-            raise LimitExceededError(
-                f"scene {scene_id!r} has {limit} versions",
-                field="scene",
-                limit=f"{limit} versions (FASTSPLAT_CALLS__MAX_VERSIONS)",
-                hint="Post the scene again, or raise the limit.",
             )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ from sqlalchemy import Connection, Engine, Update, delete, exists, func, select,
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import OperationRecord, SceneSummary
 from fastsplat.service.store.scene_repository import as_operation, no_operation
-from fastsplat.service.store.schema import operations, scenes
+from fastsplat.service.store.schema import operations, scenes, workers
 from fastsplat_contract.errors import NotFoundError
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
@@ -46,6 +47,42 @@ class JobRepository:
         order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading() as connection:
             return [as_operation(row) for row in connection.execute(query.order_by(*order)).mappings()]
+
+    def due(self, live_since: float) -> Sequence[OperationRecord]:
+        """Queued operations to hand to the job engine now: one for each worker without a job, projects taking turns.
+
+        The engine's queue knows priorities, but no projects, and keeps the order in which it was told; so it is told as
+        late as possible. The next operation is of the project with the fewest jobs under way; of several, the one whose
+        latest job is longest ago, then the one that has waited longest. Within a project priority decides, then age.
+
+        Args:
+            live_since: seconds since 1970; workers whose last heartbeat is older are not counted. One always is.
+        """
+        under_way = operations.c.enqueued.is_(True) | (operations.c.state == "RUNNING")
+        counts = select(operations.c.project, func.count()).where(operations.c.state.in_(_UNFINISHED), under_way)
+        begun = select(operations.c.project, func.max(operations.c.updated_at).label("at")).where(
+            operations.c.attempt > 0
+        )
+        live = select(func.count()).select_from(workers).where(workers.c.heartbeat_at >= live_since)
+        with self._reading() as connection:
+            rows = connection.execute(counts.group_by(operations.c.project))
+            active = Counter({project: int(count) for project, count in rows})
+            latest = {row.project: row.at for row in connection.execute(begun.group_by(operations.c.project))}
+            free = max(1, int(connection.scalar(live) or 0)) - active.total()
+        queues: dict[str, deque[OperationRecord]] = defaultdict(deque)
+        for record in self.waiting() if free > 0 else ():
+            queues[record.project].append(record)
+        due: list[OperationRecord] = []
+        while queues and len(due) < free:
+            project = min(
+                queues,
+                key=lambda name: (active[name], latest.get(name, 0.0), min(job.created_at for job in queues[name])),
+            )
+            due.append(queues[project].popleft())
+            active[project] += 1
+            if not queues[project]:
+                del queues[project]
+        return due
 
     def mark_enqueued(self, operation_id: str, retries: int = 0) -> None:
         """Note that the job engine has the operation, durably, if it was not cancelled and retried meanwhile."""

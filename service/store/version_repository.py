@@ -121,6 +121,32 @@ class VersionRepository:
             connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
             _point(connection, new.scene_id, new)
 
+    def prune(self, scene_id: str, limit: int) -> Sequence[str]:
+        """Delete the rows of versions beyond `limit`; returns their names, whose folders are the caller's to remove.
+
+        Undone versions go first, then the oldest. The current version and the trained one stay; what was made of a
+        deleted version is undone to the one before that.
+        """
+        with self._writing() as connection:
+            current = connection.scalar(select(scenes.c.version).where(scenes.c.id == scene_id))
+            query = select(scene_versions).where(scene_versions.c.scene_id == scene_id)
+            rows = connection.execute(query.order_by(scene_versions.c.number)).mappings()
+            records = {row["version"]: VersionRecord(**row) for row in rows}
+            in_force = _lineage(records, current or "")
+            candidates = [record for record in records.values() if record.parent and record.version != current]
+            candidates.sort(key=lambda record: (record.version in in_force, record.number))
+            removed = {record.version for record in candidates[: max(0, len(records) - limit)]}
+            for record in records.values():
+                parent = record.parent
+                while parent in removed:
+                    parent = records[parent].parent
+                here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == record.version)
+                if record.version in removed:
+                    connection.execute(delete(scene_versions).where(*here))
+                elif parent != record.parent:
+                    connection.execute(update(scene_versions).where(*here).values(parent=parent))
+        return sorted(removed)
+
     def step_back(self, scene_id: str, expected: str) -> None:
         """Make the parent of the current version current.
 
@@ -141,6 +167,15 @@ class VersionRepository:
         """Remove the versions of a scene that is gone."""
         with self._writing() as connection:
             connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+
+
+def _lineage(records: Mapping[str, VersionRecord], version: str) -> frozenset[str]:
+    """A version and all that it was made of."""
+    names: set[str] = set()
+    while version in records and version not in names:
+        names.add(version)
+        version = records[version].parent
+    return frozenset(names)
 
 
 def _ready(connection: Connection, scene_id: str, expected: str) -> SceneRecord:

@@ -163,13 +163,29 @@ def test_a_bad_edit_is_named_and_changes_nothing(
     assert client.versions(scene_id) == before
 
 
-def test_versions_are_bounded(service: SceneService, api_settings: Settings, own: str) -> None:
-    calls = api_settings.calls.model_copy(update={"max_versions": 2})
+def test_beyond_their_bound_undone_versions_go_and_then_the_oldest(
+    service: SceneService, api_settings: Settings, own: str
+) -> None:
+    calls = api_settings.calls.model_copy(update={"max_versions": 3})
+    recolor = [Edit("recolor", "mug", color=Color(0.0, 0.5, 1.0))]
     with open_service(api_settings.model_copy(update={"calls": calls})) as bounded:
-        bounded.versions.edit(own, [_REMOVE])
-        with pytest.raises(LimitExceededError):
-            bounded.versions.edit(own, [_REMOVE])
-    assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 2
+        trained = bounded.versions.resolve(own)
+        undone = bounded.versions.edit(own, recolor).version
+        bounded.versions.undo(own)
+        first = bounded.versions.edit(own, recolor).version
+        second = bounded.versions.edit(own, recolor).version
+        assert [row.version for row in bounded.versions.all(own)] == [trained, first, second]
+        assert undone not in {path.name for path in (api_settings.data_dir / "scenes" / own).iterdir()}
+        third = bounded.versions.edit(own, recolor).version
+        assert [(row.version, row.parent) for row in bounded.versions.all(own)] == [
+            (trained, ""),
+            (second, trained),
+            (third, second),
+        ]
+        with pytest.raises(NotFoundError):
+            bounded.answers.query(QueryRequest(own, ("mug",), version=first))
+        assert [bounded.versions.undo(own).version, bounded.versions.undo(own).version] == [second, trained]
+    assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 3
 
 
 def test_versions_go_with_their_scene(service: SceneService, api_settings: Settings) -> None:

@@ -83,8 +83,11 @@ def test_jobs_that_wait_are_bounded_and_a_cancelled_one_makes_room(opened: Calla
     with pytest.raises(QuotaError, match="jobs"):
         _post(service, "a")
     mine = service.in_project("a")
-    mine.cancel_operation(mine.get_scene(scene_id).operation_id)
+    operation_id = mine.get_scene(scene_id).operation_id
+    mine.cancel_operation(operation_id)
     _post(service, "a")
+    with pytest.raises(QuotaError, match="jobs"):
+        mine.retry_operation(operation_id)
 
 
 def test_many_at_once_pass_no_bound(opened: Callable[..., SceneService]) -> None:

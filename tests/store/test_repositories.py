@@ -40,6 +40,29 @@ def test_what_is_created_is_there_for_every_process_at_once(store, tmp_path):
     other.close()
 
 
+def test_projects_take_turns_whatever_the_priorities_of_another(store):
+    for number in range(6):
+        project, priority = ("a", 100) if number < 4 else ("b", number - 5)
+        store.scenes.create(replace(job(number), project=project, priority=priority))
+    ran = []
+    while due := store.jobs.due(live_since=0.0):
+        (record,) = due  # without a worker that is known, one
+        store.jobs.mark_enqueued(record.id)
+        assert store.jobs.due(live_since=0.0) == []
+        store.jobs.succeed(store.jobs.claim(record.id), SUMMARY)
+        ran.append(record.id)
+    assert sorted(ran) == [f"op{number}" for number in range(6)]
+    assert ran == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
+
+    for number in range(10, 18):
+        project, priority = ("a", 100) if number < 16 else ("b", 0)
+        store.scenes.create(replace(job(number), project=project, priority=priority))
+    for number in range(4):
+        store.workers.update_heartbeat(f"worker{number}", "here", number)
+    assert [record.project for record in store.jobs.due(live_since=0.0)] == ["b", "a", "b", "a"]
+    assert len(store.jobs.due(live_since=time.time() + 60)) == 1
+
+
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
     barrier = threading.Barrier(8)
 

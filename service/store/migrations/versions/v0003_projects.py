@@ -39,6 +39,11 @@ def upgrade() -> None:
     op.drop_index("ix_holdings_owner", "holdings")
     with op.batch_alter_table("holdings") as holdings:
         holdings.drop_column("owner")
+    # Until now a cancelled scene said FAILED.
+    op.execute(
+        "UPDATE scenes SET state = 'CANCELLED' WHERE state = 'FAILED' AND operation_id IN "
+        "(SELECT id FROM operations WHERE state = 'CANCELLED')"
+    )
     keys = sa.table("api_keys", sa.column("kind", sa.String))
     for old, new in _ROLES.items():
         op.execute(keys.update().where(keys.c.kind == old).values(kind=new))
