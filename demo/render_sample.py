@@ -5,8 +5,8 @@
 
 Everything is modelled and painted by the modules beside this one, from fixed seeds; nothing is downloaded. Pictures are
 path traced by Cycles on the CPU and denoised; masks come from a second render with one ray through each pixel's centre
-and the object's id as its colour, so that they are exact; a third one with an id for each single thing, where a mask has
-one for all things of a label. Poses are nerfstudio's `transforms.json`.
+and the object's id as its colour, so that they are exact; a third one has an id for each single thing, where a mask
+has one for all things of a label. Poses are nerfstudio's `transforms.json`.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from demo.sample_things import book, bottle, bowl, clock, cup, knife, plate, ted
 _RED = ("#8a1520", "#a81c26", "#b5242a", "#c95a4a")
 _GREEN = ("#7f9c30", "#94ae42", "#a2b850", "#bcc66c")
 
-# Label: builders of its copies. The order is the order of ids, from 1, of labels and, counting every copy, of things; the
-# room adds the table itself.
+# Label: builders of its copies. Labels have ids from 1 in this order, and so have things, every copy counted; the room
+# adds the table itself.
 THINGS: dict[str, tuple[Callable[[], Parts], ...]] = {
     "apple": (
         lambda: place(apple(_RED, 1), 0.045, -0.005, 0.4, 0.016, 0.15),
