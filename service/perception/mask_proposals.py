@@ -99,12 +99,12 @@ def distinct_proposals(proposals: MaskProposals, max_overlap: float) -> MaskProp
         return proposals
     order = np.argsort(-proposals.quality, kind="stable")
     flat = (proposals.logits[order] > 0).reshape(len(order), -1).astype(np.float32)
+    common = flat @ flat.T
     areas = flat.sum(axis=1)
+    double = common > max_overlap * (areas[:, None] + areas - common)
     free, winners = np.ones(len(order), np.bool_), []
     for row in range(len(order)):
         if free[row]:
             winners.append(row)
-            rest = np.flatnonzero(free[row + 1 :]) + row + 1
-            common = flat[rest] @ flat[row]
-            free[rest[common > max_overlap * (areas[rest] + areas[row] - common)]] = False
+            free &= ~double[row]
     return proposals.take(order[winners])

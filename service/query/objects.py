@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.poses import quaternion_of
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
-from fastsplat.service.query.connectivity import components
 from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.visibility import best_views
+from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import F32, Scene
 
 F64 = NDArray[np.float64]
