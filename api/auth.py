@@ -13,9 +13,9 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from fastsplat.service.calls.keys import KeyRing, key_id_of
-from fastsplat.service.common.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
+from fastsplat.service.application.keys import KeyRing, key_id_of
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError, UnauthenticatedError
 
 Need = Literal["open", "read", "write"]
 
@@ -54,6 +54,7 @@ _RULES: Mapping[str, Rule] = {
     "GET /livez": _OPEN,
     "GET /readyz": _OPEN,
     "GET /query": _READ,
+    "GET /v1/server": _READ,
     "OPTIONS /v1/uploads": _READ,
     "POST /v1/uploads": _UPLOAD,
     "HEAD /v1/uploads/{upload_id}": _WRITE,

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from fastsplat.api.auth import Doorkeeper, Principal, Rule
 from fastsplat.api.limits import Entry, Limiter
 from fastsplat.api.metrics import Metrics
-from fastsplat.service.calls.admin import Admin
-from fastsplat.service.calls.keys import KeyRing
-from fastsplat.service.common.errors import FastSplatError
+from fastsplat.service.application.admin import Admin
+from fastsplat.service.application.keys import KeyRing
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import FastSplatError
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The one table from `Kind` to HTTP and gRPC statuses, and the two ways of saying the same problem.
+"""The one table from errors to HTTP and gRPC statuses, and the two ways of saying the same problem.
 
 HTTP: RFC 9457 `application/problem+json`. gRPC: `google.rpc.Status` with one `google.rpc.ErrorInfo` in the trailing
 metadata `grpc-status-details-bin` (AIP-193).
@@ -15,7 +15,9 @@ import grpc
 from google.protobuf import any_pb2, duration_pb2
 from google.rpc import code_pb2, error_details_pb2, status_pb2  # type: ignore[import-untyped]
 
-from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat_contract import errors
+from fastsplat_contract.errors import FastSplatError, Kind
+from fastsplat_contract.problems import Problem
 
 DOMAIN = "fastsplat"
 """The `domain` of every ErrorInfo."""
@@ -40,35 +42,57 @@ class Status:
     title: str
 
 
-_BY_KIND = {
-    Kind.INVALID_ARGUMENT: Status(400, grpc.StatusCode.INVALID_ARGUMENT, "The request is malformed"),
-    Kind.NOT_FOUND: Status(404, grpc.StatusCode.NOT_FOUND, "There is nothing of that name"),
-    Kind.ALREADY_EXISTS: Status(409, grpc.StatusCode.ALREADY_EXISTS, "This conflicts with something that exists"),
-    Kind.FAILED_PRECONDITION: Status(409, grpc.StatusCode.FAILED_PRECONDITION, "This cannot be done in this state"),
-    Kind.RESOURCE_EXHAUSTED: Status(503, grpc.StatusCode.RESOURCE_EXHAUSTED, "The server is out of a resource"),
-    Kind.UNAUTHENTICATED: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
-    Kind.PERMISSION_DENIED: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
-    Kind.CANCELLED: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
-    Kind.UNAVAILABLE: Status(503, grpc.StatusCode.UNAVAILABLE, "The service is not available now"),
-    Kind.INTERNAL: Status(500, grpc.StatusCode.INTERNAL, "The server failed"),
-}
-_BY_REASON = {
+_MALFORMED = Status(400, grpc.StatusCode.INVALID_ARGUMENT, "The request is malformed")
+_WRONG_STATE = Status(409, grpc.StatusCode.FAILED_PRECONDITION, "This cannot be done in this state")
+_EXHAUSTED = Status(503, grpc.StatusCode.RESOURCE_EXHAUSTED, "The server is out of a resource")
+_UNAVAILABLE = Status(503, grpc.StatusCode.UNAVAILABLE, "The service is not available now")
+_FAILED = Status(500, grpc.StatusCode.INTERNAL, "The server failed")
+
+STATUSES: dict[type[FastSplatError], Status] = {
+    errors.FastSplatError: _FAILED,
+    errors.InvalidInputError: _MALFORMED,
+    errors.UnsafeArchiveError: _MALFORMED,
+    errors.CorruptImageError: _MALFORMED,
+    errors.ChecksumMismatchError: Status(460, grpc.StatusCode.INVALID_ARGUMENT, "The checksum does not fit"),
+    errors.MethodNotAllowedError: Status(405, grpc.StatusCode.UNIMPLEMENTED, "The path does not know this method"),
+    errors.RangeNotSatisfiableError: Status(416, grpc.StatusCode.OUT_OF_RANGE, "The range lies outside the file"),
+    errors.UnsupportedMediaTypeError: Status(415, grpc.StatusCode.INVALID_ARGUMENT, "The body has another type"),
+    errors.NotFoundError: Status(404, grpc.StatusCode.NOT_FOUND, "There is nothing of that name"),
+    errors.ConflictError: Status(409, grpc.StatusCode.ALREADY_EXISTS, "This conflicts with something that exists"),
+    errors.NotReadyError: _WRONG_STATE,
+    errors.ReconstructionError: _WRONG_STATE,
+    errors.ModelUnavailableError: _WRONG_STATE,
+    errors.MissingPackageError: _WRONG_STATE,
+    errors.OffsetConflictError: _WRONG_STATE,
+    errors.UploadLockedError: Status(423, grpc.StatusCode.FAILED_PRECONDITION, "The upload is locked"),
+    errors.TusVersionError: Status(
+        412, grpc.StatusCode.FAILED_PRECONDITION, "The protocol's version is not spoken here"
+    ),
     # One gRPC code, two HTTP ones: this request is too large, whoever sends it and whenever.
-    "LIMIT_EXCEEDED": Status(413, grpc.StatusCode.RESOURCE_EXHAUSTED, "The request passes a limit"),
-    "RATE_LIMITED": Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
+    errors.LimitExceededError: Status(413, grpc.StatusCode.RESOURCE_EXHAUSTED, "The request passes a limit"),
+    errors.ResourceError: _EXHAUSTED,
     # Not 429: who waits and sends it again gets the same answer.
-    "QUOTA": Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
-    "UPLOAD_LOCKED": Status(423, grpc.StatusCode.FAILED_PRECONDITION, "Somebody else is at it"),
-    "CHECKSUM_MISMATCH": Status(460, grpc.StatusCode.INVALID_ARGUMENT, "The checksum does not fit"),
-    "TUS_VERSION": Status(412, grpc.StatusCode.FAILED_PRECONDITION, "The protocol's version is not spoken here"),
-    "UNSUPPORTED_MEDIA_TYPE": Status(415, grpc.StatusCode.INVALID_ARGUMENT, "The body has another type"),
-    "RANGE_NOT_SATISFIABLE": Status(416, grpc.StatusCode.OUT_OF_RANGE, "The range lies outside the file"),
-    "METHOD_NOT_ALLOWED": Status(405, grpc.StatusCode.UNIMPLEMENTED, "The path does not know this method"),
+    errors.QuotaError: Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
+    errors.RateLimitedError: Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
+    errors.OverloadedError: _EXHAUSTED,
+    errors.CancelledError: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
+    errors.UnauthenticatedError: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
+    errors.PermissionDeniedError: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
+    errors.NotReadyNowError: _UNAVAILABLE,
+    errors.DatabaseError: _UNAVAILABLE,
+    errors.ObjectStoreError: _UNAVAILABLE,
+    errors.ArtefactError: _FAILED,
+    errors.SceneFileError: _FAILED,
+    errors.SceneSchemaError: _WRONG_STATE,
+    errors.TrainingDivergedError: _FAILED,
+    errors.TrainerCrashedError: _FAILED,
+    errors.WorkerCrashedError: _FAILED,
 }
+"""Every class of the tree; a class of a later release has the status of its nearest ancestor."""
 
 
 @dataclass(frozen=True)
-class Problem:
+class Refusal:
     """What both protocols say about one error.
 
     Attributes:
@@ -87,17 +111,17 @@ class Problem:
     request_id: str
     retry_after_s: float | None = None
 
-    def as_json(self) -> dict[str, str | int]:
-        """The members of a problem+json object."""
-        return {
-            "type": f"urn:{DOMAIN}:problem:{self.reason.lower().replace('_', '-')}",
-            "title": self.status.title,
-            "status": self.status.http,
-            "detail": self.detail,
-            "reason": self.reason,
+    def as_problem(self) -> Problem:
+        """The problem+json object."""
+        return Problem(
+            type=f"urn:{DOMAIN}:problem:{self.reason.lower().replace('_', '-')}",
+            title=self.status.title,
+            status=self.status.http,
+            detail=self.detail,
+            reason=self.reason,
+            request_id=self.request_id,
             **self.details,
-            "request_id": self.request_id,
-        }
+        )
 
     def as_rpc_status(self) -> status_pb2.Status:
         """The same as google.rpc.Status with an ErrorInfo, and a RetryInfo where the time is known."""
@@ -118,21 +142,21 @@ class Problem:
 
 def status_of(error: FastSplatError) -> Status:
     """The table's row for `error`."""
-    return _BY_REASON.get(error.reason) or _BY_KIND[error.kind]
+    return next(STATUSES[cls] for cls in type(error).__mro__ if cls in STATUSES)
 
 
-def problem_of(error: Exception, request_id: str) -> Problem:
+def refusal_of(error: Exception, request_id: str) -> Refusal:
     """Describe any exception; one that is not ours is logged with its traceback and reveals nothing of itself."""
     if isinstance(error, FastSplatError):
         if error.kind is Kind.INTERNAL:
             _log.error("request %s failed: %s", request_id, error, exc_info=error)
         details = {name: _shortened(value) for name, value in error.details().items()}
-        return Problem(
+        return Refusal(
             status_of(error), error.reason, _shortened(error.message), details, request_id, error.retry_after_s
         )
     _log.error("request %s failed unexpectedly", request_id, exc_info=error)
-    return Problem(
-        _BY_KIND[Kind.INTERNAL],
+    return Refusal(
+        _FAILED,
         "INTERNAL",
         "The server failed unexpectedly; its log has the cause under this request id.",
         {"hint": "Try again; if it stays, report it with the request id."},

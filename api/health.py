@@ -6,17 +6,10 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat_contract.errors import FastSplatError, NotReadyNowError
 
 _log = logging.getLogger(__name__)
 _DEADLINE_S = 5.0
-
-
-class NotReadyNowError(FastSplatError):
-    """The process lives, but should get no requests now; the message says why."""
-
-    kind = Kind.UNAVAILABLE
-    reason = "UNAVAILABLE"
 
 
 class Readiness:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fastsplat.api.auth import Principal, Rule
-from fastsplat.service.common.errors import OverloadedError, RateLimitedError
-from fastsplat.service.limits import LimitSettings
+from fastsplat.service.settings import LimitSettings
+from fastsplat_contract.errors import OverloadedError, RateLimitedError
 
 _REMEMBERED = 10_000
 

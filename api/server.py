@@ -24,9 +24,9 @@ from fastsplat.api.metrics import Metrics, serve_metrics
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls, tls_of
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import ResourceError
 
 _log = logging.getLogger(__name__)
 
@@ -105,7 +105,8 @@ async def serve(
         metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
         opened.push_async_callback(asyncio.to_thread, stop_metrics)
         grpc_server = await start_server(service, threads, settings.host, settings.grpc_port, doors, tls)
-        http_server = _http_server(create_app(service, settings, threads, doors, readiness), settings, tls)
+        app = create_app(service, settings, threads, doors, readiness, grpc_server.port)
+        http_server = _http_server(app, settings, tls)
         serving = asyncio.create_task(http_server.serve([listener]))
         stopping = asyncio.create_task(stop.wait())
         watching: asyncio.Task[None] | None = None
@@ -135,9 +136,9 @@ async def serve(
 def _raise_file_limit() -> None:
     """A thousand robots are a thousand sockets, and the customary soft limit is 1024 files."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+    enough = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < enough:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (enough, hard))
 
 
 def _http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> _Server:

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from fastsplat.api.metrics import Metrics
 from fastsplat.service.common.cancellation import Cancellation, cancellable
-from fastsplat.service.common.errors import CancelledError, InvalidInputError
+from fastsplat_contract.errors import CancelledError, InvalidInputError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

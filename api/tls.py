@@ -8,8 +8,8 @@ from pathlib import Path
 
 import grpc
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

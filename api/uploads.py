@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
-from fastsplat.service.calls.types import SceneOptions
-from fastsplat.service.common.errors import LimitExceededError
 from fastsplat.service.planning.presets import PresetName
+from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.operations import SceneOptions
 
 
 def scene_options(

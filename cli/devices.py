@@ -8,9 +8,9 @@ import sys
 from collections.abc import Mapping
 
 from fastsplat.cli.serve import Role
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import JobSettings
+from fastsplat_contract.errors import InvalidInputError
 
 _CPU = "cpu"
 

@@ -16,10 +16,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.planning.presets import PresetName, apply_preset, override_training
+from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.operations import PresetName
 
 if TYPE_CHECKING:  # these load torch, which `--help` and a refusal can do without
     from fastsplat.service.evaluation import Report, RunCost

@@ -14,11 +14,11 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
-from fastsplat.service.common.states import OperationState
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import OperationRecord
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.operations import OperationState
 
 jobs_app = typer.Typer(name="jobs", help="Training jobs: list them, read a failed one's log.", no_args_is_help=True)
 

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fastsplat.service.calls.keys import Keys
+from fastsplat.service.application.keys import Keys
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 

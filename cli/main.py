@@ -15,10 +15,10 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.process_group import PARENT_VARIABLE
+from fastsplat_contract.errors import FastSplatError
 
 Devices = Annotated[
     str,

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat.service.settings import load_settings
+from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
     from fastsplat.service.perception.models.pull import Step

@@ -16,9 +16,11 @@ from rich.console import Console
 from demo.questions import SAMPLE_QUESTIONS, questions_for
 from demo.run_report import print_report, report_of, save_pictures, write_report
 from demo.service_process import running_service
-from fastsplat.service.calls.types import Operation, QueryAnswer, QueryRequest, SceneInfo, SceneOptions
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat_client import Client
+from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.scenes import Scene
 
 _ROOT = Path(__file__).parent.parent
 _SAMPLE = _ROOT / "demo" / "sample" / "images"
@@ -75,11 +77,11 @@ def _run(client: Client, options: argparse.Namespace, console: Console, output: 
     print_report(report, console)
 
 
-def _labels(scene: SceneInfo) -> Sequence[str]:
+def _labels(scene: Scene) -> Sequence[str]:
     return [row.label for row in sorted(scene.dictionary, key=lambda row: -row.gaussian_count)]
 
 
-def _ask(client: Client, scene_id: str, text: str) -> QueryAnswer:
+def _ask(client: Client, scene_id: str, text: str) -> Answer:
     """The answer, checked to be the same over REST and over gRPC."""
     request = QueryRequest(scene_id, (text,), outputs=frozenset({"objects"}), max_matches=-1)
     (rest,), (grpc,) = client.ask(request), client.ask(request, protocol="gRPC")

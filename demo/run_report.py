@@ -12,14 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from demo.sheet import caption_of, write_sheet
-from fastsplat.service.calls.types import Operation, PictureKind, QueryAnswer, SceneInfo
 from fastsplat_client import Client
+from fastsplat_contract.operations import Operation
+from fastsplat_contract.queries import Answer, PictureKind
+from fastsplat_contract.scenes import Scene
 
 _SHOWN = 4
 _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
-def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAnswer]) -> dict[str, Any]:
+def report_of(scene: Scene, operation: Operation, answers: Sequence[Answer]) -> dict[str, Any]:
     """The figures of one run, from the server's answers."""
     quality = scene.quality
     return {
@@ -33,12 +35,11 @@ def report_of(scene: SceneInfo, operation: Operation, answers: Sequence[QueryAns
         "psnr": quality.get("psnr"),
         "ssim": quality.get("ssim"),
         "held_out": quality.get("held_out"),
-        "queries": [_query_of(answered) for answered in answers],
+        "queries": [_query_of(answer) for answer in answers],
     }
 
 
-def _query_of(answered: QueryAnswer) -> dict[str, Any]:
-    answer = answered.answer
+def _query_of(answer: Answer) -> dict[str, Any]:
     return {
         "text": answer.text,
         "verdict": answer.verdict,
@@ -50,22 +51,22 @@ def _query_of(answered: QueryAnswer) -> dict[str, Any]:
         ],
         "objects": [
             {"id": thing.id, "label": thing.label, "center": thing.box.center.position, "size": thing.box.size}
-            for thing in answered.objects
+            for thing in answer.objects or ()
         ],
     }
 
 
-def save_pictures(client: Client, scene: SceneInfo, answers: Sequence[QueryAnswer], folder: Path) -> None:
+def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], folder: Path) -> None:
     """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
     middle = scene.cameras[len(scene.cameras) // 2].name
     (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", middle))
     panels = [("rendered", folder / "view.png")]
-    for answered in answers:
-        text = answered.answer.text
+    for answer in answers:
+        text = answer.text
         stem = re.sub(r"\W+", "-", text).strip("-") or "query"
         for kind in _SHOWN_KINDS:
             (folder / f"{stem}-{kind}.png").write_bytes(client.picture(scene.id, kind, middle, text=text))
-        panels.append((caption_of(answered.answer), folder / f"{stem}-overlay.png"))
+        panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
         (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text))
     write_sheet(panels, folder / "summary.jpg")
     client.download_scene(scene.id, folder / "scene.ply")

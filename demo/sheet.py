@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from fastsplat.service.query.types import Answer
+from fastsplat_contract.queries import Answer
 
 _COLUMNS = 3
 _WIDTH = 480

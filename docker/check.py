@@ -22,8 +22,7 @@ from pathlib import Path
 
 from images import ROOT, Builder, Image
 
-from fastsplat.service.calls.types import SceneOptions
-from fastsplat_client import Client
+from fastsplat_client import Client, SceneOptions
 
 _PATIENCE_S = 240.0
 _UID = 10001
@@ -85,22 +84,32 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
 
 
 def _ask(folder: Path, key: str, url: str) -> None:
-    """Post a few photos with their poses, wait for the scene, ask for the banana."""
+    """Post a few photos with their poses, wait for the scene, see that the poses arrived, ask for the banana."""
     sample, capture = ROOT / "demo/sample", folder / "capture"
     (capture / "images").mkdir(parents=True)
     names = sorted(path.name for path in (sample / "images").glob("*.jpg"))[::3]
     for name in names:
         shutil.copy(sample / "images" / name, capture / "images" / name)
     transforms = json.loads((sample / "transforms.json").read_text())
-    transforms["frames"] = [frame for frame in transforms["frames"] if Path(frame["file_path"]).name in names]
+    transforms["frames"] = [
+        {name: value for name, value in frame.items() if name != "mask_path"}  # the detector is to run
+        for frame in transforms["frames"]
+        if Path(frame["file_path"]).name in names
+    ]
+    del transforms["labels"]
     (capture / "transforms.json").write_text(json.dumps(transforms))
     with Client(url, key=key) as client:
         posted = client.create_scene(capture, options=SceneOptions(time_budget_s=40.0, max_gaussians=5_000))
         operation = client.wait(posted.id, timeout_s=_PATIENCE_S)
         assert operation.state == "SUCCEEDED", operation
+        poses = {frame["file_path"]: frame["transform_matrix"] for frame in transforms["frames"]}
+        for posed in client.scene(operation.scene_id).cameras:
+            for row in range(3):
+                sent, kept = poses[posed.name][row][3], posed.world_from_camera[row, 3]
+                assert abs(sent - kept) < 1e-6, f"{posed.name} was posted with a pose and has another"
         (answer,) = client.query(operation.scene_id, "banana")
-        print(answer.answer.explanation)
-        assert answer.answer.verdict == "exact", answer
+        print(answer.explanation)
+        assert answer.verdict == "exact", answer
 
 
 @contextmanager

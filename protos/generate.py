@@ -1,4 +1,4 @@
-"""Regenerates the Python of `fastsplat.proto`: `python protos/generate.py [output folder]`."""
+"""Regenerates the Python of the .proto files: `python protos/generate.py [output folder]`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,18 @@ import grpc_tools
 from grpc_tools import protoc
 
 _ROOT = Path(__file__).resolve().parent
-_PROTO = "fastsplat/v1/fastsplat.proto"
+_PROTOS = ("fastsplat/v1/fastsplat.proto", "fastsplat/v1/status.proto")
 OUTPUT = _ROOT.parent / "client/fastsplat_contract/v1"
 """The package that the generated modules belong to: `fastsplat_contract.v1`."""
 
-GENERATED = ("fastsplat_pb2.py", "fastsplat_pb2.pyi", "fastsplat_pb2_grpc.py", "fastsplat_pb2_grpc.pyi")
+GENERATED = (
+    "fastsplat_pb2.py",
+    "fastsplat_pb2.pyi",
+    "fastsplat_pb2_grpc.py",
+    "fastsplat_pb2_grpc.pyi",
+    "status_pb2.py",
+    "status_pb2.pyi",
+)
 """What `generate` writes."""
 
 
@@ -25,7 +32,7 @@ def generate(output: Path) -> None:
     plugins = [f"--plugin=protoc-gen-{kind}={scripts / f'protoc-gen-{kind}'}" for kind in ("mypy", "mypy_grpc")]
     with tempfile.TemporaryDirectory() as folder:
         outs = [f"--{kind}_out={folder}" for kind in ("python", "grpc_python", "mypy", "mypy_grpc")]
-        status = protoc.main(["protoc", f"-I{_ROOT}", f"-I{bundled}", *plugins, *outs, _PROTO])
+        status = protoc.main(["protoc", f"-I{_ROOT}", f"-I{bundled}", *plugins, *outs, *_PROTOS])
         if status != 0:
             raise SystemExit(status)
         for name in GENERATED:

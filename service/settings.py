@@ -9,15 +9,13 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
-from fastsplat.service.calls.settings import CallSettings
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
-from fastsplat.service.limits import LimitSettings, QuotaSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat_contract.errors import InvalidInputError
 
 
 class JobSettings(SettingGroup, section="jobs"):
@@ -68,6 +66,44 @@ class StoreSettings(BaseModel):
     max_page_size: int = 500
 
 
+class LimitSettings(BaseModel):
+    """Requests at a time and over time. What passes them is refused at once, with the time to wait."""
+
+    model_config = ConfigDict(frozen=True)
+
+    rate_per_s: float = Field(1_000.0, gt=0, description="requests a second of one key, over time")
+    burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
+    in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
+    uploads: int = Field(4, ge=1, description="uploads of one key under way; all keys share eight threads for them")
+    admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
+    threads: int = Field(0, ge=0, description="threads that answer requests; 0: two a core, at least four")
+
+
+class QuotaSettings(BaseModel):
+    """What one key may hold. 0: no bound."""
+
+    model_config = ConfigDict(frozen=True)
+
+    scenes: int = Field(0, ge=0, description="scenes")
+    stored_bytes: int = Field(0, ge=0, description="bytes of uploads whose scenes exist, and of unfinished uploads")
+    queued_jobs: int = Field(0, ge=0, description="jobs that are queued or run")
+
+
+class CallSettings(BaseModel):
+    """What an answer may hold, and how much is kept in memory between answers."""
+
+    model_config = ConfigDict(frozen=True)
+
+    scene_memory_bytes: int = Field(
+        4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
+    )
+    max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
+    max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")
+    max_versions: int = Field(50, ge=2, description="versions of one scene")
+    max_edits: int = Field(100, ge=1, description="edits in one request")
+    heartbeat_s: float = Field(5.0, gt=0, description="a standing question says that it lives after so long a silence")
+
+
 class Settings(BaseSettings):
     """Everything an operator can set, with the defaults of a laptop without a GPU."""
 
@@ -81,6 +117,11 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     http_port: int = 8000
     grpc_port: int = 8001
+    grpc_address: str = Field(
+        "",
+        pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
+        description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
+    )
     metrics_host: str = "127.0.0.1"
     metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")
 

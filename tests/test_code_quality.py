@@ -16,14 +16,7 @@ _MAX_LINES = 400
 _PRODUCT = ("api", "cli", "client", "demo", "service", "workers")
 
 _VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
-_VAGUE_PARAMETERS_IN = {
-    "api/rest/queries.py", "api/rest/routes.py", "client/fastsplat_client/client.py", "demo/report.py",
-    "service/calls/answers.py", "service/calls/cameras.py", "service/calls/service.py", "service/capture/build.py",
-    "service/capture/geometry.py", "service/capture/views.py", "service/evaluation/datasets/reading.py",
-    "service/evaluation/scene.py", "service/perception/labelling.py", "service/perception/models/sources.py",
-    "service/perception/runtime.py", "service/query/probability.py", "service/splatting/plan.py",
-    "service/splatting/semantics.py",
-}  # fmt: skip
+_VAGUE_PARAMETERS_IN: set[str] = set()
 """Files that still have such parameters."""
 
 _SHARED_MODULE_NAMES = {

@@ -12,13 +12,13 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
 
-from fastsplat.service.common.options import SceneOptions
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
-from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
 from fastsplat.service.store.job_repository import Claim, FencedError
 from fastsplat.service.store.records import SceneSummary
+from fastsplat_contract.errors import DatabaseError, ObjectStoreError
+from fastsplat_contract.operations import SceneOptions
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")

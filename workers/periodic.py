@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from sqlalchemy.exc import DBAPIError
 
-from fastsplat.service.store.errors import DatabaseError, ObjectStoreError
+from fastsplat_contract.errors import DatabaseError, ObjectStoreError
 
 _PAUSE_AFTER_ERROR_S = 1.0
 

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.options import SceneOptions
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.codec import options_from_json, options_to_json
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.operations import SceneOptions
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Job:
             "attempt": self.attempt,
             "upload": str(self.upload),
             "folder": str(self.folder),
-            "options": options_to_json(self.options),
+            "options": to_plain(self.options),
             "settings": self.settings.model_dump(mode="json", exclude={"database_url"}),
             "stages": stages,
         }
@@ -60,7 +60,7 @@ def read_job(line: bytes) -> tuple[Job, str]:
         attempt=spec["attempt"],
         upload=Path(spec["upload"]),
         folder=Path(spec["folder"]),
-        options=options_from_json(spec["options"]),
+        options=from_plain(SceneOptions, spec["options"]),
         settings=Settings(**spec["settings"]),
     )
     return job, spec["stages"]

@@ -11,9 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.errors import FastSplatError, Kind, ResourceError
 from fastsplat.service.store.blobs import remove, sync_folder, sync_tree
 from fastsplat.workers.protocol import Job
+from fastsplat_contract.errors import FastSplatError, Kind, ResourceError
 
 _TIMES = "stage.json"
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

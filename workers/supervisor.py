@@ -8,17 +8,20 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.job_repository import Claim, FencedError
 from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
-from fastsplat.workers.errors import TrainerCrashedError, WorkerCrashedError
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.trainer_process import TrainerProcess
+from fastsplat_contract.errors import (
+    ResourceError,
+    TrainerCrashedError,
+    WorkerCrashedError,
+)
 
 logger = logging.getLogger(__name__)
 

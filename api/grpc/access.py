@@ -12,7 +12,7 @@ from fastsplat.api.auth import Principal, Rule, current_principal, decided, rule
 from fastsplat.api.doors import Doors
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.limits import Entry
-from fastsplat.service.common.errors import FastSplatError
+from fastsplat_contract.errors import FastSplatError
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from grpc import aio
 from grpc_status import rpc_status
 
-from fastsplat.api.errors import accepted_request_id, problem_of
+from fastsplat.api.errors import accepted_request_id, refusal_of
 from fastsplat.api.requests import log_request
 
 Context: TypeAlias = aio.ServicerContext[Any, Any]
@@ -35,8 +35,8 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
         outcome = "CANCELLED"
         raise
     except Exception as error:
-        problem = problem_of(error, request_id)
-        outcome = problem.status.grpc.name
-        await context.abort_with_status(rpc_status.to_status(problem.as_rpc_status()))
+        refusal = refusal_of(error, request_id)
+        outcome = refusal.status.grpc.name
+        await context.abort_with_status(rpc_status.to_status(refusal.as_rpc_status()))
     finally:
         log_request(_log, request_id, "gRPC", rpc, outcome, started)

@@ -13,8 +13,8 @@ from fastsplat.api.grpc.access import AccessInterceptor
 from fastsplat.api.grpc.servicer import SceneServicer
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 
 MAX_MESSAGE_BYTES = 4 * 2**20

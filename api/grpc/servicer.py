@@ -4,31 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf import empty_pb2
 
 from fastsplat.api.grpc.guard import Context, guarded
-from fastsplat.api.grpc.messages import CHUNK_BYTES, chunks, messages_of
 from fastsplat.api.grpc.standing import answer_stream
-from fastsplat.api.grpc.translate import (
-    camera_format_in,
-    edits_in,
-    label_out,
-    object_out,
-    operation_out,
-    picture_in,
-    query_in,
-    scene_out,
-    state_in,
-    version_out,
-)
 from fastsplat.api.grpc.upload import receive_scene
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.errors import CancelledError, InvalidInputError
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.operations import ListOperations, OperationList
+from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of
+from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
@@ -53,23 +45,19 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             operation = await self._threads.consume(
                 _whole(request_iterator, context), lambda messages: receive_scene(self._service, messages)
             )
-            return operation_out(operation)
+            return _as(pb.Operation, operation)
 
     async def GetScene(self, request: pb.GetSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
         """One scene in full."""
         async with guarded(context, "GetScene"):
-            return await self._threads.call(lambda: scene_out(self._service.get_scene(request.scene_id), full=True))
+            return await self._message(pb.Scene, lambda: self._service.get_scene(request.scene_id))
 
     async def ListScenes(self, request: pb.ListScenesRequest, context: Context) -> pb.ListScenesResponse:  # noqa: N802
         """Scenes in pages."""
-
-        def listed() -> pb.ListScenesResponse:
-            page, token = self._service.list_scenes(request.page_size, request.page_token)
-            scenes = [scene_out(scene, full=False) for scene in page]
-            return pb.ListScenesResponse(scenes=scenes, next_page_token=token)
-
         async with guarded(context, "ListScenes"):
-            return await self._threads.call(listed)
+            return await self._message(
+                pb.ListScenesResponse, lambda: self._service.list_scenes(request.page_size, request.page_token)
+            )
 
     async def DeleteScene(self, request: pb.DeleteSceneRequest, context: Context) -> empty_pb2.Empty:  # noqa: N802
         """Forget a scene."""
@@ -79,43 +67,39 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
 
     async def ListLabels(self, request: pb.ListLabelsRequest, context: Context) -> pb.ListLabelsResponse:  # noqa: N802
         """The dictionary in pages."""
-
-        def listed() -> pb.ListLabelsResponse:
-            page, token = self._service.list_labels(request.scene_id, request.page_size, request.page_token)
-            return pb.ListLabelsResponse(labels=map(label_out, page), next_page_token=token)
-
         async with guarded(context, "ListLabels"):
-            return await self._threads.call(listed)
+            return await self._message(
+                pb.ListLabelsResponse,
+                lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
+            )
 
     async def ListObjects(  # noqa: N802
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:
         """The things of a scene in pages."""
-
-        def listed() -> pb.ListObjectsResponse:
-            page, token, version = self._service.list_objects(
-                request.scene_id, request.version, request.label, request.page_size, request.page_token
-            )
-            return pb.ListObjectsResponse(objects=map(object_out, page), next_page_token=token, version=version)
-
         async with guarded(context, "ListObjects"):
-            return await self._threads.call(listed)
+            return await self._message(
+                pb.ListObjectsResponse,
+                lambda: self._service.list_objects(
+                    request.scene_id, request.version, request.label, request.page_size, request.page_token
+                ),
+            )
 
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
         """Make a new version."""
 
-        def edited() -> pb.SceneVersion:
-            edits = edits_in(request.edits)
-            return version_out(self._service.edit_scene(request.scene_id, edits, request.request_id))
+        def edited() -> SceneVersion:
+            body = from_proto(EditIn, request)
+            return self._service.edit_scene(request.scene_id, body.edits, body.request_id)
 
         async with guarded(context, "EditScene"):
-            return await self._threads.call(edited)
+            return await self._message(pb.SceneVersion, edited)
 
     async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
         """Go back one version."""
         async with guarded(context, "UndoEdit"):
-            return await self._threads.call(
-                lambda: version_out(self._service.undo_edit(request.scene_id, request.version))
+            return await self._message(
+                pb.SceneVersion, lambda: self._service.undo_edit(request.scene_id, request.version)
             )
 
     async def ListVersions(  # noqa: N802
@@ -123,10 +107,8 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> pb.ListVersionsResponse:
         """Every version."""
         async with guarded(context, "ListVersions"):
-            return await self._threads.call(
-                lambda: pb.ListVersionsResponse(
-                    versions=map(version_out, self._service.list_versions(request.scene_id))
-                )
+            return await self._message(
+                pb.ListVersionsResponse, lambda: VersionList(self._service.list_versions(request.scene_id))
             )
 
     async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
@@ -139,17 +121,16 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> pb.ListOperationsResponse:
         """Operations in pages."""
 
-        def listed() -> pb.ListOperationsResponse:
-            page, token = self._service.list_operations(request.page_size, request.page_token, state_in(request))
-            return pb.ListOperationsResponse(operations=map(operation_out, page), next_page_token=token)
+        def listed() -> OperationList:
+            return self._service.list_operations(**vars(from_proto(ListOperations, request)))
 
         async with guarded(context, "ListOperations"):
-            return await self._threads.call(listed)
+            return await self._message(pb.ListOperationsResponse, listed)
 
     async def CancelOperation(self, request: pb.CancelOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """Ask a job to stop."""
         async with guarded(context, "CancelOperation"):
-            return operation_out(await self._threads.call(lambda: self._service.cancel_operation(request.operation_id)))
+            return await self._message(pb.Operation, lambda: self._service.cancel_operation(request.operation_id))
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """The operation when it is done, or when the time is up."""
@@ -185,7 +166,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Ranked labels, masks and objects."""
 
         def asked() -> list[pb.QueryResponse]:
-            answers = self._service.query(query_in(request))
+            answers = self._service.query(from_proto(QueryRequest, request))
             return [message for answer in answers for message in messages_of(answer)]
 
         async with guarded(context, "Query"):
@@ -203,7 +184,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:  # noqa: N802
         """One picture."""
         async with guarded(context, "RenderView"):
-            picture = await self._threads.call(lambda: self._service.view_picture(**picture_in(request)))
+            picture = await self._threads.call(lambda: self._service.view_picture(from_proto(PictureRequest, request)))
             for chunk in chunks(picture):
                 yield pb.Chunk(data=chunk)
 
@@ -213,7 +194,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """The scene's own cameras as a file."""
         async with guarded(context, "DownloadCameras"):
             content = await self._threads.call(
-                lambda: self._service.camera_file(request.scene_id, camera_format_in(request))
+                lambda: self._service.camera_file(request.scene_id, from_proto(CameraFileRequest, request).format)
             )
             for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
@@ -243,7 +224,11 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 yield pb.Chunk(data=chunk)
 
     async def _operation(self, operation_id: str) -> pb.Operation:
-        return operation_out(await self._threads.call(lambda: self._service.get_operation(operation_id)))
+        return await self._message(pb.Operation, lambda: self._service.get_operation(operation_id))
+
+    async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
+        """A service call's result as its message, both made on a thread."""
+        return await self._threads.call(lambda: _as(kind, function()))
 
     async def _file(self, path: Path, offset: int) -> AsyncIterator[pb.Chunk]:
         size = path.stat().st_size
@@ -256,6 +241,12 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 yield pb.Chunk(data=data)
         finally:
             file.close()
+
+
+def _as(kind: type[M], value: object) -> M:
+    message = to_proto(value)
+    assert isinstance(message, kind)
+    return message
 
 
 async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:

@@ -12,13 +12,13 @@ from typing import Any
 
 from google.protobuf import timestamp_pb2
 
-from fastsplat.api.grpc.messages import messages_of
-from fastsplat.api.grpc.translate import camera_in, query_in
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import QueryRequest
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.pieces import messages_of
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _SHORTEST_HEARTBEAT_S = 0.1
@@ -155,7 +155,7 @@ class _Inbox:
         return pose, dropped
 
     def _take_in_question(self, question: pb.StandingQuestion) -> None:
-        query = query_in(question.query)
+        query = from_proto(QueryRequest, question.query)
         if not query.scene_id or query.cameras or query.views:
             raise InvalidInputError(
                 "a standing question is for one scene, and its cameras come as poses",
@@ -179,7 +179,7 @@ class _Inbox:
                 f"sequence number {pose.sequence} after {self._last}", field="pose.sequence", hint="Count upwards."
             )
         self._last = pose.sequence
-        camera = camera_in(pose.camera, "pose.camera")
+        camera = from_proto(PosedCamera, pose.camera, "pose.camera")
         if self._pose is not None:
             older = self._pose.sequence
             if self._dropped is None:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from fastsplat.api.auth import caller_id
 from fastsplat.api.uploads import scene_options
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import Operation
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.operations import Operation
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 

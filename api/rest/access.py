@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from fastsplat.api.auth import UNMATCHED, Principal, Rule, current_principal, is_loopback, rule_of, sent_key
 from fastsplat.api.doors import Doors
 from fastsplat.api.errors import status_of
-from fastsplat.service.common.errors import FastSplatError, PermissionDeniedError
+from fastsplat_contract.errors import FastSplatError, PermissionDeniedError
 
 NO_ROUTE = "unmatched"
 """The name of all that no route has, in metrics."""

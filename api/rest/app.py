@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,19 @@ from starlette.staticfiles import StaticFiles
 from fastsplat.api.auth import rule_of
 from fastsplat.api.doors import Doors, open_doors
 from fastsplat.api.health import Readiness
-from fastsplat.api.rest import problems
+from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.middleware import OuterLayer
-from fastsplat.api.rest.queries import query_routes
-from fastsplat.api.rest.routes import operation_routes, scene_routes
+from fastsplat.api.rest.query_routes import query_routes
+from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.json_codec import json_schema_of
+from fastsplat_contract.problems import Problem
+from fastsplat_contract.server_info import ServerInfo
 
 _WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (
@@ -33,7 +37,7 @@ _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; bas
 _DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
-**Units**: scene units (metres when the scene's `scale` is METRIC), seconds, pixels with centres at +0.5.
+**Units**: scene units (meters when the scene's `scale` is METRIC), seconds, pixels with centers at +0.5.
 **Keys**: `Authorization: Bearer KEY` or `X-Api-Key: KEY`; health alone needs none.
 **Errors**: RFC 9457 problems; `reason` is stable. The same content goes over gRPC as google.rpc.Status."""
 
@@ -42,7 +46,7 @@ class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             schema = super().openapi()
-            schema["components"]["schemas"]["Problem"] = problems.Problem.model_json_schema()
+            schema["components"]["schemas"]["Problem"] = json_schema_of(Problem)
             schema["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
@@ -57,6 +61,7 @@ def create_app(
     threads: Threads | None = None,
     doors: Doors | None = None,
     readiness: Readiness | None = None,
+    grpc_port: int | None = None,
 ) -> FastAPI:
     """The REST face of `service`, with the web page at `/`.
 
@@ -66,6 +71,7 @@ def create_app(
         threads: where blocking calls run, to share them with another face; its owner closes it.
         doors: who may come in, shared with the other face; without, and with keys on, nobody.
         readiness: what `/readyz` tells; without, never ready.
+        grpc_port: where gRPC listens, for clients that ask.
     """
     threads = threads or Threads()
     app = _App(
@@ -78,7 +84,9 @@ def create_app(
     )
     app.add_middleware(AccessLayer, routed=app, doors=doors or open_doors(settings, None))
     app.add_middleware(OuterLayer)
-    problems.install(app)
+    problem_answers.install(app)
+    address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
+    app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
     app.include_router(tus_routes(service, threads, settings.capture.max_upload_bytes), tags=["uploads"])
     app.include_router(operation_routes(service, threads), tags=["operations"])

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from pydantic import BaseModel
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from fastsplat.api.rest.problems import PROBLEM_RESPONSE
+from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
 from fastsplat.api.threads import Threads
+from fastsplat_contract.json_codec import to_json
 
 _R = TypeVar("_R")
 
@@ -44,12 +44,14 @@ async def called(request: Request, threads: Threads, function: Callable[[], _R])
         work.cancel()
 
 
-async def answered(
-    request: Request, threads: Threads, function: Callable[[], BaseModel], status: int = 200
-) -> Response:
-    """Call, translate and serialise on the thread: a large answer must not hold up the event loop."""
-    body = await called(request, threads, lambda: function().model_dump_json())
-    return Response(body, status, media_type="application/json")
+async def answered(request: Request, threads: Threads, function: Callable[[], object]) -> Response:
+    """Call, and write the contract's JSON, on the thread: a large answer must not hold up the event loop."""
+    return json_response(await called(request, threads, lambda: to_json(function())))
+
+
+def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
+    """JSON that is written already."""
+    return Response(body, status, headers, "application/json")
 
 
 async def _gone(request: Request) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import hashlib
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from fastsplat.api.rest.models import Operation
+from fastsplat_contract.json_codec import to_json
+from fastsplat_contract.operations import Operation
 
 MEDIA_TYPE = "text/event-stream"
 EVENT_SCHEMA = {
@@ -45,7 +47,7 @@ async def _events(operation: Operation, known: str, look: Callable[[], Awaitable
     while True:
         if (name := _id(operation)) != known:
             known, silent = name, 0.0
-            yield f"id: {name}\nevent: operation\ndata: {operation.model_dump_json()}\n\n"
+            yield f"id: {name}\nevent: operation\ndata: {to_json(operation).decode()}\n\n"
         if operation.done:
             return
         if silent >= _COMMENT_S:  # keeps proxies from closing, and finds out whether anybody listens
@@ -58,7 +60,5 @@ async def _events(operation: Operation, known: str, look: Callable[[], Awaitable
 
 def _id(operation: Operation) -> str:
     # A running stage's seconds count by themselves; they are told with the next change.
-    told = operation.model_copy(
-        update={"stages": [stage.model_copy(update={"seconds": 0.0}) for stage in operation.stages]}
-    )
-    return hashlib.sha256(told.model_dump_json().encode()).hexdigest()[:16]
+    timeless = replace(operation, stages=tuple(replace(stage, seconds=0.0) for stage in operation.stages))
+    return hashlib.sha256(to_json(timeless)).hexdigest()[:16]

@@ -8,17 +8,10 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from fastsplat.service.common.errors import FastSplatError, Kind
+from fastsplat_contract.errors import RangeNotSatisfiableError
 
 _RANGE = re.compile(r"bytes=\s*(?:\d+-\d*|-\d+)\s*(?:,\s*(?:\d+-\d*|-\d+)\s*)*", re.IGNORECASE)
 _FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")
-
-
-class RangeNotSatisfiableError(FastSplatError):
-    """The range asked for lies outside the file."""
-
-    kind = Kind.INVALID_ARGUMENT
-    reason = "RANGE_NOT_SATISFIABLE"
 
 
 def immutable_file(request: Request, path: Path, media_type: str, filename: str, tag: str) -> Response:
@@ -36,8 +29,8 @@ def immutable_file(request: Request, path: Path, media_type: str, filename: str,
     """
     etag = f'"{tag}"'
     headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
-    wanted = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
-    if etag in wanted or "*" in wanted:
+    tags = [part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")]
+    if etag in tags or "*" in tags:
         return Response(status_code=304, headers=headers)
     size = path.stat().st_size
     range_header = request.headers.get("range")

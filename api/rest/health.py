@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from fastsplat.api.health import Readiness
-from fastsplat.api.rest.problems import PROBLEM_RESPONSE
+from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
 
 
 def health_routes(readiness: Readiness) -> APIRouter:

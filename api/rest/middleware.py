@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.errors import accepted_request_id
 from fastsplat.api.requests import log_request
-from fastsplat.api.rest.problems import BodyTooLargeError, problem_response
+from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
 
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")

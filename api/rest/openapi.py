@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from fastsplat.api.rest.app import create_app
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 
 COMMITTED = Path(__file__).with_name("openapi.json")

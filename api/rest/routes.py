@@ -9,51 +9,58 @@ from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
-from fastsplat.api.rest import models
-from fastsplat.api.rest.calls import PROBLEMS, answered, called
+from fastsplat.api.rest.calls import PROBLEMS, answered, called, json_response
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
-from fastsplat.api.rest.translate import edits_in, object_out, operation_out, scene_out, summary_out, version_out
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.cameras import MEDIA_TYPES
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import CameraFormat
-from fastsplat.service.common.states import OperationState
+from fastsplat.service.application.camera_files import MEDIA_TYPES
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.json_codec import to_json
+from fastsplat_contract.members import description_of
+from fastsplat_contract.operations import Operation, OperationList, OperationState
+from fastsplat_contract.queries import CameraFileRequest, CameraFormat
+from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.server_info import ServerInfo
 
 _POLL_S = 0.25
 
-PageSize = Annotated[int, Query(description="0: the server's default")]
+PageSize = Annotated[int, Query(description="0: the server's default", json_schema_extra={"minimum": 0})]
 PageToken = Annotated[str, Query(description="next_page_token of the page before")]
 Version = Annotated[str, Query(description="of the scene; empty: the current one")]
+
+
+def server_routes(info: ServerInfo) -> APIRouter:
+    """The server itself."""
+    router = APIRouter(prefix="/v1", responses=PROBLEMS)
+
+    @router.get("/server", response_model=ServerInfo)
+    async def get_server() -> Response:
+        """The release that runs, and where its gRPC interface is."""
+        return json_response(to_json(info))
+
+    return router
 
 
 def scene_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:
     """Scenes: post, look, list, edit, delete."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
-    @router.post("/scenes", status_code=202, response_model=models.Operation, openapi_extra=BODY_SCHEMA)
+    @router.post("/scenes", status_code=202, response_model=Operation, openapi_extra=BODY_SCHEMA)
     async def create_scene(request: Request) -> Response:
         """Upload a capture and queue its training; the operation is durable once it is returned."""
         operation = await receive_scene(request, service, settings, threads)
-        body = operation_out(operation)
-        location = {"Location": f"/v1/operations/{operation.id}"}
-        return Response(body.model_dump_json(), 202, headers=location, media_type="application/json")
+        return json_response(to_json(operation), 202, {"Location": f"/v1/operations/{operation.id}"})
 
-    @router.get("/scenes", response_model=models.SceneList)
+    @router.get("/scenes", response_model=SceneList)
     async def list_scenes(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:
         """Scenes in pages, newest first."""
+        return await answered(request, threads, lambda: service.list_scenes(page_size, page_token))
 
-        def listed() -> models.SceneList:
-            page, token = service.list_scenes(page_size, page_token)
-            return models.SceneList(scenes=[summary_out(scene) for scene in page], next_page_token=token)
-
-        return await answered(request, threads, listed)
-
-    @router.get("/scenes/{scene_id}", response_model=models.Scene)
+    @router.get("/scenes/{scene_id}", response_model=Scene)
     async def get_scene(request: Request, scene_id: str) -> Response:
         """One scene with its dictionary, cameras and quality."""
-        return await answered(request, threads, lambda: scene_out(service.get_scene(scene_id)))
+        return await answered(request, threads, lambda: service.get_scene(scene_id))
 
     @router.delete("/scenes/{scene_id}", status_code=204, response_class=Response)
     async def delete_scene(scene_id: str) -> Response:
@@ -61,20 +68,14 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         await threads.call(lambda: service.delete_scene(scene_id))
         return Response(status_code=204)
 
-    @router.get("/scenes/{scene_id}/labels", response_model=models.LabelList)
+    @router.get("/scenes/{scene_id}/labels", response_model=LabelList)
     async def list_labels(
         request: Request, scene_id: str, page_size: PageSize = 0, page_token: PageToken = ""
     ) -> Response:
         """The dictionary in pages, by label id."""
+        return await answered(request, threads, lambda: service.list_labels(scene_id, page_size, page_token))
 
-        def listed() -> models.LabelList:
-            page, token = service.list_labels(scene_id, page_size, page_token)
-            labels = [models.DictionaryEntry.model_validate(row) for row in page]
-            return models.LabelList(labels=labels, next_page_token=token)
-
-        return await answered(request, threads, listed)
-
-    @router.get("/scenes/{scene_id}/objects", response_model=models.ObjectList)
+    @router.get("/scenes/{scene_id}/objects", response_model=ObjectList)
     async def list_objects(
         request: Request,
         scene_id: str,
@@ -84,14 +85,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         page_token: PageToken = "",
     ) -> Response:
         """The things of a scene as oriented boxes, in pages."""
-
-        def listed() -> models.ObjectList:
-            page, token, found = service.list_objects(scene_id, version, label, page_size, page_token)
-            return models.ObjectList(
-                objects=[object_out(thing) for thing in page], next_page_token=token, version=found
-            )
-
-        return await answered(request, threads, listed)
+        return await answered(
+            request, threads, lambda: service.list_objects(scene_id, version, label, page_size, page_token)
+        )
 
     @router.get(
         "/scenes/{scene_id}/cameras",
@@ -111,39 +107,30 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         scene_id: str,
         format: Annotated[  # noqa: A002
             CameraFormat,
-            Query(
-                description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
-                "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
-            ),
+            Query(description=description_of(CameraFileRequest, "format")),
         ] = "json",
     ) -> Response:
         """The scene's own cameras as a file."""
         content = await called(request, threads, lambda: service.camera_file(scene_id, format))
         return Response(content, media_type=MEDIA_TYPES[format])
 
-    @router.post("/scenes/{scene_id}:edit", response_model=models.SceneVersion)
-    async def edit_scene(scene_id: str, wanted: models.EditIn) -> Response:
+    @router.post("/scenes/{scene_id}:edit", response_model=SceneVersion)
+    async def edit_scene(scene_id: str, body: EditIn) -> Response:
         """Make a new version of a scene: the edits in order, all or none; it is current on return."""
-        version = await threads.call(
-            lambda: version_out(service.edit_scene(scene_id, edits_in(wanted.edits), wanted.request_id))
+        return json_response(
+            await threads.call(lambda: to_json(service.edit_scene(scene_id, body.edits, body.request_id)))
         )
-        return Response(version.model_dump_json(), media_type="application/json")
 
-    @router.post("/scenes/{scene_id}:undo", response_model=models.SceneVersion)
-    async def undo_edit(scene_id: str, wanted: models.UndoIn | None = None) -> Response:
+    @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)
+    async def undo_edit(scene_id: str, body: UndoIn | None = None) -> Response:
         """Go back to the version before the current one."""
-        expected = wanted.version if wanted is not None else ""
-        version = await threads.call(lambda: version_out(service.undo_edit(scene_id, expected)))
-        return Response(version.model_dump_json(), media_type="application/json")
+        expected = body.version if body is not None else ""
+        return json_response(await threads.call(lambda: to_json(service.undo_edit(scene_id, expected))))
 
-    @router.get("/scenes/{scene_id}/versions", response_model=models.VersionList)
+    @router.get("/scenes/{scene_id}/versions", response_model=VersionList)
     async def list_versions(request: Request, scene_id: str) -> Response:
         """Every version of a scene, oldest first."""
-
-        def listed() -> models.VersionList:
-            return models.VersionList(versions=[version_out(version) for version in service.list_versions(scene_id)])
-
-        return await answered(request, threads, listed)
+        return await answered(request, threads, lambda: VersionList(service.list_versions(scene_id)))
 
     return router
 
@@ -152,10 +139,10 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     """The jobs that make scenes: look, list, wait, watch, cancel."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
-    async def looked(operation_id: str) -> models.Operation:
-        return operation_out(await threads.call(lambda: service.get_operation(operation_id)))
+    async def looked(operation_id: str) -> Operation:
+        return await threads.call(lambda: service.get_operation(operation_id))
 
-    @router.get("/operations", response_model=models.OperationList)
+    @router.get("/operations", response_model=OperationList)
     async def list_operations(
         request: Request,
         page_size: PageSize = 0,
@@ -163,14 +150,9 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         state: Annotated[OperationState | None, Query(description="only those in this state")] = None,
     ) -> Response:
         """Operations in pages, newest first."""
+        return await answered(request, threads, lambda: service.list_operations(page_size, page_token, state))
 
-        def listed() -> models.OperationList:
-            page, token = service.list_operations(page_size, page_token, state)
-            return models.OperationList(operations=[operation_out(one) for one in page], next_page_token=token)
-
-        return await answered(request, threads, listed)
-
-    @router.get("/operations/{operation_id}:wait", response_model=models.Operation)
+    @router.get("/operations/{operation_id}:wait", response_model=Operation)
     async def wait_operation(
         request: Request,
         operation_id: str,
@@ -182,7 +164,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
             operation = await looked(operation_id)
             left = deadline - asyncio.get_running_loop().time()
             if operation.done or left <= 0:
-                return Response(operation.model_dump_json(), media_type="application/json")
+                return json_response(to_json(operation))
             if await request.is_disconnected():
                 raise ClientDisconnect
             await asyncio.sleep(min(_POLL_S, left))
@@ -199,14 +181,14 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         """The operation now and on every change, until it is done; `Last-Event-ID` continues."""
         return await operation_events(request, lambda: looked(operation_id))
 
-    @router.get("/operations/{operation_id}", response_model=models.Operation)
+    @router.get("/operations/{operation_id}", response_model=Operation)
     async def get_operation(request: Request, operation_id: str) -> Response:
         """Where a job stands, stage by stage."""
-        return await answered(request, threads, lambda: operation_out(service.get_operation(operation_id)))
+        return await answered(request, threads, lambda: service.get_operation(operation_id))
 
-    @router.post("/operations/{operation_id}:cancel", response_model=models.Operation)
+    @router.post("/operations/{operation_id}:cancel", response_model=Operation)
     async def cancel_operation(request: Request, operation_id: str) -> Response:
         """Ask a job to stop; one that is over stays as it is."""
-        return await answered(request, threads, lambda: operation_out(service.cancel_operation(operation_id)))
+        return await answered(request, threads, lambda: service.cancel_operation(operation_id))
 
     return router

@@ -14,11 +14,16 @@ from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from fastsplat.api.auth import caller_id
-from fastsplat.api.rest.problems import PROBLEM_RESPONSE, problem_response
+from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
-from fastsplat.service.calls.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind
+from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.errors import (
+    FastSplatError,
+    InvalidInputError,
+    TusVersionError,
+    UnsupportedMediaTypeError,
+)
 
 _VERSION = "1.0.0"
 _PIECE = "application/offset+octet-stream"
@@ -27,16 +32,6 @@ _PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PR
 _BODY: dict[str, Any] = {
     "requestBody": {"content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}}},
 }
-
-
-class _VersionError(FastSplatError):
-    kind = Kind.FAILED_PRECONDITION
-    reason = "TUS_VERSION"
-
-
-class _TypeError(FastSplatError):
-    kind = Kind.INVALID_ARGUMENT
-    reason = "UNSUPPORTED_MEDIA_TYPE"
 
 
 _Handler = Callable[..., Awaitable[Response]]
@@ -80,9 +75,9 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
     async def get_upload(request: Request, upload_id: str) -> Response:
         """How far an upload has come: Upload-Offset of Upload-Length bytes."""
         owner, uploads = caller_id(), _uploads(service)
-        found = await threads.call(lambda: uploads.get(owner, upload_id))
-        more = {"Upload-Metadata": found.metadata} if found.metadata else {}
-        return _told(200, found, **{"Upload-Length": str(found.length), "Cache-Control": "no-store"}, **more)
+        upload = await threads.call(lambda: uploads.get(owner, upload_id))
+        more = {"Upload-Metadata": upload.metadata} if upload.metadata else {}
+        return _told(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
 
     @router.patch("/{upload_id}", status_code=204, response_class=Response, openapi_extra=_BODY)
     @_spoken
@@ -121,7 +116,7 @@ def _spoken(handler: _Handler) -> _Handler:
         try:
             version = request.headers.get("tus-resumable", "")
             if version != _VERSION:
-                raise _VersionError(
+                raise TusVersionError(
                     f"tus version {version[:20]!r}",
                     field="Tus-Resumable",
                     limit=_VERSION,
@@ -155,7 +150,9 @@ def _number(request: Request, header: str) -> int:
 def _check_type(request: Request) -> None:
     kind = request.headers.get("content-type", "")
     if kind != _PIECE:
-        raise _TypeError(f"the body has type {kind[:80]!r}", field="Content-Type", hint=f"Send it as {_PIECE}.")
+        raise UnsupportedMediaTypeError(
+            f"the body has type {kind[:80]!r}", field="Content-Type", hint=f"Send it as {_PIECE}."
+        )
 
 
 def _checksum(request: Request) -> tuple[Algorithm, bytes] | None:

@@ -13,15 +13,25 @@ from fastsplat.api.auth import caller_id
 from fastsplat.api.rest.multipart import Part, read_parts
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import Operation
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
-from fastsplat.service.planning.presets import PRESETS
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
+from fastsplat_contract.json_codec import json_schema_of
+from fastsplat_contract.operations import Operation, SceneOptions
 
-_FILE_FIELDS = ("capture", "images")
+_FILE_FIELDS = ("capture", "images", "files")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
+
+
+def _options() -> dict[str, Any]:
+    """The fields of `SceneOptions`, as a form has them: absent is left out."""
+    fields = {}
+    for name, said in json_schema_of(SceneOptions)["properties"].items():
+        (one,) = (choice for choice in said.get("anyOf", [said]) if choice.get("type") != "null")
+        fields[name] = {**one, "description": said["description"]}
+    return fields
+
 
 BODY_SCHEMA: dict[str, Any] = {
     "requestBody": {
@@ -42,6 +52,12 @@ BODY_SCHEMA: dict[str, Any] = {
                             "items": {"type": "string", "format": "binary"},
                             "description": "photos, each with its own file name; folders in the name are kept",
                         },
+                        "files": {
+                            "type": "array",
+                            "items": {"type": "string", "format": "binary"},
+                            "description": "the files of a capture's folder under their names in it: photos, masks, "
+                            "label maps, transforms.json, labels.json, a COLMAP model, points",
+                        },
                         "uploads": {
                             "type": "array",
                             "items": {"type": "string"},
@@ -53,20 +69,7 @@ BODY_SCHEMA: dict[str, Any] = {
                             "type": "string",
                             "description": "same id, same request: the first operation is returned again (AIP-155)",
                         },
-                        "labels": {
-                            "type": "array",
-                            "items": {"type": "string"},
-                            "description": "names to look for, repeated or separated by commas; none: the server "
-                            "decides",
-                        },
-                        "time_budget_s": {
-                            "type": "number",
-                            "description": "seconds for everything after the capture stage, > 0; the scene's quality "
-                            "says what was given up",
-                        },
-                        "max_gaussians": {"type": "integer", "description": "hard budget, ≥ 1"},
-                        "preset": {"type": "string", "enum": list(PRESETS)},
-                        "priority": {"type": "integer", "description": "higher ones are trained first; 0 is usual"},
+                        **_options(),
                     },
                 }
             }
@@ -135,7 +138,7 @@ def _receive(
                 raise InvalidInputError(
                     f"files are not accepted under {part.field[:80]!r}",
                     field=part.field[:80],
-                    hint='Send one archive or video as "capture", or photos as "images".',
+                    hint='Send one archive or video as "capture", photos as "images", or a folder as "files".',
                 )
             elif part.filename:  # a browser sends an empty name when nothing was chosen
                 captures += part.field == "capture"

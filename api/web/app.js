@@ -212,7 +212,7 @@ function percent(share) {
 
 function objectRow(thing) {
   const row = element("tr");
-  const unit = thing.metres ? "m" : "units";
+  const unit = thing.meters ? "m" : "units";
   const vector = ({ x, y, z }) => [x, y, z].map((value) => value.toFixed(2)).join(", ");
   const cells = [thing.id, vector(thing.box.center.position), `${vector(thing.box.size)} ${unit}`, thing.gaussian_count];
   row.append(element("td", thing.label), ...cells.map((cell) => element("td", cell, { class: "number" })));

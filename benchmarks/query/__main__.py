@@ -107,7 +107,7 @@ def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
     turn[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     for edit in (
         Edit("remove", label=label),
-        Edit("recolour", label=label, colour=(1.0, 0.0, 0.0)),
+        Edit("recolor", label=label, color=(1.0, 0.0, 0.0)),
         Edit("move", label=label, transform=turn),
         Edit("duplicate", label=label, transform=turn),
     ):

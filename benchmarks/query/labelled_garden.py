@@ -7,12 +7,12 @@ import torch
 from scipy.spatial import cKDTree
 
 from benchmarks.raster.garden import garden
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query import QuerySettings, embed_labels
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import evidence_from_dense
+from fastsplat_contract.camera import PosedCamera
 
 CODE = 8
 _VIEWS = 40

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -56,15 +57,15 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
         if label in background:
             continue
         label_id = scene.dictionary.id_of(label)
-        instances = [thing for thing in objects if thing.label_id == label_id]
+        instances = [thing for thing, _ in objects if thing.label_id == label_id]
         rows[label] = {"objects": len(instances)}
         if instances:
             truth = oriented_box(points, np.ones(len(points)), up)
             rows[label] |= {
                 "centroid_off": round(float(np.linalg.norm(instances[0].centroid - points.mean(axis=0))), 4),
-                "box_centre_off": round(float(np.linalg.norm(instances[0].box_center - truth.center)), 4),
-                "box_size_off": round(float(np.abs(instances[0].box_size - truth.size).max()), 4),
-                "size": truth.size.round(3).tolist(),
+                "box_centre_off": round(math.dist(instances[0].box.center.position, truth.center.position), 4),
+                "box_size_off": round(float(np.abs(np.subtract(instances[0].box.size, truth.size)).max()), 4),
+                "size": np.round(truth.size, 3).tolist(),
                 "gaussians": instances[0].gaussian_count,
                 "best_views": list(instances[0].best_views),
             }

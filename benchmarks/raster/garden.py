@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import Splats
+from fastsplat_contract.camera import Camera
 
 OPACITY = 0.1
 

@@ -17,9 +17,9 @@ from torch import Tensor
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Splats, cuda, device_of, label_map, rasterize, sh_to_rgb
+from fastsplat_contract.errors import ModelUnavailableError
 
 _OUT = RESULTS / "gpu.json"
 _PARTS = ("means", "quats", "scales", "opacities", "features")

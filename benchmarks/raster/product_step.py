@@ -11,7 +11,6 @@ from PIL import Image
 from benchmarks.raster.garden import Scene
 from benchmarks.raster.raster_rows import Row
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
@@ -19,6 +18,7 @@ from fastsplat.service.splatting.raster import Backend
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.camera import PosedCamera
 
 _WARM_UP = 5  # steps: images are converted and memory is taken in the first of them
 _STILL = LearningRates(

@@ -24,10 +24,10 @@ from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
-from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import QueryRequest
+from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import open_store
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 

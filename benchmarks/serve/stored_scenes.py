@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import embed_labels
@@ -17,6 +16,7 @@ from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, w
 from fastsplat.service.store import Store
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.camera import Camera, PosedCamera
 
 ENCODER = "minilm_l6_int8"
 LABELS = tuple(

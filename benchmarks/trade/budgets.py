@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.provenance import RESULTS, ROOT, begin, provenance, write_json
-from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
+from fastsplat_contract.operations import SceneOptions
 
 _OUT = RESULTS / "trade_budgets.json"
 _STAGES = ("perception", "training", "export")

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from benchmarks.provenance import peak_megabytes
 from benchmarks.trade.bench_captures import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.trade_rows import Row
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import SceneIndex
@@ -28,6 +27,7 @@ from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import RasterSettings, label_map, rasterize, sh_to_rgb
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.camera import PosedCamera
 
 if TYPE_CHECKING:
     from benchmarks.trade.score import Pictures

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.image_io import load_rgb
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.evaluation.boundary_iou import boundary_counts
 from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
@@ -21,6 +20,7 @@ from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query import SceneIndex
+from fastsplat_contract.camera import PosedCamera
 
 Map = Callable[[PosedCamera], NDArray[np.generic]]
 

@@ -10,9 +10,10 @@ from typing import Any, Literal
 from benchmarks.trade.bench_captures import HELD_OUT_EVERY
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
-from fastsplat.service.planning.presets import PRESETS, PresetName
+from fastsplat.service.planning.presets import PRESETS
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.operations import PresetName
 
 BASE: dict[str, Any] = {
     "iterations": 400,

@@ -10,9 +10,9 @@ from PIL import Image
 from plyfile import PlyData
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.types import Labelling
+from fastsplat_contract.camera import Camera, PosedCamera
 
 
 def load_posed_folder(root: Path) -> tuple[Capture, Labelling]:

@@ -8,21 +8,88 @@
         (answer,) = client.query(operation.scene_id, "mug", views=["0001.jpg"], outputs=["mask2d", "objects"])
         mask = answer.masks[0].array()  # bool [H, W]
 
-It speaks the service's own types and raises the service's own errors (`service.calls.types`,
-`service.common.errors`), so that code reads the same in process and over the wire.
+It speaks the contract's own types and raises the contract's own errors, as the service does in process. The most used
+ones are here; all of them are in `fastsplat_contract`.
 """
 
 from fastsplat_client.client import Client
 from fastsplat_client.errors import DeadlineExceededError, RemoteError, UnreachableError
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import (
+    CancelledError,
+    ConflictError,
+    FastSplatError,
+    InvalidInputError,
+    Kind,
+    LimitExceededError,
+    MissingPackageError,
+    NotFoundError,
+    NotReadyError,
+    PermissionDeniedError,
+    RateLimitedError,
+    UnauthenticatedError,
+)
+from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
+from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.queries import Answer, Match, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import (
+    Box,
+    Color,
+    DictionaryEntry,
+    Edit,
+    Scene,
+    SceneObject,
+    SceneSummary,
+    SceneVersion,
+)
+from fastsplat_contract.server_info import ServerInfo
 
 __all__ = [
+    "Answer",
+    "Box",
+    "Camera",
+    "CancelledError",
     "Client",
+    "Color",
+    "ConflictError",
     "DeadlineExceededError",
+    "DictionaryEntry",
+    "Edit",
+    "FastSplatError",
+    "InvalidInputError",
+    "Kind",
+    "LimitExceededError",
+    "Match",
+    "MissingPackageError",
+    "NotFoundError",
+    "NotReadyError",
+    "Operation",
+    "OperationError",
+    "PermissionDeniedError",
+    "PictureRequest",
+    "Pose",
     "PoseAnswer",
+    "PosedCamera",
+    "Quaternion",
+    "QueryRequest",
+    "RateLimitedError",
     "RemoteError",
     "Retry",
+    "Scene",
+    "SceneObject",
+    "SceneOptions",
+    "SceneSummary",
+    "SceneVersion",
+    "Segmentation",
+    "ServerInfo",
+    "StageProgress",
     "StandingQuestion",
+    "UnauthenticatedError",
     "UnreachableError",
+    "Vector3",
+    "ViewMask",
+    "decode_mask3d",
 ]

@@ -1,53 +1,97 @@
-"""A capture on disk as the parts of an upload."""
+"""A capture on disk as the parts of an upload: a folder travels as the zip of it would."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
-_IMAGES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
+_PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
+_VIDEOS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"}
+_NOT_READ = {".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
+"""The server says what to do about these."""
+_COLMAP = {f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in (".bin", ".txt")}
+_SENT = _PHOTOS | _VIDEOS | _NOT_READ | {".json", ".ply"}
+_LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 
 
 class CaptureFiles:
-    """The photos of a folder; none of a file, which travels on its own. A context manager: they are open inside.
+    """The files of a folder that make a capture, under their names in the folder; none of a file, which travels alone.
+
+    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points as PLY; hidden files
+    and what operating systems leave behind stay. A context manager.
 
     Raises:
-        InvalidInputError: there is no such file or folder, or no image in it.
+        InvalidInputError: there is no such file or folder, or no photo and no video in it.
     """
 
     def __init__(self, capture: Path) -> None:
-        self._images = list(_images(capture))
-        self._opened = ExitStack()
+        self._files = [(name, _LateFile(path)) for name, path in _files(capture)]
 
     def __enter__(self) -> CaptureFiles:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._opened.close()
+        for _, file in self._files:
+            file.close()
 
     def form(self, fields: Sequence[tuple[str, str]]) -> list[tuple[str, Any]]:
-        """httpx's `files` of a form with these fields and the photos, from the first byte on; call it for each try."""
-        self._opened.close()
-        photos = [
-            ("images", (name, self._opened.enter_context(path.open("rb")), "application/octet-stream"))
-            for name, path in self._images
-        ]
-        return [*((field, (None, value)) for field, value in fields), *photos]
+        """httpx's `files` of a form with these fields and the files, from the first byte on; call it for each try."""
+        files = [("files", (name, file, "application/octet-stream")) for name, file in self._files]
+        return [*((field, (None, value)) for field, value in fields), *files]
 
 
-def _images(capture: Path) -> Iterator[tuple[str, Path]]:
+class _LateFile:
+    """A file that is opened by its first read and closed by its last: a form of thousands has one open at a time."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: BinaryIO | None = None
+
+    def read(self, size: int) -> bytes:
+        if self._file is None:
+            self._file = self._path.open("rb")
+        data = self._file.read(size)
+        if not data:
+            self.close()
+        return data
+
+    def tell(self) -> int:
+        return 0 if self._file is None else self._file.tell()
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """To the beginning; or to the end, which tells the length and opens nothing."""
+        if whence == os.SEEK_END:
+            return self._path.stat().st_size
+        self.close()
+        return 0
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def _files(capture: Path) -> list[tuple[str, Path]]:
     if capture.is_file():
-        return
+        return []
     if not capture.is_dir():
         raise InvalidInputError(f"there is no {capture}", field="capture")
-    images = sorted(path for path in capture.rglob("*") if path.suffix.lower() in _IMAGES)
-    if not images:
+    files = [(path.relative_to(capture), path) for path in sorted(capture.rglob("*")) if path.is_file()]
+    sent = [(name.as_posix(), path) for name, path in files if _is_sent(name)]
+    if not any(path.suffix.lower() in _PHOTOS | _VIDEOS | _NOT_READ for _, path in sent):
         raise InvalidInputError(
-            f"{capture} holds no images", field="capture", hint=f"These count: {', '.join(sorted(_IMAGES))}."
+            f"{capture} holds no photos and no video",
+            field="capture",
+            hint=f"These count: {', '.join(sorted(_PHOTOS | _VIDEOS))}.",
         )
-    for path in images:
-        yield path.relative_to(capture).as_posix(), path
+    return sent
+
+
+def _is_sent(name: Path) -> bool:
+    if any(part in _LITTER or part.startswith(".") for part in name.parts):
+        return False
+    return name.suffix.lower() in _SENT or name.name in _COLMAP

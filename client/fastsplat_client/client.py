@@ -3,28 +3,53 @@
 from __future__ import annotations
 
 import io
-import json
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, TypeVar
 from urllib.parse import quote, urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.calls import types
-from fastsplat.service.calls.masks import decode_mask3d
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.states import OperationState
-from fastsplat_client import parse
 from fastsplat_client.captures import CaptureFiles
-from fastsplat_client.errors import DeadlineExceededError, UnreachableError
+from fastsplat_client.errors import DeadlineExceededError, UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
-from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion
+from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.transport import Retry, Transport
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.masks import decode_mask3d
+from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.queries import (
+    Answer,
+    CameraFormat,
+    Output,
+    PictureKind,
+    PictureRequest,
+    QueryOut,
+    QueryRequest,
+)
+from fastsplat_contract.scenes import (
+    DictionaryEntry,
+    Edit,
+    EditIn,
+    LabelList,
+    ObjectList,
+    Scene,
+    SceneList,
+    SceneObject,
+    SceneSummary,
+    SceneVersion,
+    UndoIn,
+    VersionList,
+)
+from fastsplat_contract.server_info import ServerInfo
+
+T = TypeVar("T")
 
 _USUAL = Retry()
 _LONG_POLL_S = 20.0
@@ -38,7 +63,8 @@ class Client:
     Args:
         url: of the REST interface.
         key: an access key; "" where the server needs none.
-        grpc_target: "host:port" for standing questions; by default the URL's host and port 8001.
+        grpc_target: "host:port" of gRPC, for standing questions; by default what the server at `url` says. The key goes
+            to these two addresses and to no other.
         ca: PEM certificates to trust in place of the system's, for both interfaces.
         timeout_s: of a call that names none, retries included.
         retry: see `Retry`.
@@ -59,13 +85,15 @@ class Client:
         piece_bytes: int = PIECE_BYTES,
     ) -> None:
         self._transport = Transport(url, key, ca, timeout_s, retry)
-        target = grpc_target or f"{urlsplit(url).hostname}:8001"
-        self._grpc = Grpc(target, key, urlsplit(url).scheme == "https", ca)
+        self._url = urlsplit(url)
+        self._grpc_target = grpc_target
+        self._key = key
+        self._ca = ca
         self._timeout_s = timeout_s
         self._retry = retry
         self._piece_bytes = piece_bytes
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Client:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -75,25 +103,30 @@ class Client:
         """Close the connections."""
         self._transport.close()
 
+    def server(self) -> ServerInfo:
+        """What the server says of itself: its release, and where its gRPC interface is."""
+        return self._get(ServerInfo, "/v1/server")
+
     def create_scene(
         self,
         capture: Path,
         *,
         name: str = "",
-        options: types.SceneOptions | None = None,
+        options: SceneOptions | None = None,
         request_id: str = "",
         timeout_s: float = 3600.0,
-    ) -> types.Operation:
-        """Upload a folder of photos, an archive or a video; its training is queued, durably, on return.
+    ) -> Operation:
+        """Upload a folder, an archive or a video; its training is queued, durably, on return.
 
-        A folder travels as one form. An archive or a video goes piece by piece, and a connection that breaks is taken
+        A folder travels as one form: photos, and what lies beside them: transforms.json or a COLMAP model, masks, label
+        maps with labels.json, points. An archive or a video goes piece by piece, and a connection that breaks is taken
         up where it was.
         """
-        chosen = options or types.SceneOptions()
-        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(chosen.priority))]
-        fields += [("labels", label) for label in chosen.labels]
+        options = options or SceneOptions()
+        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
+        fields += [("labels", label) for label in options.labels]
         for field in ("time_budget_s", "max_gaussians", "preset"):
-            if (value := getattr(chosen, field)) is not None:
+            if (value := getattr(options, field)) is not None:
                 fields.append((field, str(value)))
         if capture.is_file():
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
@@ -102,23 +135,23 @@ class Client:
             response = self._transport.call(
                 "POST", "/v1/scenes", content=lambda: {"files": files.form(fields)}, timeout_s=timeout_s
             )
-        return parse.operation_from(response.json())
+        return read(Operation, response)
 
-    def operation(self, operation_id: str) -> types.Operation:
+    def operation(self, operation_id: str) -> Operation:
         """Where a job stands."""
-        return parse.operation_from(self._get(f"/v1/operations/{_in_path(operation_id)}"))
+        return self._get(Operation, f"/v1/operations/{_in_path(operation_id)}")
 
-    def operations(self, state: OperationState | None = None) -> Iterator[types.Operation]:
+    def operations(self, state: OperationState | None = None) -> Iterator[Operation]:
         """All jobs, newest first, page by page."""
         params = {} if state is None else {"state": state}
-        return map(parse.operation_from, self._pages("/v1/operations", "operations", params))
+        return self._pages(OperationList, "/v1/operations", params)
 
-    def cancel(self, operation_id: str) -> types.Operation:
+    def cancel(self, operation_id: str) -> Operation:
         """Ask a job to stop; one that is over stays as it is."""
         path = f"/v1/operations/{_in_path(operation_id)}:cancel"
-        return parse.operation_from(self._transport.call("POST", path).json())
+        return read(Operation, self._transport.call("POST", path))
 
-    def watch(self, operation_id: str) -> Iterator[types.Operation]:
+    def watch(self, operation_id: str) -> Iterator[Operation]:
         """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
         path, last, failures = f"/v1/operations/{_in_path(operation_id)}/events", "", 0
         while True:
@@ -127,7 +160,7 @@ class Client:
                 with self._transport.streamed(path, headers=headers) as response:
                     for event in events_of(response.iter_lines()):
                         last, failures = event.id, 0
-                        operation = parse.operation_from(json.loads(event.data))
+                        operation = read(Operation, event.data)
                         yield operation
                         if operation.done:
                             return
@@ -139,7 +172,7 @@ class Client:
                     raise
                 time.sleep(self._retry.pause(failures - 1))
 
-    def wait(self, operation_id: str, *, timeout_s: float = float("inf")) -> types.Operation:
+    def wait(self, operation_id: str, *, timeout_s: float = float("inf")) -> Operation:
         """The job when it is done, whichever way.
 
         Raises:
@@ -149,50 +182,52 @@ class Client:
         while True:
             left = max(0.0, deadline - time.monotonic())
             params = {"timeout_s": min(left, _LONG_POLL_S)}
-            body = self._get(f"/v1/operations/{_in_path(operation_id)}:wait", params, _LONG_POLL_S + 60.0)
-            operation = parse.operation_from(body)
+            path = f"/v1/operations/{_in_path(operation_id)}:wait"
+            operation = self._get(Operation, path, params, _LONG_POLL_S + 60.0)
             if operation.done:
                 return operation
             if left <= 0:
                 raise DeadlineExceededError(f"operation {operation_id} is {operation.state} after {timeout_s:g} s")
 
-    def scene(self, scene_id: str) -> types.SceneInfo:
+    def scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality."""
-        return parse.scene_from(self._get(_scene(scene_id)))
+        return self._get(Scene, _scene(scene_id))
 
-    def scenes(self) -> Iterator[types.SceneInfo]:
+    def scenes(self) -> Iterator[SceneSummary]:
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
-        return map(parse.scene_from, self._pages("/v1/scenes", "scenes"))
+        return self._pages(SceneList, "/v1/scenes")
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene and all its files."""
         self._transport.call("DELETE", _scene(scene_id), repeatable=False)
 
-    def labels(self, scene_id: str) -> Iterator[types.DictionaryRow]:
+    def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
         """A scene's whole dictionary, by label id."""
-        return map(parse.label_from, self._pages(f"{_scene(scene_id)}/labels", "labels"))
+        return self._pages(LabelList, f"{_scene(scene_id)}/labels")
 
-    def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[types.SceneObject]:
+    def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""
         params = {"label": label, "version": version}
-        return map(parse.object_from, self._pages(f"{_scene(scene_id)}/objects", "objects", params))
+        return self._pages(ObjectList, f"{_scene(scene_id)}/objects", params)
 
     def edit_scene(
-        self, scene_id: str, edits: Sequence[types.Edit], *, request_id: str = "", timeout_s: float | None = None
-    ) -> types.SceneVersion:
+        self, scene_id: str, edits: Sequence[Edit], *, request_id: str = "", timeout_s: float | None = None
+    ) -> SceneVersion:
         """Make a new version; it is current on return."""
-        body = {"edits": [parse.edit_to(edit) for edit in edits], "request_id": request_id or uuid.uuid4().hex}
-        response = self._transport.call("POST", f"{_scene(scene_id)}:edit", json=body, timeout_s=timeout_s)
-        return parse.version_from(response.json())
+        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex))
+        return read(
+            SceneVersion,
+            self._transport.call("POST", f"{_scene(scene_id)}:edit", json=body, timeout_s=timeout_s),
+        )
 
-    def undo_edit(self, scene_id: str, version: str = "") -> types.SceneVersion:
+    def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""
-        response = self._transport.call("POST", f"{_scene(scene_id)}:undo", json={"version": version}, repeatable=False)
-        return parse.version_from(response.json())
+        body = to_plain(UndoIn(version))
+        return read(SceneVersion, self._transport.call("POST", f"{_scene(scene_id)}:undo", json=body, repeatable=False))
 
-    def versions(self, scene_id: str) -> tuple[types.SceneVersion, ...]:
+    def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version, oldest first."""
-        return tuple(map(parse.version_from, self._get(f"{_scene(scene_id)}/versions")["versions"]))
+        return self._get(VersionList, f"{_scene(scene_id)}/versions").versions
 
     def query(
         self,
@@ -201,10 +236,10 @@ class Client:
         *,
         cameras: Sequence[PosedCamera] = (),
         views: Sequence[str] = (),
-        outputs: Iterable[types.Output] = (),
+        outputs: Iterable[Output] = (),
         timeout_s: float | None = None,
         **choices: Any,
-    ) -> tuple[types.QueryAnswer, ...]:
+    ) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text; or, with "" for a scene, all of them.
 
         Args:
@@ -216,21 +251,21 @@ class Client:
             choices: version, negatives, templates, coverage, max_matches, mask2d_encoding and mask3d_encoding, as in
                 `QueryRequest`.
         """
-        asked = (texts,) if isinstance(texts, str) else tuple(texts)
-        request = types.QueryRequest(scene_id, asked, tuple(cameras), tuple(views), frozenset(outputs), **choices)
+        questions = (texts,) if isinstance(texts, str) else tuple(texts)
+        request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)
         return self.ask(request, timeout_s=timeout_s)
 
     def ask(
         self,
-        request: types.QueryRequest,
+        request: QueryRequest,
         *,
         timeout_s: float | None = None,
         protocol: Literal["REST", "gRPC"] = "REST",
-    ) -> tuple[types.QueryAnswer, ...]:
+    ) -> tuple[Answer, ...]:
         """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
         if protocol == "gRPC":
-            return self._grpc.ask(request, self._timeout_s if timeout_s is None else timeout_s)
-        body = parse.query_to(request)
+            return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
+        body = _without_scene(request)
         if request.scene_id:
             path = f"{_scene(request.scene_id)}:query"
             response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
@@ -239,17 +274,17 @@ class Client:
                 body.pop(field)
             params = {"text": body.pop("texts")} | {name: value for name, value in body.items() if value is not None}
             response = self._transport.call("GET", "/query", params=params, timeout_s=timeout_s)
-        return tuple(map(parse.answer_from, response.json()["answers"]))
+        return read(QueryOut, response).answers
 
     def mask3d(self, scene_id: str, text: str, *, version: str = "") -> NDArray[np.bool_]:
         """bool [G]: which Gaussians answer the text; row number = Gaussian id of the version."""
         (answer,) = self.query(scene_id, text, outputs=["mask3d"], version=version, max_matches=1)
-        return decode_mask3d(answer.mask3d, "bits", answer.gaussians)
+        return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
 
     def picture(
         self,
         scene_id: str,
-        kind: types.PictureKind,
+        kind: PictureKind,
         viewpoint: str | PosedCamera,
         *,
         text: str = "",
@@ -257,21 +292,23 @@ class Client:
         depth_scale: float = 0.0,
     ) -> bytes:
         """A PNG from one of the scene's own cameras (its name) or from a free viewpoint; kinds as `PictureKind`."""
-        return self._render(scene_id, kind, viewpoint, text, version, "png", depth_scale)
+        return self._render(
+            viewpoint, PictureRequest(scene_id, kind, text or None, version=version, depth_scale=depth_scale)
+        )
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
-        content = self._render(scene_id, "label_map", viewpoint, "", version, "npy", 0.0)
+        content = self._render(viewpoint, PictureRequest(scene_id, "label_map", version=version, format="npy"))
         return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
 
     def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
         """float32 [H, W]: camera z in scene units, 0 where nothing is."""
-        content = self._render(scene_id, "depth", viewpoint, "", version, "npy", 0.0)
+        content = self._render(viewpoint, PictureRequest(scene_id, "depth", version=version, format="npy"))
         return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
 
-    def cameras(self, scene_id: str, wanted: types.CameraFormat = "json") -> bytes:
+    def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": wanted}).content
+        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": file_format}).content
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
@@ -312,33 +349,32 @@ class Client:
             poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
                 before.
         """
-        return self._grpc.stream_query(question, poses)
+        return self._grpc().stream_query(question, poses)
 
-    def _render(
-        self,
-        scene_id: str,
-        kind: types.PictureKind,
-        viewpoint: str | PosedCamera,
-        text: str,
-        version: str,
-        image_format: types.PictureFormat,
-        depth_scale: float,
-    ) -> bytes:
-        body: dict[str, Any] = {"kind": kind, "text": text or None, "version": version, "format": image_format}
-        body |= {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": parse.camera_to(viewpoint)}
-        body["depth_scale"] = depth_scale
-        return self._transport.call("POST", f"{_scene(scene_id)}:render", json=body).content
+    def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:
+        where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
+        body = _without_scene(replace(request, **where))
+        return self._transport.call("POST", f"{_scene(request.scene_id)}:render", json=body).content
 
-    def _get(self, path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> Any:
-        return self._transport.call("GET", path, params=params, timeout_s=timeout_s).json()
+    def _grpc(self) -> Grpc:
+        self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
+        return Grpc(self._grpc_target, self._key, self._url.scheme == "https", self._ca)
 
-    def _pages(self, path: str, field: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
+    def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
+        return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))
+
+    def _pages(self, kind: type[Any], path: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
         token = ""
         while True:
-            page = self._get(path, {**(params or {}), "page_token": token})
-            yield from page[field]
-            if not (token := page["next_page_token"]):
+            page = self._get(kind, path, {**(params or {}), "page_token": token})
+            yield from page[0]
+            if not (token := page.next_page_token):
                 return
+
+
+def _without_scene(request: QueryRequest | PictureRequest) -> dict[str, Any]:
+    """The body of a request whose path names the scene."""
+    return {name: value for name, value in to_plain(request).items() if name != "scene_id"}
 
 
 def _scene(scene_id: str) -> str:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
-from fastsplat.service.common.errors import FastSplatError, Kind
+import httpx
+
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind
+from fastsplat_contract.json_codec import from_json
+
+T = TypeVar("T")
 
 
 class RemoteError(FastSplatError):
@@ -25,6 +31,22 @@ class DeadlineExceededError(FastSplatError):
     reason = "DEADLINE_EXCEEDED"
 
 
+def read(kind: type[T], answer: httpx.Response | str) -> T:
+    """What the server answered.
+
+    Raises:
+        RemoteError: it cannot be read, as from a server of another release.
+    """
+    try:
+        return from_json(kind, answer if isinstance(answer, str) else answer.content)
+    except InvalidInputError as error:
+        raise RemoteError(
+            f"the server's answer cannot be read: {error.message}",
+            field=error.field,
+            hint="Is it a FAST-Splat server, and of this client's release?",
+        ) from error
+
+
 def error_of(
     reason: str, kind: Kind, message: str, details: Mapping[str, str], retry_after_s: float | None = None
 ) -> FastSplatError:
@@ -38,18 +60,20 @@ def error_of(
         retry_after_s: when the server said so.
     """
     raised: type[FastSplatError] = next(
-        (found for found in _tree(FastSplatError) if found.reason == reason),
+        (known for known in _tree(FastSplatError) if known.reason == reason),
         type("RemoteError", (RemoteError,), {"kind": kind, "reason": reason}),
     )
     error = raised(message, **{name: details.get(name) or "" for name in ("field", "limit", "hint")})
     error.retry_after_s = retry_after_s
-    if details.get("request_id"):
-        error.add_note(f"request id {details['request_id']}")
+    if request_id := details.get("request_id"):
+        error.request_id = request_id
+        if hasattr(error, "add_note"):  # Python 3.11 and later
+            error.add_note(f"request id {request_id}")
     return error
 
 
 def _tree(root: type[FastSplatError]) -> Iterator[type[FastSplatError]]:
-    """The errors that every part of the product knows; those of single rooms stay with them."""
+    """The errors of the contract; others may be defined beside it."""
     if root.__module__ == FastSplatError.__module__:
         yield root
     for kind in root.__subclasses__():

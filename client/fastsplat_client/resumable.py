@@ -7,9 +7,9 @@ import hashlib
 import time
 from pathlib import Path
 
-from fastsplat.service.common.errors import FastSplatError, Kind
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError
 from fastsplat_client.transport import Retry, Transport
+from fastsplat_contract.errors import FastSplatError, Kind
 
 PIECE_BYTES = 8 << 20
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import grpc
-from google.rpc import error_details_pb2  # type: ignore[import-untyped]
-from grpc_status import rpc_status
+from google.protobuf.message import DecodeError
 
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import CancelledError, FastSplatError, Kind
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
-from fastsplat_client.messages import answers_of, camera_message, query_message
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, Kind
+from fastsplat_contract.pieces import answers_of
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
+from fastsplat_contract.v1 import status_pb2
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class PoseAnswer:
 
     sequence: int
     question: int
-    answers: tuple[QueryAnswer, ...]
+    answers: tuple[Answer, ...]
     dropped: int
     seconds: float
 
@@ -86,36 +89,70 @@ class Grpc:
             except grpc.RpcError as error:
                 raise error_from(error) from error
 
-    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[QueryAnswer, ...]:
-        """See `Client.ask`."""
+    def ask(self, request: QueryRequest, timeout_s: float) -> tuple[Answer, ...]:
+        """One answer a text, over gRPC; raises as `Client.ask`."""
         with self.opened() as (stub, metadata):
-            return tuple(answers_of(stub.Query(query_message(request), timeout=timeout_s, metadata=metadata)))
+            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
+            return tuple(answers_of(call, request.outputs))
 
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
     ) -> Iterator[PoseAnswer]:
-        """See `Client.stream_query`."""
+        """The answer to each pose that the server looks at; raises as `Client.stream_query`."""
         with self.opened() as (stub, metadata):
-            call = stub.StreamQuery(_requests(question, poses), metadata=metadata)
+            questions: list[QueryRequest] = []
+            call = stub.StreamQuery(_requests(question, poses, questions), metadata=metadata)
             try:
-                yield from _answers(call)
+                yield from _answers(call, questions)
             finally:
                 call.cancel()
+
+
+def grpc_address(server: ServerInfo, host: str) -> str:
+    """ "host:port" of a server that was asked at `host`.
+
+    Raises:
+        InvalidInputError: it does not say where its gRPC interface is.
+    """
+    if server.grpc is None:
+        raise InvalidInputError(
+            "the server does not say where its gRPC interface is",
+            field="grpc_target",
+            hint='Name it: Client(url, grpc_target="host:port").',
+        )
+    own = f"[{host}]" if ":" in host else host
+    return f"{own}{server.grpc}" if server.grpc.startswith(":") else server.grpc
 
 
 def error_from(error: grpc.RpcError) -> FastSplatError:
     """What a failed RPC says, as the exception that the server raised."""
     assert isinstance(error, grpc.Call)
-    status = rpc_status.from_call(error)
-    info = error_details_pb2.ErrorInfo()
-    for detail in status.details if status is not None else ():
-        if detail.Unpack(info):
-            return error_of(info.reason, _kind(error), error.details() or "", info.metadata)
+    info, retry_after_s = _details(error)
+    if info is not None:
+        return error_of(info.reason, _kind(error), error.details() or "", info.metadata, retry_after_s)
     if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
         return DeadlineExceededError("no answer in time", hint="Give it more time.")
     if error.code() is grpc.StatusCode.CANCELLED:
         return CancelledError("the call was cancelled")
     return UnreachableError(f"{error.code().name}: {error.details()}", hint="Is the server running?")
+
+
+def _details(error: grpc.Call) -> tuple[status_pb2.ErrorInfo | None, float | None]:
+    """The ErrorInfo of a google.rpc.Status, and the seconds of its RetryInfo, where there are such."""
+    metadata = {str(key): value for key, value in error.trailing_metadata() or ()}
+    content = metadata.get("grpc-status-details-bin", b"")
+    info: status_pb2.ErrorInfo | None = None
+    retry_after_s: float | None = None
+    try:
+        for detail in status_pb2.Status.FromString(content if isinstance(content, bytes) else b"").details:
+            if detail.type_url.endswith("/google.rpc.ErrorInfo"):
+                info = status_pb2.ErrorInfo.FromString(detail.value)
+            elif detail.type_url.endswith("/google.rpc.RetryInfo"):
+                delay = status_pb2.RetryInfo.FromString(detail.value).retry_delay
+                retry_after_s = delay.seconds + delay.nanos * 1e-9
+    except DecodeError:
+        return None, None  # not from this service
+    return info, retry_after_s
 
 
 def _kind(error: grpc.Call) -> Kind:
@@ -124,19 +161,21 @@ def _kind(error: grpc.Call) -> Kind:
 
 
 def _requests(
-    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], questions: list[QueryRequest]
 ) -> Iterator[pb.StreamQueryRequest]:
-    yield pb.StreamQueryRequest(question=_question(question))
+    """What is sent; `questions` grows by each question."""
     sequence = 0
-    for pose in poses:
-        if isinstance(pose, StandingQuestion):
-            yield pb.StreamQueryRequest(question=_question(pose))
+    for part in itertools.chain((question,), poses):
+        if isinstance(part, StandingQuestion):
+            questions.append(part.request)
+            standing = pb.StandingQuestion(query=to_proto(part.request), heartbeat_s=part.heartbeat_s)
+            yield pb.StreamQueryRequest(question=standing)
         else:
             sequence += 1
-            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=camera_message(pose)))
+            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(part)))
 
 
-def _answers(call: Iterable[pb.StreamQueryResponse]) -> Iterator[PoseAnswer]:
+def _answers(call: Iterable[pb.StreamQueryResponse], questions: Sequence[QueryRequest]) -> Iterator[PoseAnswer]:
     pieces: list[pb.QueryResponse] = []
     dropped = 0
     for reply in call:
@@ -146,9 +185,6 @@ def _answers(call: Iterable[pb.StreamQueryResponse]) -> Iterator[PoseAnswer]:
         elif part == "dropped":
             dropped += reply.dropped.count
         elif part == "done":
-            yield PoseAnswer(reply.sequence, reply.question, tuple(answers_of(pieces)), dropped, reply.done.seconds)
+            answers = tuple(answers_of(pieces, questions[reply.question - 1].outputs))
+            yield PoseAnswer(reply.sequence, reply.question, answers, dropped, reply.done.seconds)
             pieces, dropped = [], 0
-
-
-def _question(question: StandingQuestion) -> pb.StandingQuestion:
-    return pb.StandingQuestion(query=query_message(question.request), heartbeat_s=question.heartbeat_s)

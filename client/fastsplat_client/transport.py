@@ -13,8 +13,8 @@ from typing import Any
 
 import httpx
 
-from fastsplat.service.common.errors import FastSplatError, Kind
 from fastsplat_client.errors import DeadlineExceededError, UnreachableError, error_of
+from fastsplat_contract.errors import FastSplatError, Kind
 
 _AGAIN = (429, 502, 503, 504)
 _KINDS = {

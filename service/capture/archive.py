@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 from fastsplat.service.common.file_names import is_system_file, safe_parts
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 
 _CHUNK = 1 << 20
 _RATIO_FREE_BYTES = 4 << 20  # below this the compression ratio is not limited

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MAX_DEPTH = 32
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')

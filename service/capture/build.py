@@ -34,9 +34,9 @@ from fastsplat.service.capture.view_writer import (
     write_view,
 )
 from fastsplat.service.common.atomic import atomic_directory
-from fastsplat.service.common.errors import InvalidInputError, ReconstructionError
 from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))

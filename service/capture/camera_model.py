@@ -10,8 +10,8 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
 
 _PINHOLES = frozenset({"SIMPLE_PINHOLE", "PINHOLE"})
 _PINHOLES_AT_ZERO = frozenset({"SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "SIMPLE_DIVISION", "DIVISION"})

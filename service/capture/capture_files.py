@@ -11,9 +11,9 @@ import numpy as np
 from safetensors.numpy import load_file, save_file
 
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _VERSION = 1
 _CAPTURE = "capture.json"

@@ -17,8 +17,8 @@ import pycolmap
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, model_names, parameter_count
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MAX_NAME_BYTES = 1_024
 _HINT = "Export the model again."

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import ReconstructionError
+from fastsplat_contract.errors import ReconstructionError
 
 _MIN_ANGLE_DEG = 1.5
 _MIN_FLATNESS = 1e-3

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
 UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel
 from fastsplat.service.capture.label_maps import LabelTable
-from fastsplat.service.capture.types import Scale
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.scenes import Scale
 
 
 @dataclass(frozen=True)

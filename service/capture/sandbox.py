@@ -20,9 +20,9 @@ from typing import Any, Literal
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.common import errors
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import FastSplatError, ReconstructionError, ResourceError
+from fastsplat_contract import errors
+from fastsplat_contract.errors import FastSplatError, ReconstructionError, ResourceError
 
 Task = Literal["validate", "probe", "frames", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]

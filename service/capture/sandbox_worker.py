@@ -14,8 +14,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.errors import FastSplatError, ResourceError
 from fastsplat.service.common.process import die_with_parent
+from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _NICENESS = 5
 

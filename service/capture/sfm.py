@@ -19,7 +19,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs
-from fastsplat.service.common.errors import ReconstructionError
+from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
 

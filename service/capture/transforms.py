@@ -28,10 +28,10 @@ from fastsplat.service.capture.posed_input import (
     resolve_path,
 )
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Scale
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.common.file_names import list_names
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.scenes import Scale
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."

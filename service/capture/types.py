@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import Scale
 
-Scale = Literal["METRIC", "ARBITRARY"]
 Source = Literal["images", "video", "colmap", "nerfstudio"]
 
 

@@ -9,8 +9,8 @@ from pathlib import Path, PurePosixPath
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
 from fastsplat.service.capture.types import Source
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.file_names import is_system_file
+from fastsplat_contract.errors import InvalidInputError
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")

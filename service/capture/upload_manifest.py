@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 VALIDATED = ".admitted"
 """Name of the validated folder, inside the raw upload's, so that both are removed together."""

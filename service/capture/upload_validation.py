@@ -22,8 +22,8 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
 from fastsplat.service.capture.upload_manifest import FILES, VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.common.atomic import atomic_directory
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.common.file_names import common_folder, is_system_file
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
 _VIDEO_SIGNATURES = (

@@ -15,7 +15,7 @@ from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, ope
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import View
-from fastsplat.service.common.camera import PosedCamera
+from fastsplat_contract.camera import PosedCamera
 
 IMAGES, MASKS, LABELS = "images", "masks", "labels"
 

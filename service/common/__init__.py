@@ -1,1 +1,1 @@
-"""What every package shares: errors, cameras, the dictionary of labels, progress, cancellation."""
+"""What every package shares beside the contract: cancellation, the dictionary of labels, progress."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from fastsplat.service.common.errors import CancelledError
+from fastsplat_contract.errors import CancelledError
 
 _running: ContextVar[Cancellation | None] = ContextVar("_running", default=None)
 

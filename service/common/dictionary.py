@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING
 
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 if TYPE_CHECKING:  # loads with the first word that may be a plural, see `_inflection`
     from inflect import engine as Inflection

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

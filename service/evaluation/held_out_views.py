@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import Skipped, mean
@@ -21,6 +19,8 @@ from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, rasterize, sh_to_rgb
 from fastsplat.service.splatting.training_views import load_views
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

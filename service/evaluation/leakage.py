@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.errors import InvalidInputError
 
 _SAME = 1e-4
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.evaluation.datasets.types import TrueView
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
 from fastsplat.service.query import SceneIndex
+from fastsplat_contract.camera import PosedCamera
 
 NO_TRUTH = -1
 _RELATIVE_TOLERANCE = 0.02

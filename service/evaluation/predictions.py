@@ -11,7 +11,8 @@ from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
 from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
 from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
-from fastsplat.service.query import Answer, SceneIndex
+from fastsplat.service.query import SceneIndex
+from fastsplat_contract.queries import Answer
 
 
 def predict_view(

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import UNDETECTED
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.types import Skipped, ViewMetric, ViewPrediction
+from fastsplat_contract.errors import InvalidInputError
 
 NO_TRUTH = "the view has neither a label map nor an annotated text"
 NO_LABEL = "no test view shows a label"

@@ -12,7 +12,6 @@ from typing import Literal
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets import Dataset, training_capture
 from fastsplat.service.perception.text import open_text_encoder
@@ -21,6 +20,7 @@ from fastsplat.service.pipeline import build_scene
 from fastsplat.service.planning.presets import PresetName, override_training
 from fastsplat.service.scene import Scene
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError
 
 TrainingLabels = Literal["given", "detected"]
 """`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names."""

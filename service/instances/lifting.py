@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array  # type: ignore[import-untyped]
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, label_sums
 from fastsplat.service.splatting.region_groups import LiftedRegions, lift_regions
+from fastsplat_contract.camera import Camera
 
 
 def image_pieces(masks: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:

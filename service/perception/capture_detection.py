@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.common.dictionary import dictionary_of, label_key
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detection_voting import merge_spellings, resolve_detections
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
+from fastsplat_contract.errors import InvalidInputError
 
 _CROP = 0.6
 _CUT_PX = 4

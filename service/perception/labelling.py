@@ -12,7 +12,6 @@ from PIL import Image as PillowImage
 
 from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
@@ -22,6 +21,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
+from fastsplat_contract.errors import InvalidInputError
 
 _DETECTION_SHARE = 0.3
 """Of the stage's progress; segmentation takes the rest."""

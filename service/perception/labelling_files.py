@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat_contract.errors import InvalidInputError
 
 _INDEX = "dictionary.json"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import onnxruntime
 
-from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat_contract.errors import ModelUnavailableError
 
 onnxruntime.disable_telemetry_events()  # what people photograph, and when, is nobody's business
 

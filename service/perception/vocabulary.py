@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, label_key
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.box_ops import box_iou
 from fastsplat.service.perception.types import Detections, Labelling, Regions, TextEncoder
+from fastsplat_contract.errors import InvalidInputError
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:

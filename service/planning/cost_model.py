@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.densify import planned_count
 from fastsplat.service.splatting.pruning import EVALUATIONS, MAX_EVAL_VIEWS
 from fastsplat.service.splatting.schedule import image_level, image_scales
 from fastsplat.service.splatting.semantics import code_size
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import split_views
+from fastsplat_contract.errors import InvalidInputError
 
 _SHARES = 40  # points at which the cost of a step is taken along a run
 _STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.common.options import PresetName as PresetName
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.operations import PresetName as PresetName
 
 if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
     from fastsplat.service.settings import Settings

@@ -3,6 +3,6 @@
 from fastsplat.service.query.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.types import Answer, Mask2D, Match, Verdict
+from fastsplat.service.query.types import Mask2D
 
-__all__ = ["Answer", "Mask2D", "Match", "QuerySettings", "SceneIndex", "Verdict", "embed_labels"]
+__all__ = ["Mask2D", "QuerySettings", "SceneIndex", "embed_labels"]

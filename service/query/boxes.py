@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
+from fastsplat_contract.scenes import Box
 
 F64 = NDArray[np.float64]
 
 _TRIM = 0.015
 _LEVEL = 0.25
-
-
-@dataclass(frozen=True)
-class Box:
-    """float64 each: `center` [3] and whole edge lengths `size` [3] in scene units, `axes` [3, 3] with the box's axes
-    as columns, a rotation world-from-box."""
-
-    center: F64
-    size: F64
-    axes: F64
 
 
 def vertical_axis(cameras: Sequence[PosedCamera]) -> F64 | None:
@@ -71,10 +62,10 @@ def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
     angle = np.deg2rad(degrees)
     along, aside = np.cos(angle) * first + np.sin(angle) * second, np.cos(angle) * second - np.sin(angle) * first
     middle = (heights.max() + heights.min()) / 2
+    axes = np.stack([along, aside, third], axis=1)
     return Box(
-        center=center + x * first + y * second + middle * third,
-        size=np.array([width, depth, heights.max() - heights.min()]),
-        axes=np.stack([along, aside, third], axis=1),
+        center=Pose(vector3(center + x * first + y * second + middle * third), quaternion_of(axes)),
+        size=Vector3(float(width), float(depth), float(heights.max() - heights.min())),
     )
 
 

@@ -1,9 +1,9 @@
-"""Edits by name: recolour, remove, move or duplicate what a label or an object is. A scene in, another scene out.
+"""Edits by name: recolor, remove, move or duplicate what a label or an object is. A scene in, another scene out.
 
 An edit takes along what the object encloses, whatever its label: where two objects meet, a Gaussian of the one often
 has the label of the other, and would stay behind as a floater.
 
-Rows keep their order, so that a mask of the old version tells what became of it: recolouring and moving change no row
+Rows keep their order, so that a mask of the old version tells what became of it: recoloring and moving change no row
 number, removing closes the gaps, duplicates come after all other rows.
 """
 
@@ -11,25 +11,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
-from fastsplat.service.common.camera import check_rigid
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.scenes import EditAction
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
-Action = Literal["recolour", "remove", "move", "duplicate"]
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
 _DARK = 0.1
@@ -48,15 +48,15 @@ class Edit:
         label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None;
             with it everything of that label is meant, objects and specks.
         object_id: `SceneObject.id`, or None; exactly one of the two.
-        colour: RGB 0..1 for `recolour`, the mean colour afterwards; None otherwise.
+        color: RGB 0..1 for `recolor`, the mean color afterwards; None otherwise.
         transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
             units; None otherwise.
     """
 
-    action: Action
+    action: EditAction
     label: str | None = None
     object_id: str | None = None
-    colour: tuple[float, float, float] | None = None
+    color: tuple[float, float, float] | None = None
     transform: NDArray[np.float64] | None = None
 
 
@@ -65,11 +65,11 @@ def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
 
     Raises:
         NotFoundError: no such label or object here.
-        InvalidInputError: an unknown action, both or neither of label and object_id, a colour or transform that is
+        InvalidInputError: an unknown action, both or neither of label and object_id, a color or transform that is
             missing, superfluous, out of range or not rigid.
     """
     actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
-        "recolour": _recolour,
+        "recolor": _recolor,
         "remove": _remove,
         "move": _move,
         "duplicate": _duplicate,
@@ -113,7 +113,7 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
 
 def _check_extras(edit: Edit) -> None:
     for name, value, needed in (
-        ("colour", edit.colour, edit.action == "recolour"),
+        ("color", edit.color, edit.action == "recolor"),
         ("transform", edit.transform, edit.action in ("move", "duplicate")),
     ):
         if (value is not None) != needed:
@@ -122,10 +122,10 @@ def _check_extras(edit: Edit) -> None:
             )
     if edit.transform is not None:
         check_rigid(np.asarray(edit.transform, dtype=np.float64), field="transform")
-    if edit.colour is not None:
-        colour = np.asarray(edit.colour, dtype=np.float64)
-        if colour.shape != (3,) or not ((colour >= 0) & (colour <= 1)).all():
-            raise InvalidInputError(f"a colour of {edit.colour}", field="colour", limit="RGB, 0 to 1 each")
+    if edit.color is not None:
+        color = np.asarray(edit.color, dtype=np.float64)
+        if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+            raise InvalidInputError(f"a color of {edit.color}", field="color", limit="RGB, 0 to 1 each")
 
 
 def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
@@ -144,8 +144,8 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
         return np.flatnonzero(index.gaussian_classes == label_id)
-    for instance in index.objects:
-        if instance.id == edit.object_id:
+    for instance in index.instances:
+        if instance.object.id == edit.object_id:
             return instance.rows.astype(np.int64)
     raise NotFoundError(
         f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
@@ -171,13 +171,13 @@ def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
 
 
-def _recolour(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    """The luminance of each Gaussian, in every direction, relative to the mean one, times the new colour: what was in
+def _recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The luminance of each Gaussian, in every direction, relative to the mean one, times the new color: what was in
     the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
     part = _part(scene.gaussians, rows)
     if not len(rows):
         return scene
-    target = np.asarray(edit.colour, dtype=np.float64)
+    target = np.asarray(edit.color, dtype=np.float64)
     luminance = part.sh.astype(np.float64) @ _LUMINANCE  # [K, B], coefficients
     weights = masses(part.log_scales, part.logit_opacities)
     base = 0.5 + SH_C0 * luminance[:, 0]
@@ -213,7 +213,7 @@ def _multiplied(left: tuple[float, float, float, float], right: F32) -> F32:
 
 
 def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
-    """Coefficients [K, B, 3] of the same colours seen by a turned object: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
+    """Coefficients [K, B, 3] of the same colors seen by a turned object: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
 
     Each degree is a space of its own under rotation. Its matrix follows from the basis at more directions than it has
     functions, which is exact up to rounding and needs no formulas for Wigner's matrices.

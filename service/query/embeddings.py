@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat_contract.errors import ModelUnavailableError
 
 if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely know the settings
     from fastsplat.service.perception.text import TextEncoder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fastsplat.service.query.types import Answer
+from fastsplat_contract.queries import Answer
 
 _MAX_LABELS = 3
 _MAX_QUOTED = 60

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.poses import quaternion_of
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import F32, Scene
+from fastsplat_contract.poses import vector3
+from fastsplat_contract.scenes import SceneObject
 
 F64 = NDArray[np.float64]
 
@@ -24,41 +25,19 @@ _LEAST = 1e-6
 _MAX_OBJECTS_A_LABEL = 1_000
 
 
-@dataclass(frozen=True)
-class SceneObject:
-    """One thing.
+class Instance(NamedTuple):
+    """One thing, and its Gaussians: int32 [K], ascending row numbers.
 
-    Attributes:
-        id: "label id-number", numbered from the largest; the same in every index of the same scene.
-        label_id: dictionary id, from 1.
-        label: the entry's name.
-        rows: int32 [K], its Gaussians, ascending.
-        centroid: float64 [3], mean of its Gaussians by visible area, world frame, scene units.
-        box_center: float64 [3], world frame, scene units.
-        box_size: float64 [3], whole edge lengths, scene units.
-        box_orientation: unit quaternion x y z w, world-from-box; the box's z axis is the scene's vertical where the
-            cameras tell it, its x axis the longer of the other two.
-        gaussian_count: K.
-        confidence: 0..1, mean confidence of its Gaussians in the label, by visible area.
-        metres: whether scene units are metres.
-        best_views: names of the scene's cameras that see most of it, best first; at most five.
+    Its id is "label id-number", numbered from the largest, and the same in every index of the same scene. The z axis of
+    its box is the scene's vertical where the cameras tell it, the x axis the longer of the other two. It has at most
+    five best views.
     """
 
-    id: str
-    label_id: int
-    label: str
+    object: SceneObject
     rows: NDArray[np.int32]
-    centroid: F64
-    box_center: F64
-    box_size: F64
-    box_orientation: tuple[float, float, float, float]
-    gaussian_count: int
-    confidence: float
-    metres: bool
-    best_views: tuple[str, ...]
 
 
-def find_objects(scene: Scene, field: GaussianLabels) -> tuple[SceneObject, ...]:
+def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
     """All objects of a scene, by label id, then from the largest.
 
     Gaussians less opaque than 0.05 belong to no object. Of one label those that touch (see `components`) are one
@@ -119,23 +98,20 @@ def _described(
     number: int,
     rows: NDArray[np.int64],
     views: tuple[str, ...],
-) -> SceneObject:
+) -> Instance:
     means, mass = scene.gaussians.means[rows].astype(np.float64), weights[rows]
-    box = oriented_box(means, mass, up)
-    return SceneObject(
+    thing = SceneObject(
         id=f"{label_id}-{number}",
         label_id=label_id,
         label=scene.dictionary.label_of(label_id),
-        rows=rows.astype(np.int32),
-        centroid=np.average(means, axis=0, weights=mass),
-        box_center=box.center,
-        box_size=box.size,
-        box_orientation=quaternion_of(box.axes),
+        score=float(np.average(field.confidence[rows], weights=mass)),
+        centroid=vector3(np.average(means, axis=0, weights=mass)),
+        box=oriented_box(means, mass, up),
         gaussian_count=len(rows),
-        confidence=float(np.average(field.confidence[rows], weights=mass)),
-        metres=scene.scale == "METRIC",
+        meters=scene.scale == "METRIC",
         best_views=views,
     )
+    return Instance(thing, rows.astype(np.int32))
 
 
 def _sigmoid(logits: F32) -> F64:

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import LimitExceededError, ModelUnavailableError
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache, embed_labels
 from fastsplat.service.query.probability import ScoreCalibration
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder

@@ -6,8 +6,9 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.queries import check_coverage
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class TextQuery:
         texts: plain words, at least one text.
         negatives: canonical negatives.
         templates: prompt templates, each with one "{}".
-        coverage: 0..1, of the label sets.
+        coverage: of the label sets, above 0 and below 1.
     """
 
     texts: tuple[str, ...]
@@ -42,11 +43,11 @@ def check_query(
         settings: limits and defaults.
         negatives: canonical negatives.
         templates: prompt templates, each with one "{}".
-        coverage: 0..1, of the label sets.
+        coverage: of the label sets, above 0 and below 1.
 
     Raises:
         InvalidInputError: an empty list, a bare string in place of a list, not a string, nothing but blanks, control
-            characters or lone surrogates, a template without exactly one "{}", a coverage outside 0..1.
+            characters or lone surrogates, a template without exactly one "{}", a coverage outside (0, 1).
         LimitExceededError: too many texts, negatives or templates, or one too long.
     """
     _check_texts(texts, settings)
@@ -59,7 +60,7 @@ def check_query(
         texts=tuple(texts),
         negatives=settings.negatives if negatives is None else tuple(negatives),
         templates=settings.templates if templates is None else tuple(templates),
-        coverage=settings.coverage if coverage is None else _checked_coverage(coverage),
+        coverage=settings.coverage if coverage is None else check_coverage(coverage),
     )
 
 
@@ -120,11 +121,3 @@ def _check_text(text: str, field: str, settings: QuerySettings) -> None:
         )
     if all(category[0] in "ZC" for category in categories):
         raise InvalidInputError("an empty text", field=field, hint="Say what to look for, e.g. 'mug'.")
-
-
-def _checked_coverage(coverage: float) -> float:
-    if isinstance(coverage, bool) or not isinstance(coverage, int | float) or not 0.0 <= coverage <= 1.0:
-        raise InvalidInputError(
-            f"a coverage of {coverage!r}", field="coverage", limit="0 to 1", hint="Send a share, e.g. 0.9."
-        )
-    return float(coverage)

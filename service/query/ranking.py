@@ -18,8 +18,8 @@ from fastsplat.service.query.query_text import TextQuery
 from fastsplat.service.query.relevancy import F64, Scores, relevancy_scores
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.text_similarity import text_similarity
-from fastsplat.service.query.types import Answer, Match, Verdict
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.queries import Answer, Match, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
@@ -114,15 +114,20 @@ class Ranker:
             )
         threshold = context.exact if judged.verdict == "exact" else context.related
         answer = Answer(
-            text,
-            judged.verdict,
-            self._matches(order, scores, context, judged.relevant, belief),
+            scene_id="",
+            text=text,
+            verdict=judged.verdict,
             explanation="",
             probability=None if belief is None else belief.of_verdict(None if judged.verdict == "absent" else order[0]),
             label_set=() if belief is None else belief.label_set,
             coverage=None if belief is None else coverage,
             decided_by="name" if judged.named else "score",
             threshold=None if judged.named or context.related is None else threshold,
+            version="",
+            gaussians=sum(self._counts),
+            match_count=len(order),
+            matches=self._matches(order, scores, context, judged.relevant, belief),
+            masks=(),
             presence=None if belief is None else belief.presence,
         )
         return replace(answer, explanation=explain(answer, match.unchecked))

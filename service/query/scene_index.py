@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.query.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.types import Answer, Mask2D
+from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.queries import Answer
+from fastsplat_contract.scenes import SceneObject
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
-    from fastsplat.service.query.objects import SceneObject
+    from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
 
 _DEFAULTS = QuerySettings()
@@ -52,8 +54,8 @@ class SceneIndex:
         self._ranker = Ranker(scene, counts, encoder, settings)
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
-        self._objects: tuple[SceneObject, ...] | None = None
-        self._objects_lock = threading.Lock()
+        self._instances: tuple[Instance, ...] | None = None
+        self._instances_lock = threading.Lock()
 
     @property
     def calibrated(self) -> bool:
@@ -85,11 +87,11 @@ class SceneIndex:
             negatives: canonical negatives in place of the settings' own.
             templates: prompt templates in place of the settings' own, each with one "{}"; the labels are embedded anew
                 for templates that were not asked with lately.
-            coverage: 0..1, of the label sets, in place of the settings' own.
+            coverage: of the label sets, above 0 and below 1, in place of the settings' own.
 
         Raises:
             InvalidInputError: an empty list or text, not a string, control characters, a template without exactly one
-                "{}", a coverage outside 0..1.
+                "{}", a coverage that is not above 0 and below 1.
             LimitExceededError: too many texts, negatives or templates, or one too long.
         """
         return self.answer(
@@ -111,14 +113,19 @@ class SceneIndex:
         return np.asarray(relevant[self._labels.classes])
 
     @property
-    def objects(self) -> tuple[SceneObject, ...]:
-        """All objects of this scene, see `find_objects`; computed with the first question for them."""
+    def instances(self) -> tuple[Instance, ...]:
+        """All things of this scene with their Gaussians, see `find_objects`; made by the first question for them."""
         from fastsplat.service.query.objects import find_objects
 
-        with self._objects_lock:
-            if self._objects is None:
-                self._objects = find_objects(self.scene, self._labels)
-            return self._objects
+        with self._instances_lock:
+            if self._instances is None:
+                self._instances = find_objects(self.scene, self._labels)
+            return self._instances
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """All things of this scene, in the order of `instances`."""
+        return tuple(instance.object for instance in self.instances)
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
         """The objects that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians

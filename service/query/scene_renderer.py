@@ -9,13 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat.service.splatting.blending import label_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
+from fastsplat_contract.camera import PosedCamera
 
 
 class Renderer:

@@ -41,7 +41,7 @@ class QuerySettings(BaseModel):
     related_probability: Annotated[float, Field(ge=0, le=1)] = 0.15
     """A related entry other than the leading one is relevant from this calibrated probability on. Measured by
     benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
-    coverage: Annotated[float, Field(ge=0, le=1)] = 0.9
+    coverage: Annotated[float, Field(gt=0, lt=1)] = 0.9
     """Share of questions whose label set is to hold an acceptable answer."""
     max_text_chars: int = 1_000
     """Characters of one text, negative or template."""

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter  # type: ignore[import-untyped]
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 

@@ -1,6 +1,5 @@
 """The trained scene: its arrays, its files, its exchange formats."""
 
-from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.ply import read_ply, write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import (
@@ -20,8 +19,6 @@ __all__ = [
     "Gaussians",
     "LabelMode",
     "Scene",
-    "SceneFileError",
-    "SceneSchemaError",
     "SemanticHead",
     "Semantics",
     "read_ply",

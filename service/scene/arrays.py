@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from fastsplat.service.scene.errors import SceneFileError
 from fastsplat.service.scene.types import F32, Evidence
+from fastsplat_contract.errors import SceneFileError
 
 _CHUNK_BYTES = 16 << 20
 _CODES: Mapping[str, np.dtype[np.generic]] = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene.types import F32, Evidence
+from fastsplat_contract.errors import InvalidInputError
 
 UNIT = 4096
 """Counts of one whole pixel."""

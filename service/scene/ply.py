@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.scene.types import F32, SH_COUNTS, Gaussians
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MAX_HEADER_BYTES = 64 << 10
 _CHUNK_ROWS = 1 << 16

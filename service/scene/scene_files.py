@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat.service.scene.arrays import (
     Array,
     Shapes,
@@ -24,7 +23,6 @@ from fastsplat.service.scene.arrays import (
     save_arrays,
     scene_shapes,
 )
-from fastsplat.service.scene.errors import SceneFileError
 from fastsplat.service.scene.scene_manifest import (
     Manifest,
     cameras_from_bytes,
@@ -33,6 +31,7 @@ from fastsplat.service.scene.scene_manifest import (
     manifest_to_bytes,
 )
 from fastsplat.service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, SceneFileError
 
 _MANIFEST = "scene.json"
 _ARRAYS = "gaussians.safetensors"

@@ -7,16 +7,16 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError
-from fastsplat.service.scene.errors import SceneFileError, SceneSchemaError
 from fastsplat.service.scene.types import SH_COUNTS, LabelMode
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
+from fastsplat_contract.scenes import Scale
 
 SCHEMA = 3
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
@@ -44,7 +44,7 @@ class Manifest:
     dictionary: Dictionary
     text_encoder: tuple[str, str]
     label_templates: tuple[str, ...]
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     training: Mapping[str, Any]
     quality: Mapping[str, Any]
     gaussians: int
@@ -225,7 +225,7 @@ class _Body(_Strict):
     dictionary: list[_Entry]
     text_encoder: _Encoder
     label_templates: list[str]
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     training: dict[str, Any]
     quality: dict[str, Any]
     sizes: _Sizes

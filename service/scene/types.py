@@ -10,8 +10,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import Scale
 
 F32 = NDArray[np.float32]
 
@@ -145,7 +146,7 @@ class Scene:
     label_embeddings: F32
     text_encoder: tuple[str, str]
     cameras: tuple[PosedCamera, ...]
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     training: Mapping[str, Any] = field(default_factory=dict)
     quality: Mapping[str, Any] = field(default_factory=dict)
     label_templates: tuple[str, ...] = ("{}",)

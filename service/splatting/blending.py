@@ -11,10 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
 from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize_bands
+from fastsplat_contract.camera import Camera
 
 _CHANNELS = 32
 """Labels of one rasterization: twice the channels take a fifth more time, up to about here."""

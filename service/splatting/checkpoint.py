@@ -17,9 +17,9 @@ import safetensors.torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.perception.types import Regions
 from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
 _VERSION = 2

@@ -12,7 +12,7 @@ from torch import Tensor
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.raster.types import Splats
-from fastsplat.service.splatting.types import TrainingDivergedError
+from fastsplat_contract.errors import TrainingDivergedError
 
 
 def activate_scales(log_scales: Tensor) -> Tensor:

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.errors import InvalidInputError
 
 _ENOUGH_POINTS = 100
 _RANDOM_POINTS = 5_000

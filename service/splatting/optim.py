@@ -8,8 +8,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.raster import Backend
+from fastsplat_contract.errors import InvalidInputError
 
 
 @torch.no_grad()

@@ -18,7 +18,6 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
@@ -26,6 +25,7 @@ from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, r
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, final_gaussians
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
 from fastsplat.service.splatting.label_supervision import LabelSupervision
+from fastsplat.service.splatting.optimization import Trainer
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
 from fastsplat.service.splatting.raster import Backend, device_of
@@ -36,7 +36,6 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.strategy import DensificationStrategy, RelocationStrategy
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
-from fastsplat.service.splatting.trainer import Trainer
 from fastsplat.service.splatting.training_views import (
     TrainingView,
     capture_split,
@@ -45,6 +44,7 @@ from fastsplat.service.splatting.training_views import (
 )
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
+from fastsplat_contract.errors import InvalidInputError
 
 
 def train(

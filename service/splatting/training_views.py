@@ -16,10 +16,10 @@ from fastsplat.service.capture.image_io import (
     load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
 )
 from fastsplat.service.capture.types import Capture, View
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.dictionary import UNDETECTED
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.types import Labelling
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
 
 
 @dataclass(frozen=True)

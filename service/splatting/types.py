@@ -5,15 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fastsplat.service.common.errors import FastSplatError, Kind
 from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
-
-
-class TrainingDivergedError(FastSplatError):
-    """The optimization left the finite numbers; nothing of it was stored."""
-
-    kind = Kind.INTERNAL
-    reason = "TRAINING_DIVERGED"
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import UNDETECTED
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, merged, no_evidence
 from fastsplat.service.scene.types import Evidence, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, device_of, label_sums
 from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 _PENDING_ENTRIES = 1 << 21
 """Merging takes about 50 bytes an entry beside the result."""

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.options import SceneOptions
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.operations import SceneOptions
 
 
 def options_to_json(options: SceneOptions) -> dict[str, Any]:
     """A job's options as JSON values."""
-    return {**asdict(options), "labels": list(options.labels)}
+    values: dict[str, Any] = to_plain(options)
+    return values
 
 
 def options_from_json(row: Mapping[str, Any]) -> SceneOptions:
     """Back from `options_to_json`, also from what earlier releases wrote; other keys are ignored."""
-    return SceneOptions(
-        labels=tuple(row["labels"]),
-        time_budget_s=row["time_budget_s"],
-        max_gaussians=row["max_gaussians"],
-        preset=row.get("preset"),
-        priority=row.get("priority", 0),
+    return from_plain(
+        SceneOptions, {field.name: row[field.name] for field in fields(SceneOptions) if field.name in row}
     )
 
 

@@ -11,9 +11,8 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
 
-from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.service.store.migrations import migrate
+from fastsplat_contract.errors import DatabaseError, InvalidInputError
 
 _BUSY_MS = 30_000
 

@@ -9,9 +9,9 @@ from typing import Literal
 from sqlalchemy import Engine, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.common.errors import NotFoundError
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import api_keys
+from fastsplat_contract.errors import NotFoundError
 
 KeyKind = Literal["write", "read"]
 

@@ -25,10 +25,9 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.store.blobs import Blobs, remove
-from fastsplat.service.store.errors import ArtefactError, ObjectStoreError
 from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
 
 _MANIFEST = "manifest.json"
 _PARTS = "parts-"

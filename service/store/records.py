@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from fastsplat.service.common.states import OperationState, SceneState
+from fastsplat_contract.operations import OperationState
+from fastsplat_contract.scenes import Scale, SceneState
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class SceneRecord:
     version: str
     created_at: float
     gaussians: int
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
@@ -69,7 +70,7 @@ class SceneSummary:
 
     version: str
     gaussians: int
-    scale: Literal["METRIC", "ARBITRARY"]
+    scale: Scale
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]

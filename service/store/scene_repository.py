@@ -10,11 +10,12 @@ from typing import Any
 from sqlalchemy import Connection, Engine, RowMapping, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.common.errors import ConflictError, NotFoundError
-from fastsplat.service.common.states import OperationState, SceneState
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
+from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.operations import OperationState
+from fastsplat_contract.scenes import SceneState
 
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
 

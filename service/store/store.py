@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sqlalchemy import Engine
 
-from fastsplat.service.common.errors import ResourceError
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
@@ -18,6 +17,7 @@ from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import VersionRepository
 from fastsplat.service.store.worker_repository import WorkerRepository
+from fastsplat_contract.errors import ResourceError
 
 
 @dataclass(frozen=True)

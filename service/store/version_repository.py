@@ -14,11 +14,11 @@ from typing import Any
 from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.schema import scene_versions, scenes
+from fastsplat_contract.errors import ConflictError
 
 
 @dataclass(frozen=True)

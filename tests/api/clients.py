@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError
 from fastsplat_client import Client, Retry
+from fastsplat_contract.errors import FastSplatError
 from tests.api.served import Faces
 
 

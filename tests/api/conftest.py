@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import embed_labels
@@ -18,6 +17,7 @@ from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, w
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.camera import Camera, PosedCamera
 
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")

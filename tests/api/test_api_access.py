@@ -24,9 +24,9 @@ from fastsplat.api.rest.access import AccessLayer, route_name
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.server import run
 from fastsplat.cli.logs import JsonLines
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 

@@ -12,13 +12,13 @@ import grpc
 import httpx
 import pytest
 
-from fastsplat.api.grpc.translate import camera_out
-from fastsplat.api.rest.translate import camera_out as rest_camera_out
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import turned
 from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
 
-_CAMERA = rest_camera_out(turned(0.1)).model_dump()
+_CAMERA = to_plain(turned(0.1))
 
 
 def _rpc(faces: Faces, request: pb.QueryRequest) -> Refusal:
@@ -133,7 +133,7 @@ def test_a_bad_pose_is_malformed_in_the_same_words(faces: Faces, scene_id: str, 
     bad = _changed(path, value)
     body = {"texts": ["mug"], "cameras": [bad], "outputs": ["mask2d"]}
     rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:query", json=body))
-    message = camera_out(turned(0.1))
+    message = to_proto(turned(0.1))
     for name in "xyzw":
         setattr(message.orientation, name, bad["orientation"][name])
     message.frame_id = bad["frame_id"]
@@ -150,7 +150,7 @@ def test_numbers_that_are_none_are_malformed(faces: Faces, scene_id: str, path: 
     headers = {"Content-Type": "application/json"}
     content = body.replace('"?"', number)
     rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:query", content=content, headers=headers))
-    message = camera_out(turned(0.1))
+    message = to_proto(turned(0.1))
     group, name = path.split(".")
     setattr(getattr(message, group), name, float(number))
     rpc = _rpc(faces, pb.QueryRequest(scene_id=scene_id, texts=["mug"], cameras=[message], outputs=[pb.OUTPUT_MASK2D]))
@@ -161,7 +161,7 @@ def test_numbers_that_are_none_are_malformed(faces: Faces, scene_id: str, path: 
 def test_huge_pictures_pass_a_limit(faces: Faces, scene_id: str) -> None:
     body = {"kind": "rgb", "camera": _changed("intrinsics.width", 2_000_000_000)}
     rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body))
-    message = camera_out(turned(0.1))
+    message = to_proto(turned(0.1))
     message.intrinsics.width = 2_000_000_000
     with pytest.raises(grpc.RpcError) as caught:
         list(faces.rpc.RenderView(pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, camera=message)))
@@ -197,8 +197,8 @@ def test_json_is_read_strictly_and_the_field_is_named(faces: Faces, scene_id: st
 
 
 def test_messages_that_say_half_are_malformed(faces: Faces, scene_id: str) -> None:
-    bare = pb.PosedCamera(intrinsics=camera_out(turned(0)).intrinsics)
-    odd = camera_out(turned(0))
+    bare = pb.PosedCamera(intrinsics=to_proto(turned(0)).intrinsics)
+    odd = to_proto(turned(0))
     odd.convention = 17
     cases = (
         (pb.QueryRequest(scene_id=scene_id, texts=["mug"], cameras=[bare]), "cameras[0].position"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import shutil
 import socket
 import threading
 import time
@@ -15,20 +17,23 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from PIL import Image
+from pydantic import ValidationError
 
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest, SceneOptions
-from fastsplat.service.common.camera import PosedCamera
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import (
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import (
     CancelledError,
     InvalidInputError,
     PermissionDeniedError,
     UnauthenticatedError,
 )
-from fastsplat.service.settings import Settings
-from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
-from fastsplat_client.messages import query_message
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import Faces, served, serving
@@ -53,6 +58,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
 
 
+_SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3)
 
 
@@ -71,6 +77,28 @@ def test_a_capture_arrives_whole_with_its_options(
         assert record.priority == 3 and record.options["preset"] == "draft"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
+
+
+def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
+    faces: Faces, service: SceneService, tmp_path: Path
+) -> None:
+    transforms = json.loads((_SAMPLE / "transforms.json").read_text())
+    transforms["frames"] = transforms["frames"][::9]
+    names = [frame[key] for frame in transforms["frames"] for key in ("file_path", "mask_path")]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(_SAMPLE / name, tmp_path / name)
+    (tmp_path / "transforms.json").write_text(json.dumps(transforms))
+    with client_of(faces) as client:
+        operation = client.create_scene(tmp_path)
+    record = service._store.scenes.operation(operation.id)
+    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    manifest, files = read_manifest(stored)
+    assert manifest.source == "nerfstudio" and len(manifest.photos) == len(transforms["frames"])
+    assert len(manifest.label_maps) == len(transforms["frames"])  # the sample's masks are label maps: no detector runs
+    for name in ("transforms.json", *names):
+        assert (files / name).read_bytes() == (tmp_path / name).read_bytes()
+    service.delete_scene(operation.scene_id)
 
 
 @pytest.mark.parametrize(("options", "field"), [({"preset": "huge"}, "preset"), ({"priority": 101}, "priority")])
@@ -148,8 +176,8 @@ def test_keys_and_tls_reach_both_ports(
     read, write = (service.admin.keys.create(kind, kind)[1] for kind in ("read", "write"))
     with serving(service, settings) as ports:
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
-        with Client(url, key=read, grpc_target=target, ca=pem / "ca.pem") as client:
-            assert client.query(scene_id, "mug")[0].answer.verdict == "exact"
+        with Client(url, key=read, ca=pem / "ca.pem") as client:  # which asks the server where gRPC is
+            assert client.query(scene_id, "mug")[0].verdict == "exact"
             question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
             (found,) = client.stream_query(question, [turned(0.0)])
             assert found.answers[0].masks[0].area > 0
@@ -165,6 +193,20 @@ def test_keys_and_tls_reach_both_ports(
             client.delete_scene(doomed)
 
 
+def test_clients_are_told_where_grpc_is(faces: Faces, service: SceneService, api_settings: Settings) -> None:
+    with Client(str(faces.rest.base_url)) as client:
+        assert client.server().grpc == f":{faces.ports.grpc}"
+    mapped = api_settings.model_copy(update={"grpc_address": "robots.example:443"})
+    with serving(service, mapped) as ports, Client(f"http://127.0.0.1:{ports.http}") as client:
+        assert client.server().grpc == "robots.example:443"
+
+
+@pytest.mark.parametrize("address", ["robots.example", "8001", "a b:1", "host:", "http://host:1"])
+def test_an_address_without_a_port_is_none(address: str) -> None:
+    with pytest.raises(ValidationError):
+        Settings(grpc_address=address)
+
+
 class _Endless:
     """A service whose questions go on until nobody waits for them."""
 
@@ -175,7 +217,7 @@ class _Endless:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         self.begun.set()
         try:
             while True:
@@ -193,7 +235,7 @@ def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_sett
             with client_of(faces) as client, pytest.raises(DeadlineExceededError):
                 client.query("any", "mug", timeout_s=0.5)
         else:
-            call = faces.rpc.Query(query_message(QueryRequest("any", ("mug",))))
+            call = faces.rpc.Query(to_proto(QueryRequest("any", ("mug",))))
             assert endless.begun.wait(10)
             call.cancel()
         assert endless.stopped.wait(10)
@@ -210,7 +252,7 @@ class _Watched:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         try:
             return self._service.query(request)
         except BaseException as error:

@@ -13,13 +13,14 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.api.grpc.translate import camera_in
-from fastsplat.api.rest.models import PosedCamera as PosedCameraModel
-from fastsplat.service.calls.cameras import camera_file
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.queries import PictureRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS, turned
@@ -103,7 +104,7 @@ def test_depth_is_metres_as_an_array_and_steps_as_a_picture(faces: Faces, client
     assert (near[seen] == 65_535).all() and not near[~seen].any()
     assert Image.open(io.BytesIO(client.picture(scene_id, "depth_picture", "front.png"))).mode == "RGB"
     with pytest.raises(InvalidInputError):
-        client._render(scene_id, "rgb", "front.png", "", "", "npy", 0.0)
+        client._render("front.png", PictureRequest(scene_id, "rgb", format="npy"))
     assert faces.rest.get(f"/v1/scenes/{scene_id}/rgb.npy", params={"view": "front.png"}).status_code == 400
 
 
@@ -136,7 +137,7 @@ def test_cameras_as_json_can_be_sent_back(faces: Faces, client: Client, service:
     poses = _poses(service, scene_id)
     assert [camera["name"] for camera in listed] == list(poses)
     for camera in listed:
-        assert PosedCameraModel.model_validate(camera)
+        assert from_plain(PosedCamera, camera)
         body = {"kind": "rgb", "camera": camera}
         view = faces.rest.get(f"/v1/scenes/{scene_id}/rgb.png", params={"view": camera["name"]})
         assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == view.content
@@ -189,4 +190,4 @@ def test_a_camera_out_is_a_camera_in(faces: Faces, client: Client, scene_id: str
     assert picture == client.picture(scene_id, "rgb", message.name)
     posed = client.scene(scene_id).cameras[1]
     assert posed.name == message.name and posed.camera.width == message.intrinsics.width
-    assert posed.world_from_camera == pytest.approx(camera_in(message, "camera").world_from_camera, abs=1e-12)
+    assert posed.world_from_camera == pytest.approx(from_proto(PosedCamera, message).world_from_camera, abs=1e-12)

@@ -19,7 +19,7 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from fastsplat.api.rest import openapi
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces

@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from fastsplat.api import health
-from fastsplat.api.health import NotReadyNowError, Readiness
-from fastsplat.service.common.errors import ResourceError
+from fastsplat.api.health import Readiness
+from fastsplat_contract.errors import NotReadyNowError, ResourceError
 
 
 def _why(readiness: Readiness) -> str:

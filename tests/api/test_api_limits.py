@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 
 from fastsplat.api.auth import Principal, Rule
 from fastsplat.api.limits import Limiter
-from fastsplat.service.common.errors import NotFoundError, OverloadedError, RateLimitedError
-from fastsplat.service.limits import LimitSettings
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import LimitSettings, Settings
+from fastsplat_contract.errors import NotFoundError, OverloadedError, RateLimitedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 

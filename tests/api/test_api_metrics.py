@@ -10,11 +10,10 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import NotFoundError
-from fastsplat.service.limits import LimitSettings
-from fastsplat.service.settings import Settings
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat.service.store.records import NewJob
+from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, served
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.api.rest.multipart import read_parts
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _TYPE = "multipart/form-data; boundary=--edge"
 _FILES = (b"\r\n----edge", b"", b"----edge--\r\n", b"plain\r\n\r\nbytes" * 50)

@@ -10,13 +10,14 @@ from collections.abc import Iterator
 import grpc
 import pytest
 
-from fastsplat.api.grpc.translate import operation_out
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import DictionaryRow, Operation
-from fastsplat.service.common.errors import NotFoundError
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.operations import Operation
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.scenes import DictionaryEntry
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS
@@ -98,7 +99,7 @@ def test_waiting_ends_with_the_job_or_with_the_time(
     faces: Faces, client: Client, service: SceneService, queued: str
 ) -> None:
     stands = faces.rpc.WaitOperation(pb.WaitOperationRequest(operation_id=queued, timeout_s=0))
-    assert stands == operation_out(service.get_operation(queued)) and not stands.done
+    assert stands == to_proto(service.get_operation(queued)) and not stands.done
     with pytest.raises(DeadlineExceededError):
         client.wait(queued, timeout_s=0.3)
     threading.Timer(0.5, lambda: service.cancel_operation(queued)).start()
@@ -124,7 +125,7 @@ def test_operations_are_listed_alike_newest_first(
         paged += page.operations
         if not (token := page.next_page_token):
             break
-    assert paged == [operation_out(operation) for operation in every]
+    assert paged == [to_proto(operation) for operation in every]
     waiting = [operation.id for operation in every if operation.state == "QUEUED"]
     assert [operation.id for operation in client.operations("QUEUED")] == waiting and queued in waiting
     listed = faces.rpc.ListOperations(pb.ListOperationsRequest(state=pb.OPERATION_STATE_QUEUED)).operations
@@ -134,7 +135,7 @@ def test_operations_are_listed_alike_newest_first(
 
 def test_labels_come_in_pages(faces: Faces, client: Client, scene_id: str) -> None:
     rows = list(client.labels(scene_id))
-    assert [row.label for row in rows] == list(LABELS) and isinstance(rows[0], DictionaryRow)
+    assert [row.label for row in rows] == list(LABELS) and isinstance(rows[0], DictionaryEntry)
     token, labels = "", []
     while True:
         page = faces.rpc.ListLabels(pb.ListLabelsRequest(scene_id=scene_id, page_size=2, page_token=token))

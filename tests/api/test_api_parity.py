@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.api.grpc.translate import camera_out
-from fastsplat.api.rest.translate import camera_out as rest_camera_out
-from fastsplat.service.calls.masks import decode_mask3d
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.errors import FastSplatError
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.masks import decode_mask3d
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import KINDRED, LABELS, STRANGERS, turned
@@ -77,6 +77,8 @@ _BAD: list[dict[str, object]] = [
     {"outputs": frozenset({"mask2d"}), "cameras": (turned(0.0),) * 65},
     {"coverage": 1.5},
     {"coverage": -0.1},
+    {"coverage": 0.0},
+    {"coverage": 1.0},
     {"templates": ("no slot",)},
     {"negatives": (" ",)},
     {"texts": ("mug", "ball"), "outputs": frozenset({"mask3d"}), "mask3d_encoding": "ply"},
@@ -90,7 +92,7 @@ def _spelt(rng: random.Random, word: str) -> str:
 def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     faces: Faces, service: SceneService, scene_id: str
 ) -> None:
-    answered: list[QueryAnswer] = []
+    answered: list[Answer] = []
     refused: set[str] = set()
     with client_of(faces) as client:
         for request in _questions(scene_id, 200):
@@ -98,17 +100,17 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
             if request.scene_id or "mask2d" not in request.outputs:  # GET /query knows no cameras
                 assert_same(outcome(lambda: client.ask(request)), truth)  # noqa: B023
             assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)  # noqa: B023
-            if isinstance(truth[0], QueryAnswer):
+            if isinstance(truth[0], Answer):
                 answered += truth
             else:
                 assert issubclass(truth[0], FastSplatError) and truth[2]["field"]
                 refused.add(truth[2]["field"])
     # The questions are varied.
-    assert {result.answer.verdict for result in answered} == {"exact", "related", "absent"}
+    assert {result.verdict for result in answered} == {"exact", "related", "absent"}
     masks = [mask for result in answered for mask in result.masks]
     assert len(masks) > sum(mask.area > 0 for mask in masks) > 5
     assert {bool(mask.png) for mask in masks} == {True, False}
-    assert sum(len(result.objects) for result in answered) > 5
+    assert sum(len(result.objects or ()) for result in answered) > 5
     assert len(answered) > 150 and len(refused) >= 8
 
 
@@ -118,7 +120,7 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
         assert expected[:60].all() and not expected[60:].any()  # the mug's rows come first
         for encoding in ("bits", "runs", "indices"):
             (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding=encoding)
-            assert (decode_mask3d(answer.mask3d, encoding, answer.gaussians) == expected).all()
+            assert (decode_mask3d(answer.mask3d or b"", encoding, answer.gaussians) == expected).all()
             params = {"text": "mug", "encoding": encoding}
             assert faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params).content == answer.mask3d
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding="ply")
@@ -143,7 +145,7 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
     text = None if kind == "rgb" else "ball"
     wire_kind = pb.PictureKind.Value(f"PICTURE_KIND_{kind.upper()}")
     for view in _VIEWS:
-        truth = service.view_picture(scene_id, text, kind, None, view)
+        truth = service.view_picture(PictureRequest(scene_id, kind, text, view=view))
         assert Image.open(io.BytesIO(truth)).size == (48, 36)
         params = {"view": view} | ({"text": text} if text else {})
         response = faces.rest.get(f"/v1/scenes/{scene_id}/{kind}.png", params=params)
@@ -151,10 +153,10 @@ def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_
         request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", view=view)
         assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
     camera = turned(0.25)
-    truth = service.view_picture(scene_id, text, kind, camera, None)
-    body = {"kind": kind, "text": text, "camera": rest_camera_out(camera).model_dump()}
+    truth = service.view_picture(PictureRequest(scene_id, kind, text, camera))
+    body = {"kind": kind, "text": text, "camera": to_plain(camera)}
     assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == truth
-    request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", camera=camera_out(camera))
+    request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", camera=to_proto(camera))
     assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
 
 

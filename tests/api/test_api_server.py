@@ -22,9 +22,9 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from fastsplat.api.server import _listen, serve
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.common.errors import ResourceError
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from tests.api.made_scene import write_words
 from tests.api.served import Faces, served
@@ -152,7 +152,7 @@ import logging, sys, time
 from pathlib import Path
 from fastsplat.api.server import run
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
-from fastsplat.service.calls.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 logging.basicConfig(level=logging.INFO)
 def slow(self, scene_id):

@@ -11,14 +11,13 @@ import grpc
 import numpy as np
 import pytest
 
-from fastsplat.api.grpc.translate import camera_out
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.calls.types import QueryAnswer, QueryRequest
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import NotFoundError
 from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion
-from fastsplat_client.messages import query_message
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
@@ -39,11 +38,11 @@ class _Robot:
         self.replies = faces.rpc.StreamQuery(iter(self._requests.get, None), **call)
 
     def ask(self, request: QueryRequest, heartbeat_s: float = 0.0) -> None:
-        question = pb.StandingQuestion(query=query_message(request), heartbeat_s=heartbeat_s)
+        question = pb.StandingQuestion(query=to_proto(request), heartbeat_s=heartbeat_s)
         self._requests.put(pb.StreamQueryRequest(question=question))
 
     def move(self, sequence: int, angle: float = 0.0) -> None:
-        pose = pb.StreamPose(sequence=sequence, camera=camera_out(turned(angle)))
+        pose = pb.StreamPose(sequence=sequence, camera=to_proto(turned(angle)))
         self._requests.put(pb.StreamQueryRequest(pose=pose))
 
     def leave(self) -> None:
@@ -115,7 +114,7 @@ class _Held:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[QueryAnswer, ...]:
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         if request.cameras:
             self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()

@@ -11,9 +11,9 @@ import pytest
 
 from fastsplat.api.server import Ports
 from fastsplat.api.tls import tls_of
-from fastsplat.service.calls.service import SceneService
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 from tests.api.served import serving

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import SceneService
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.conftest import MAX_UPLOAD_BYTES

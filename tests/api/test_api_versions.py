@@ -11,18 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.api.grpc.translate import version_out
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.calls.types import Edit, Pose, QueryRequest
-from fastsplat.service.common.errors import (
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client
+from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
 )
-from fastsplat.service.settings import Settings
-from fastsplat_client import Client
+from fastsplat_contract.poses import Pose
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
@@ -52,7 +54,7 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     made = client.edit_scene(own, [_REMOVE])
     assert (made.parent, made.current, made.edits) == (before.version, True, (_REMOVE,))
     after = client.scene(own)
-    mugs = answer.answer.matches[0].gaussian_count
+    mugs = answer.matches[0].gaussian_count
     assert after.version == made.version and after.gaussians == made.gaussians == before.gaussians - mugs
     assert [row.gaussian_count for row in after.dictionary] == [0, 60, 60]
     assert not client.mask3d(own, "mug").any() and len(client.mask3d(own, "ball")) == after.gaussians
@@ -68,14 +70,14 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     assert client.query(own, "mug", outputs=["mask3d", "objects"]) == (answer,)
     assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
     listed = faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=own)).versions
-    assert list(listed) == [version_out(version) for version in client.versions(own)]
+    assert list(listed) == [to_proto(version) for version in client.versions(own)]
 
 
 def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> None:
     (mug,) = client.objects(own, label="mug")
     made = client.edit_scene(
         own,
-        [Edit("recolour", object_id=mug.id, colour=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+        [Edit("recolor", object_id=mug.id, color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
     (moved,) = client.objects(own, label="mug")
     assert moved.centroid == pytest.approx(np.add(mug.centroid, _UP.position), abs=1e-4)
@@ -91,15 +93,15 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
 
 def test_both_faces_edit_alike(faces: Faces, client: Client, own: str) -> None:
     edits = [
-        Edit("recolour", label="mug", colour=(0.5, 0.25, 0.0)),
+        Edit("recolor", label="mug", color=(0.5, 0.25, 0.0)),
         Edit("move", object_id=next(client.objects(own, label="ball")).id, transform=_UP),
     ]
     over_rest = client.edit_scene(own, edits)
     client.undo_edit(own)
     message = pb.EditSceneRequest(scene_id=own, request_id="over-grpc")
-    message.edits.extend(version_out(over_rest).edits)
+    message.edits.extend(to_proto(over_rest).edits)
     over_grpc = faces.rpc.EditScene(message)
-    assert list(over_grpc.edits) == list(version_out(over_rest).edits)
+    assert list(over_grpc.edits) == list(to_proto(over_rest).edits)
     assert faces.rpc.EditScene(message) == over_grpc  # the request id has made it already
     everything = [
         client.query(
@@ -141,7 +143,7 @@ def test_an_undo_that_is_repeated_undoes_once(client: Client, own: str) -> None:
         ([_REMOVE, Edit("remove", label="mug", object_id="1-1")], InvalidInputError, "edits[1].label"),
         ([Edit("remove", label="unicorn")], NotFoundError, "edits[0].label"),
         ([Edit("remove", object_id="9-9")], NotFoundError, "edits[0].object_id"),
-        ([Edit("recolour", label="mug")], InvalidInputError, "edits[0].colour"),
+        ([Edit("recolor", label="mug")], InvalidInputError, "edits[0].color"),
         ([Edit("move", label="mug")], InvalidInputError, "edits[0].transform"),
         (
             [Edit("move", label="mug", transform=Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)))],

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import FastSplatError
+from fastsplat_contract.errors import FastSplatError
 
 Upload = Callable[[dict[str, bytes]], Path]
 Refused = Callable[..., AbstractContextManager[None]]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.archive import unpack
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 
 
 def _zip(entries: list[tuple[str, bytes]], **attributes: int) -> bytes:

@@ -15,7 +15,7 @@ from fastsplat.service.capture.camera_model import (
     rotate90,
     rotate90_pose,
 )
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 _W, _H, _F = 320, 240, 260.0
 _OPENCV = CameraModel("OPENCV", _W, _H, (_F, 0.98 * _F, 163.0, 118.0, -0.18, 0.04, 0.002, -0.001))

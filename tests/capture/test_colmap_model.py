@@ -11,8 +11,8 @@ import pytest
 
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.colmap_model import read_colmap
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _SIZE = (64, 48)
 

@@ -22,7 +22,7 @@ from fastsplat.service.capture.geometry import (
 )
 from fastsplat.service.capture.pairs import choose_pairs, probe_scores, probes
 from fastsplat.service.capture.video import sharpest_per_interval
-from fastsplat.service.common.errors import ReconstructionError
+from fastsplat_contract.errors import ReconstructionError
 
 
 def _ring(count: int = 8, radius: float = 3.0) -> np.ndarray:

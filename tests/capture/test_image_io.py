@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 
 from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.image_io import check_image, load_upright, open_map
-from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -17,8 +17,8 @@ from PIL import Image
 
 from fastsplat.service.capture import build_capture, load_image, validate_upload
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import CancelledError, ReconstructionError, ResourceError
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError
 
 _FRAMES = range(0, 40, 4)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture import build_capture, validate_upload
-from fastsplat.service.common.errors import ReconstructionError
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import ReconstructionError
 
 _TILE = 256  # texture pixels; a world unit
 _K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])

@@ -15,8 +15,8 @@ from PIL import Image
 
 from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.capture.ply_points import read_points
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 
 _SIZE = (64, 48)
 _POINTS = b"""ply

@@ -14,8 +14,8 @@ from PIL import Image
 
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.label_maps import parse_label_table
-from fastsplat.service.common.errors import CorruptImageError, InvalidInputError, LimitExceededError
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:

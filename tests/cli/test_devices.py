@@ -7,7 +7,7 @@ import os
 import pytest
 
 from fastsplat.cli.devices import worker_roles
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 
 _CPUS = len(os.sched_getaffinity(0))
 

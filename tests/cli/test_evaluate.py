@@ -11,14 +11,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import SceneOptions
+from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat.service.scene import write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data
 from tests.evaluation.test_scene_evaluation import KEYS
 
@@ -125,7 +125,7 @@ def test_what_cannot_be_written_or_found_is_said_before_training(run, tmp_path: 
 
 def test_a_folder_that_is_not_there_is_refused_before_torch_is_loaded(tmp_path: Path) -> None:
     program = (
-        "import sys; from fastsplat.cli.main import app; from fastsplat.service.common.errors import NotFoundError\n"
+        "import sys; from fastsplat.cli.main import app; from fastsplat_contract.errors import NotFoundError\n"
         "try: app(['evaluate', sys.argv[1]], standalone_mode=False)\n"
         "except NotFoundError as error: print(error.field, error.message)\n"
         "print([name for name in ('torch', 'cv2', 'scipy', 'pycolmap', 'onnxruntime') if name in sys.modules])"

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 NEW, BAD = "0123456789abcdef" * 2, "fedcba9876543210" * 2
 IDS = (NEW, "a" * 32, BAD, "b" * 32)

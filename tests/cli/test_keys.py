@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.calls.keys import Keys
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat.service.application.keys import Keys
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 
 @pytest.fixture

@@ -5,129 +5,65 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
 from fastsplat_client import Client, DeadlineExceededError, RemoteError, Retry, UnreachableError
 from fastsplat_client.errors import error_of
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError
+from tests.client.scripted import FINE, OPERATION, Scripted, problem, scripted
 
 _QUICK = Retry(tries=3, first_s=0.01, most_s=0.02)
-_OPERATION = {
-    "id": "o",
-    "scene_id": "s",
-    "state": "QUEUED",
-    "done": False,
-    "created_at": "2026-01-01T00:00:00Z",
-    "updated_at": "2026-01-01T00:00:00Z",
-    "stages": [],
-    "error": None,
-}
-
-
-def _problem(status: int, reason: str, **more: Any) -> tuple[int, dict[str, str], bytes]:
-    return status, {}, json.dumps({"reason": reason, "detail": "no", **more}).encode()
-
-
-class _Scripted(ThreadingHTTPServer):
-    """Answers requests with what the script says, in order, and remembers them."""
-
-    def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
-        self.script: list[Any] = []
-        self.seen: list[tuple[str, dict[str, str], bytes]] = []
-        self.url = f"http://127.0.0.1:{self.server_address[1]}"
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        pass  # a client that has given up
-
-
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-
-    def do_GET(self) -> None:
-        server: Any = self.server
-        body = self.rfile.read(int(self.headers.get("content-length", 0)))
-        server.seen.append(
-            (f"{self.command} {self.path}", {name.lower(): value for name, value in self.headers.items()}, body)
-        )
-        step = server.script.pop(0)
-        if step == "hang up":
-            self.close_connection = True
-            return
-        if callable(step):
-            step = step()
-        status, headers, content = step
-        cut = headers.pop("cut", None)
-        self.send_response(status)
-        for name, value in {"Content-Length": str(len(content)), **headers}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(content[:cut])
-        self.close_connection = cut is not None
-
-    do_POST = do_DELETE = do_GET  # noqa: N815
-
-    def log_message(self, *arguments: Any) -> None:
-        pass
 
 
 @pytest.fixture
-def server() -> Iterator[_Scripted]:
-    with _Scripted() as running:
-        thread = threading.Thread(target=running.serve_forever)
-        thread.start()
+def server() -> Iterator[Scripted]:
+    with scripted() as running:
         yield running
-        running.shutdown()
-        thread.join()
 
 
-_FINE = (200, {"Content-Type": "application/json"}, json.dumps(_OPERATION).encode())
-
-
-def test_a_call_that_changes_nothing_is_repeated(server: _Scripted) -> None:
-    server.script = [_problem(503, "UNAVAILABLE"), "hang up", _FINE]
+def test_a_call_that_changes_nothing_is_repeated(server: Scripted) -> None:
+    server.script = [problem(503, "UNAVAILABLE"), "hang up", FINE]
     with Client(server.url, key="secret", retry=_QUICK) as client:
         assert client.operation("o").state == "QUEUED"
     assert [line for line, _, _ in server.seen] == ["GET /v1/operations/o"] * 3
     assert all(headers["authorization"] == "Bearer secret" for _, headers, _ in server.seen)
 
 
-def test_there_is_an_end_to_repeating(server: _Scripted) -> None:
+def test_there_is_an_end_to_repeating(server: Scripted) -> None:
     server.script = ["hang up"] * 3
     with Client(server.url, retry=_QUICK) as client, pytest.raises(UnreachableError):
         client.operation("o")
     assert len(server.seen) == 3
 
 
-def test_what_must_not_happen_twice_is_sent_once(server: _Scripted) -> None:
+def test_what_must_not_happen_twice_is_sent_once(server: Scripted) -> None:
     with Client(server.url, retry=_QUICK) as client:
-        for step, error in (("hang up", UnreachableError), (_problem(503, "UNAVAILABLE"), FastSplatError)):
+        for step, error in (("hang up", UnreachableError), (problem(503, "UNAVAILABLE"), FastSplatError)):
             server.script = [step]
             with pytest.raises(error):
                 client.delete_scene("s")
         assert len(server.seen) == 2
         # A server that turns it away before any work has done nothing.
-        server.script = [_problem(429, "RATE_LIMITED"), (204, {}, b"")]
+        server.script = [problem(429, "RATE_LIMITED"), (204, {}, b"")]
         client.delete_scene("s")
 
 
-def test_refusals_are_not_repeated_and_keep_their_words(server: _Scripted) -> None:
-    server.script = [_problem(404, "NOT_FOUND", field="scene", hint="Look.", request_id="r1")]
+def test_refusals_are_not_repeated_and_keep_their_words(server: Scripted) -> None:
+    server.script = [problem(404, "NOT_FOUND", field="scene", hint="Look.", request_id="r1")]
     with Client(server.url, retry=_QUICK) as client, pytest.raises(NotFoundError) as caught:
         client.scene("none")
     error = caught.value
-    assert (error.message, error.field, error.hint, error.__notes__) == ("no", "scene", "Look.", ["request id r1"])
+    assert (error.message, error.field, error.hint, error.request_id) == ("no", "scene", "Look.", "r1")
     assert len(server.seen) == 1
 
 
-def test_retry_after_is_obeyed_and_too_long_a_pause_is_none(server: _Scripted) -> None:
-    busy = _problem(429, "RATE_LIMITED")
+def test_retry_after_is_obeyed_and_too_long_a_pause_is_none(server: Scripted) -> None:
+    busy = problem(429, "RATE_LIMITED")
     with Client(server.url, retry=_QUICK) as client:
-        server.script = [(busy[0], {"Retry-After": "0"}, busy[2]), _FINE]
+        server.script = [(busy[0], {"Retry-After": "0"}, busy[2]), FINE]
         client.operation("o")
         server.script = [(busy[0], {"Retry-After": "3600"}, busy[2])]
         with pytest.raises(FastSplatError) as caught:
@@ -135,12 +71,12 @@ def test_retry_after_is_obeyed_and_too_long_a_pause_is_none(server: _Scripted) -
     assert caught.value.reason == "RATE_LIMITED" and caught.value.retry_after_s == 3600
 
 
-def test_an_answer_that_does_not_come_in_time_is_a_deadline(server: _Scripted) -> None:
+def test_an_answer_that_does_not_come_in_time_is_a_deadline(server: Scripted) -> None:
     release = threading.Event()
 
     def slow() -> Any:
         release.wait(10)
-        return _FINE
+        return FINE
 
     server.script = [slow]
     with Client(server.url, retry=_QUICK, timeout_s=0.2) as client, pytest.raises(DeadlineExceededError):
@@ -153,7 +89,7 @@ def test_no_server_is_said_so() -> None:
         client.operation("o")
 
 
-def test_a_download_is_taken_up_where_it_broke_off(server: _Scripted, tmp_path: Path) -> None:
+def test_a_download_is_taken_up_where_it_broke_off(server: Scripted, tmp_path: Path) -> None:
     content = bytes(range(256)) * 1000
     tag = {"ETag": '"v1"'}
     server.script = [
@@ -173,9 +109,9 @@ def test_a_download_is_taken_up_where_it_broke_off(server: _Scripted, tmp_path: 
     assert (tmp_path / "scene.ply").read_bytes() == b"other"
 
 
-def test_a_watch_is_taken_up_after_the_last_event(server: _Scripted) -> None:
+def test_a_watch_is_taken_up_after_the_last_event(server: Scripted) -> None:
     def event(name: str, state: str, done: bool) -> bytes:
-        data = json.dumps({**_OPERATION, "state": state, "done": done})
+        data = json.dumps({**OPERATION, "state": state, "done": done})
         return f"id: {name}\nevent: operation\ndata: {data}\n\n".encode()
 
     one, two = event("1", "QUEUED", False), event("2", "SUCCEEDED", True)
@@ -185,12 +121,12 @@ def test_a_watch_is_taken_up_after_the_last_event(server: _Scripted) -> None:
     assert [headers.get("last-event-id") for _, headers, _ in server.seen] == [None, "1", "1"]
 
 
-def test_an_upload_is_repeated_whole_under_one_request_id(server: _Scripted, tmp_path: Path) -> None:
+def test_an_upload_is_repeated_whole_under_one_request_id(server: Scripted, tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(b"first picture")
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "b.png").write_bytes(b"second picture")
     (tmp_path / "notes.txt").write_bytes(b"not a picture")
-    server.script = [_problem(503, "UNAVAILABLE"), _FINE]
+    server.script = [problem(503, "UNAVAILABLE"), FINE]
     with Client(server.url, retry=_QUICK) as client:
         client.create_scene(tmp_path, name="desk")
         with pytest.raises(InvalidInputError):
@@ -212,7 +148,7 @@ def test_every_error_of_the_service_comes_back_as_itself() -> None:
     for kind in tree(FastSplatError):
         found = error_of(kind.reason, kind.kind, "no", {"field": "f", "limit": "l", "hint": "h"})
         assert found.reason == kind.reason and found.kind is kind.kind
-        assert kind.__module__ != "fastsplat.service.common.errors" or type(found).reason == kind.reason
+        assert kind.__module__ != "fastsplat_contract.errors" or type(found).reason == kind.reason
         assert found.details() == {"field": "f", "limit": "l", "hint": "h"}
     unknown = error_of("OF_A_LATER_RELEASE", Kind.UNAVAILABLE, "no", {})
     assert isinstance(unknown, RemoteError) and unknown.reason == "OF_A_LATER_RELEASE"

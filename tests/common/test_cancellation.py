@@ -7,10 +7,10 @@ import threading
 import pytest
 import torch
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
-from fastsplat.service.common.errors import CancelledError
 from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import CancelledError
 
 
 def test_only_the_call_that_was_cancelled_stops() -> None:

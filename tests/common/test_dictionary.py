@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from benchmarks.calibration.lists import read_pairs, read_scenes
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.class_names import COCO_80, TAGS
+from fastsplat_contract.errors import InvalidInputError
 
 HOUSEHOLD = """mug, cup, wine glass, plate, bowl, spoon, fork, knife, coffee machine, kettle, teapot, toaster, oven,
 stove, fridge, sink, tap, dish, box, vase, shelf, bookshelf, loaf, leaf, scarf, glove, shoe, brush, toothbrush, bench,

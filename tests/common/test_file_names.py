@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.file_names import is_system_file, safe_parts
+from fastsplat_contract.errors import InvalidInputError
 
 _LETTERS = st.characters(codec=None) | st.sampled_from("./\\: C\x00\u202e\udc80")
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, Field
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.settings import ENV_PREFIX, SettingGroup, environment_variable
 from fastsplat.service.settings import JobSettings, Settings, load_settings
+from fastsplat_contract.errors import InvalidInputError
 
 ROOT = Path(__file__).parent.parent.parent
 _GROUPS = {
@@ -81,12 +81,16 @@ def test_a_subclass_must_name_its_section() -> None:
             value: int = Field(1)
 
 
+def _names(group: type[BaseModel]) -> Iterator[str]:
+    for name, field in group.model_fields.items():
+        yield name
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from (f"{name}__{inner}" for inner in _names(field.annotation))
+
+
 def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
     """A renamed setting must not live on in an error's text, a document or a compose file."""
-    fields = set(Settings.model_fields) | {
-        f"{name}__{field}" for name, group in _GROUPS.items() for field in group.model_fields
-    }
-    variables = {field.upper() for field in fields} | _NOT_SETTINGS
+    variables = {name.upper() for name in _names(Settings)} | _NOT_SETTINGS
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     texts = [
         path for path in map(ROOT.joinpath, listed)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.types import Gaussians as _Gaussians
+from fastsplat_contract.camera import Camera, PosedCamera
 
 LABELS = ("red mug", "green spoon", "blue bed")
 CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.boundary_iou import boundary_counts, boundary_region, boundary_width
 from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
 from fastsplat.service.evaluation.segmentation import mask_counts
+from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import naive
 
 LABELS = 4

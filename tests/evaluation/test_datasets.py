@@ -12,15 +12,15 @@ from PIL import Image
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import (
+from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.datasets import Dataset, TrueView, read_dataset, training_capture
+from fastsplat_contract.errors import (
     CorruptImageError,
     FastSplatError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
 )
-from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets import Dataset, TrueView, read_dataset, training_capture
 from tests.evaluation import made_data
 
 SETTINGS = CaptureSettings()

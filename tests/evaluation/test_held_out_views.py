@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation import evaluate_views, render_view
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.float32))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.depth_error import depth_errors
 from fastsplat.service.evaluation.localization import box_of, peak, peak_in_box, peak_in_mask
 from fastsplat.service.evaluation.mask3d_iou import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 
 def test_a_ring_has_its_peak_in_the_box_and_not_in_the_mask() -> None:

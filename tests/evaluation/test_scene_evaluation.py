@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.camera import PosedCamera
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation import METRICS, Report, RunCost, evaluate_scene
 from fastsplat.service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
 from fastsplat.service.query import SceneIndex
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import made_data
 
 KEYS = (*(metric.name for metric in METRICS), "miou_per_class", "gaussians", "bytes", "seconds", "peak_mb", "queries")

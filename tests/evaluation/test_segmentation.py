@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.segmentation import mask_counts
+from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import naive
 
 

@@ -17,7 +17,7 @@ from tokenizers.pre_tokenizers import Whitespace
 from tokenizers.processors import TemplateProcessing
 
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat.service.common.camera import Camera, PosedCamera
+from fastsplat_contract.camera import Camera, PosedCamera
 
 # A busy machine is no failure: laws are about answers, never about time.
 hypothesis_settings.register_profile("unhurried", deadline=None, max_examples=60)

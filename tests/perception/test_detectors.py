@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception import detectors, segmenters, text
 from fastsplat.service.perception.box_ops import box_iou
 from fastsplat.service.perception.class_names import COCO_80
@@ -22,6 +21,7 @@ from fastsplat.service.perception.models import model_manifest
 from fastsplat.service.perception.models.model_manifest import ROLES, load_manifest
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 _IMAGE = np.zeros((100, 200, 3), np.uint8)
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.text import open_text_encoder
@@ -24,6 +23,7 @@ from fastsplat.service.perception.vocabulary import (
     name_confidence,
     synonyms,
 )
+from fastsplat_contract.errors import InvalidInputError
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))
 _maps = st.lists(hnp.arrays(np.uint16, (5, 6), elements=st.integers(0, 3)), min_size=1, max_size=4)

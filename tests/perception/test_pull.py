@@ -14,11 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.models import models_app
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.models import sources
 from fastsplat.service.perception.models.model_manifest import PERMISSIVE, ROLES, find_model, load_manifest
 from fastsplat.service.perception.models.pull import Step, model_state, pull
 from fastsplat.service.perception.text import open_text_encoder
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
 def _sha256(data: bytes) -> str:

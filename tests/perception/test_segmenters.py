@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat_contract.errors import ModelUnavailableError
 
 
 def test_mobile_sam_cuts_out_true_boxes(test_data: Path, models_dir: Path, helpers: Any) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.sentence import SentenceEncoder
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
 @pytest.mark.parametrize(

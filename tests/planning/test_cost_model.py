@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.planning.cost_model import (
     SceneSize,
     Speed,
@@ -19,6 +18,7 @@ from fastsplat.service.planning.cost_model import (
 )
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.errors import InvalidInputError
 
 TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)
 

@@ -6,7 +6,6 @@ from typing import get_args
 
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.presets import (
     PERCEPTION_PRESETS,
@@ -17,6 +16,7 @@ from fastsplat.service.planning.presets import (
 )
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.errors import InvalidInputError
 
 
 def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> None:

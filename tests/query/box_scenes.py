@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat_contract.camera import Camera, PosedCamera
 
 
 @dataclass(frozen=True)

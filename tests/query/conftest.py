@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, calibration
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat_contract.camera import Camera, PosedCamera
 
 SIZE = 16
 

@@ -21,7 +21,7 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
     index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), calibrated_encoder, settings)
     assert index.calibrated
     for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
-        sets = [index.ask([text], coverage=coverage)[0] for coverage in (0.0, 0.5, 0.9, 1.0)]
+        sets = [index.ask([text], coverage=coverage)[0] for coverage in (1e-9, 0.5, 0.9, 1 - 1e-9)]
         for answer in sets:
             named = count > 0 and text == "thing 0x"
             assert len(answer.matches) == count and (answer.decided_by == "name") == named

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import masses
 from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.scene.label_evidence import evidence_from_dense
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -117,7 +117,7 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
     after = opened(moved).render(turned).astype(int)
     assert before.std() > 10
     assert np.abs(after - before).max() <= 2 and (after != before).mean() < 0.02
-    if degree:  # colours that stay behind would be seen
+    if degree:  # colors that stay behind would be seen
         stiff = replace(moved, gaussians=replace(moved.gaussians, sh=scene.gaussians.sh))
         assert np.abs(opened(stiff).render(turned).astype(int) - before).max() > 20
 
@@ -136,32 +136,32 @@ def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, s
     )
 
 
-@pytest.mark.parametrize("colour", [(0.9, 0.2, 0.1), (0.0, 0.5, 1.0), (1.0, 1.0, 1.0), (0.2, 0.2, 0.2)])
-def test_recolouring_sets_the_mean_and_keeps_the_shading(
-    opened: Open, scene: Scene, colour: tuple[float, float, float]
+@pytest.mark.parametrize("color", [(0.9, 0.2, 0.1), (0.0, 0.5, 1.0), (1.0, 1.0, 1.0), (0.2, 0.2, 0.2)])
+def test_recoloring_sets_the_mean_and_keeps_the_shading(
+    opened: Open, scene: Scene, color: tuple[float, float, float]
 ) -> None:
     index = opened(scene)
     rows = np.flatnonzero(index.gaussian_classes == 1)
-    after = apply_edit(index, Edit("recolour", label="mug", colour=colour))
+    after = apply_edit(index, Edit("recolor", label="mug", color=color))
     part, old = rows_of(after, rows), rows_of(scene, rows)
     weights = masses(part.log_scales, part.logit_opacities)
     base = 0.5 + 0.28209479177387814 * part.sh[:, 0].astype(float)
-    np.testing.assert_allclose(np.average(base, axis=0, weights=weights), colour, atol=1e-5)
+    np.testing.assert_allclose(np.average(base, axis=0, weights=weights), color, atol=1e-5)
     shade, before = base @ LUMINANCE, old.sh[:, 0].astype(float) @ LUMINANCE
     assert np.corrcoef(shade, before)[0, 1] > 0.9999
     assert_same(replace(part, sh=old.sh), old)
     rest = np.setdiff1d(np.arange(len(scene.gaussians)), rows)
     assert_same(rows_of(after, rest), rows_of(scene, rest))
-    again = apply_edit(opened(after), Edit("recolour", label="mug", colour=colour))
+    again = apply_edit(opened(after), Edit("recolor", label="mug", color=color))
     np.testing.assert_allclose(again.gaussians.sh, after.gaussians.sh, atol=1e-4)
 
 
-def test_recolouring_black_does_not_blow_up(opened: Open) -> None:
+def test_recoloring_black_does_not_blow_up(opened: Open) -> None:
     scene = scene_of([MUG], degree=1)
     sh = scene.gaussians.sh.copy()
     sh[:, 0] = -0.5 / 0.28209479177387814
     black = replace(scene, gaussians=replace(scene.gaussians, sh=sh))
-    red = apply_edit(opened(black), Edit("recolour", label="mug", colour=(1.0, 0.0, 0.0)))
+    red = apply_edit(opened(black), Edit("recolor", label="mug", color=(1.0, 0.0, 0.0)))
     assert np.isfinite(red.gaussians.sh).all() and np.abs(red.gaussians.sh).max() < 10 * np.abs(sh).max()
 
 
@@ -170,7 +170,7 @@ def test_an_edit_leaves_the_index_as_it_was(opened: Open, scene: Scene) -> None:
     before = {name: getattr(scene.gaussians, name).copy() for name in FIELDS}
     for edit in (
         Edit("remove", label="mug"),
-        Edit("recolour", label="mug", colour=(1, 0, 0)),
+        Edit("recolor", label="mug", color=(1, 0, 0)),
         Edit("move", label="mug", transform=rigid(0)),
         Edit("duplicate", label="mug", transform=rigid(0)),
     ):
@@ -182,7 +182,7 @@ def test_what_has_no_gaussians_can_be_edited(opened: Open, scene: Scene) -> None
     index = opened(apply_edit(opened(scene), Edit("remove", label="mug")))
     for edit in (
         Edit("remove", label="mug"),
-        Edit("recolour", label="mug", colour=(1, 0, 0)),
+        Edit("recolor", label="mug", color=(1, 0, 0)),
         Edit("move", label="mug", transform=rigid(0)),
         Edit("duplicate", label="mug", transform=rigid(0)),
     ):
@@ -200,12 +200,12 @@ SCALED, MIRRORED, NAN = np.diag([2.0, 2, 2, 1]), np.diag([-1.0, 1, 1, 1]), np.fu
         (Edit("remove"), InvalidInputError, "label"),
         (Edit("remove", label="mug", object_id="1-1"), InvalidInputError, "label"),
         (Edit("paint", label="mug"), InvalidInputError, "action"),
-        (Edit("recolour", label="mug"), InvalidInputError, "colour"),
-        (Edit("recolour", label="mug", colour=(2, 0, 0)), InvalidInputError, "colour"),
-        (Edit("recolour", label="mug", colour=(np.nan, 0, 0)), InvalidInputError, "colour"),
-        (Edit("remove", label="mug", colour=(1, 0, 0)), InvalidInputError, "colour"),
+        (Edit("recolor", label="mug"), InvalidInputError, "color"),
+        (Edit("recolor", label="mug", color=(2, 0, 0)), InvalidInputError, "color"),
+        (Edit("recolor", label="mug", color=(np.nan, 0, 0)), InvalidInputError, "color"),
+        (Edit("remove", label="mug", color=(1, 0, 0)), InvalidInputError, "color"),
         (Edit("move", label="mug"), InvalidInputError, "transform"),
-        (Edit("recolour", label="mug", colour=(1, 0, 0), transform=np.eye(4)), InvalidInputError, "transform"),
+        (Edit("recolor", label="mug", color=(1, 0, 0), transform=np.eye(4)), InvalidInputError, "transform"),
         (Edit("move", label="mug", transform=SCALED), InvalidInputError, "transform"),
         (Edit("move", label="mug", transform=MIRRORED), InvalidInputError, "transform"),
         (Edit("duplicate", label="mug", transform=NAN), InvalidInputError, "transform"),

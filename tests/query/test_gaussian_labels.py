@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.splatting import blending
+from fastsplat_contract.camera import PosedCamera
 
 MakeScene = Callable[..., Scene]
 

@@ -15,11 +15,12 @@ from benchmarks.calibration.calibrate import acceptable, ask_scenes, measure, no
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation.negative_queries import measure_negative_queries, negative_nouns
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import Answer, QuerySettings, SceneIndex, embed_labels
+from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.probability import label_set, nonconformity_bound
 from fastsplat.service.scene import Scene
+from fastsplat_contract.queries import Answer
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.
 KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")
@@ -233,7 +234,7 @@ def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEnc
         and "not calibrated" in (bare.explanation)
     )
     assert index.ask(["fork"], templates=QuerySettings().templates)[0] == usual
-    sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)]
+    sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (1e-9, 0.5, 0.8, 0.9, 0.95, 1 - 1e-9)]
     assert [len(chosen) for chosen in sets] == sorted(len(chosen) for chosen in sets)
     assert len(sets[0]) == 1 and sorted(sets[-1]) == list(range(len(KITCHEN) + 1))
     assert index.ask(["fork"])[0] == usual

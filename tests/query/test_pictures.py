@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.query.pictures import named_overlay, overlay, png_bytes, relevancy_picture, turbo
+from fastsplat_contract.errors import InvalidInputError
 
 
 def test_turbo_goes_from_blue_over_green_to_red() -> None:

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.common.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat.service.query import QuerySettings
 from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 
 
 @pytest.mark.parametrize(
@@ -47,5 +47,5 @@ def test_what_can_be_asked(text: str) -> None:
 
 
 def test_what_a_question_brings_replaces_the_settings() -> None:
-    query = check_query(["mug"], QuerySettings(), negatives=["thing"], templates=["my {}"], coverage=0)
-    assert query == TextQuery(("mug",), ("thing",), ("my {}",), 0.0)
+    query = check_query(["mug"], QuerySettings(), negatives=["thing"], templates=["my {}"], coverage=0.5)
+    assert query == TextQuery(("mug",), ("thing",), ("my {}",), 0.5)

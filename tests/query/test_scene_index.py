@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.gaussian_labels import classify_codes
 from fastsplat.service.scene import Scene, SemanticHead
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 
 LEANING = {
     "mug": [1.0],
@@ -283,6 +283,8 @@ def test_templates_of_ones_own_embed_the_labels_once(
         ({"templates": ["{}\x00"]}, InvalidInputError, "templates"),
         ({"templates": ["a {}"] * 65}, LimitExceededError, "templates"),
         ({"coverage": -0.1}, InvalidInputError, "coverage"),
+        ({"coverage": 0.0}, InvalidInputError, "coverage"),
+        ({"coverage": 1.0}, InvalidInputError, "coverage"),
         ({"coverage": 1.1}, InvalidInputError, "coverage"),
         ({"coverage": np.nan}, InvalidInputError, "coverage"),
         ({"coverage": "0.9"}, InvalidInputError, "coverage"),

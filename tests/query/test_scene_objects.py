@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.edits import Edit, apply_edit
-from fastsplat.service.query.objects import SceneObject
 from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.scenes import SceneObject
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
 
 MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
@@ -38,12 +38,13 @@ def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
     index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
     assert [thing.label for thing in index.objects] == ["mug", "book", "table"]
     for thing, truth in zip(index.objects, (MUG, BOOK, TABLE), strict=True):
-        assert thing.metres and thing.gaussian_count == len(thing.rows) == truth.count
-        assert 0.99 < thing.confidence <= 1
+        assert thing.meters and thing.gaussian_count == truth.count
+        assert len(next(rows for known, rows in index.instances if known is thing)) == truth.count
+        assert 0.99 < thing.score <= 1
         np.testing.assert_allclose(thing.centroid, truth.centre, atol=0.1 * max(truth.size))
-        np.testing.assert_allclose(thing.box_center, truth.centre, atol=0.05 * max(truth.size))
-        np.testing.assert_allclose(thing.box_size, truth.size, rtol=0.1, atol=1e-3)
-        axes = Rotation.from_quat(thing.box_orientation).as_matrix()
+        np.testing.assert_allclose(thing.box.center.position, truth.centre, atol=0.05 * max(truth.size))
+        np.testing.assert_allclose(thing.box.size, truth.size, rtol=0.1, atol=1e-3)
+        axes = Rotation.from_quat(thing.box.center.orientation).as_matrix()
         np.testing.assert_allclose(axes[:, 2], [0, 0, 1], atol=1e-6)
         assert abs(axes[:, 0] @ [np.cos(truth.yaw), np.sin(truth.yaw), 0]) > 0.99
 
@@ -54,11 +55,12 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
     aside[:3, 3] = (0.16, 0, 0)
     twice = opened(apply_edit(index, Edit("duplicate", label="mug", transform=aside)))
     first, second = named(twice, "mug")
-    np.testing.assert_allclose(np.abs(second.centroid - first.centroid), (0.16, 0, 0), atol=1e-6)
-    np.testing.assert_allclose(first.box_size, second.box_size, rtol=1e-4)
+    np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
+    np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
     (answer,) = twice.ask(["where are the mugs?"])
     assert [thing.id for thing in twice.objects_of(answer)] == [first.id, second.id]
-    assert len(set(first.rows) & set(second.rows)) == 0
+    one, other = (instance.rows for instance in twice.instances if instance.object in (first, second))
+    assert len(set(one) & set(other)) == 0
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
@@ -66,7 +68,8 @@ def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
     index = opened(scene_of([MUG, stray, BOOK, TABLE]))
     for answer in index.ask(["mug", "book", "submarine"]):
         mask = index.mask3d(answer)
-        rows = [row for thing in index.objects_of(answer) for row in thing.rows.tolist()]
+        things = index.objects_of(answer)
+        rows = [row for instance in index.instances if instance.object in things for row in instance.rows.tolist()]
         assert mask[rows].all() and len(rows) == len(set(rows))
         assert len(rows) == mask.sum() - (2 if answer.text == "mug" else 0)
 
@@ -101,7 +104,7 @@ def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
     gaussians = replace(scene.gaussians, means=np.ones_like(scene.gaussians.means))
     (mug,) = opened(replace(scene, gaussians=gaussians)).objects
     assert mug.gaussian_count == 20_000
-    np.testing.assert_allclose(mug.box_size, 0, atol=1e-6)
+    np.testing.assert_allclose(mug.box.size, 0, atol=1e-6)
 
 
 def test_what_is_almost_transparent_or_not_finite_belongs_to_nothing(opened: Open) -> None:
@@ -111,8 +114,8 @@ def test_what_is_almost_transparent_or_not_finite_belongs_to_nothing(opened: Ope
     means = scene.gaussians.means.copy()
     means[20] = np.nan
     gaussians = replace(scene.gaussians, logit_opacities=logit_opacities, means=means)
-    (mug,) = opened(replace(scene, gaussians=gaussians)).objects
-    assert mug.gaussian_count == MUG.count - 11 and not {*range(10), 20} & set(mug.rows.tolist())
+    ((mug, rows),) = opened(replace(scene, gaussians=gaussians)).instances
+    assert mug.gaussian_count == MUG.count - 11 and not {*range(10), 20} & set(rows.tolist())
 
 
 def test_nothing_has_no_objects(opened: Open) -> None:
@@ -127,19 +130,19 @@ def test_nothing_has_no_objects(opened: Open) -> None:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_gaussians_still_have_a_box(opened: Open, count: int) -> None:
     (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).objects
-    assert mug.gaussian_count == count and np.isfinite([*mug.box_center, *mug.box_size, *mug.box_orientation]).all()
-    assert np.linalg.norm(mug.box_orientation) == pytest.approx(1)
+    assert mug.gaussian_count == count
+    assert np.isfinite([*mug.box.center.position, *mug.box.size, *mug.box.center.orientation]).all()
+    assert np.linalg.norm(mug.box.center.orientation) == pytest.approx(1)
 
 
 def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> None:
     scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
     write_scene(scene, tmp_path / "scene")
-    before, after = opened(scene).objects, opened(read_scene(tmp_path / "scene")).objects
-    assert [thing.id for thing in before] == [thing.id for thing in after] == ["1-1", "1-2", "2-1", "3-1"]
-    for a, b in zip(before, after, strict=True):
-        np.testing.assert_array_equal(a.rows, b.rows)
-        np.testing.assert_array_equal(a.box_size, b.box_size)
-        assert a.best_views == b.best_views
+    before, after = opened(scene).instances, opened(read_scene(tmp_path / "scene")).instances
+    assert [thing.id for thing, _ in before] == ["1-1", "1-2", "2-1", "3-1"]
+    for (a, rows), (b, same_rows) in zip(before, after, strict=True):
+        np.testing.assert_array_equal(rows, same_rows)
+        assert a == b
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -150,14 +153,14 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
     for label in ("mug", "book", "table"):
         moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose))
     moved = with_cameras_moved(moved, pose)
-    for a, b in zip(opened(scene).objects, opened(moved).objects, strict=True):
+    for (a, rows), (b, same_rows) in zip(opened(scene).instances, opened(moved).instances, strict=True):
         assert a.id == b.id and a.best_views == b.best_views
-        np.testing.assert_array_equal(a.rows, b.rows)
+        np.testing.assert_array_equal(rows, same_rows)
         np.testing.assert_allclose(pose[:3, :3] @ a.centroid + pose[:3, 3], b.centroid, atol=1e-5)
-        np.testing.assert_allclose(pose[:3, :3] @ a.box_center + pose[:3, 3], b.box_center, atol=1e-4)
-        np.testing.assert_allclose(a.box_size, b.box_size, atol=2e-4)
-        turned = pose[:3, :3] @ Rotation.from_quat(a.box_orientation).as_matrix()
-        cosines = np.abs(np.diag(turned.T @ Rotation.from_quat(b.box_orientation).as_matrix()))
+        np.testing.assert_allclose(pose[:3, :3] @ a.box.center.position + pose[:3, 3], b.box.center.position, atol=1e-4)
+        np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
+        turned = pose[:3, :3] @ Rotation.from_quat(a.box.center.orientation).as_matrix()
+        cosines = np.abs(np.diag(turned.T @ Rotation.from_quat(b.box.center.orientation).as_matrix()))
         np.testing.assert_allclose(cosines, 1, atol=1e-3)  # a box is itself when an axis points the other way
 
 
@@ -166,8 +169,8 @@ def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
     pose = rigid(7)
     (a,) = opened(scene_of([flat])).objects
     (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose))).objects
-    np.testing.assert_allclose(a.box_size, flat.size, rtol=0.1, atol=2e-3)
-    np.testing.assert_allclose(a.box_size, b.box_size, atol=2e-4)
+    np.testing.assert_allclose(a.box.size, flat.size, rtol=0.1, atol=2e-3)
+    np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
 
 
 def test_the_vertical_is_told_by_level_cameras() -> None:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.errors import LimitExceededError
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.scene import Scene
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import LimitExceededError
 
 LEANING = {"mug": [1.0], "cup": [0.8, 0.6], "spoon": [0.7, -0.1, 0.7], "bed": [0, 0, 0, 1.0]}
 

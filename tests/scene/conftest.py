@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat_contract.camera import Camera, PosedCamera
 
 
 def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.scene import Gaussians, read_ply, write_ply
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 
 def assert_same(a: Gaussians, b: Gaussians) -> None:

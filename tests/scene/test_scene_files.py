@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from fastsplat.service.scene import (
-    Evidence,
-    Gaussians,
-    Scene,
+from fastsplat.service.scene import Evidence, Gaussians, Scene, read_scene, write_scene
+from fastsplat.service.scene.scene_manifest import SCHEMA
+from fastsplat_contract.errors import (
+    ConflictError,
+    FastSplatError,
+    InvalidInputError,
+    NotFoundError,
     SceneFileError,
     SceneSchemaError,
-    read_scene,
-    write_scene,
 )
-from fastsplat.service.scene.scene_manifest import SCHEMA
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 

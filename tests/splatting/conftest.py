@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Splats, cuda, rasterize
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat_contract.camera import Camera
 
 
 class _Gsplat:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import evidence_of, posterior
 from fastsplat.service.splatting import blending
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.raster import LabelMap, Splats, rasterize
+from fastsplat_contract.camera import Camera
 
 CPU = torch.device("cpu")
 
@@ -84,7 +84,7 @@ import resource, sys
 import numpy as np, torch
 sys.path.insert(0, {folder!r})
 from test_blending import CPU, crowd, drawn_evidence
-from fastsplat.service.common.camera import Camera
+from fastsplat_contract.camera import Camera
 from fastsplat.service.splatting.blending import EvidenceBlend
 blend, splats = EvidenceBlend(drawn_evidence(300, 32), 32, CPU), crowd(300, 3)
 def render(side):

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.common.camera import Camera, PosedCamera
-from fastsplat.service.common.options import SceneOptions
 from fastsplat.service.store.codec import camera_from_json, camera_to_json, options_from_json, options_to_json
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.operations import SceneOptions
 
 _OPTIONS = st.builds(
     SceneOptions,
-    labels=st.lists(st.text()).map(tuple),
-    time_budget_s=st.none() | st.floats(0, 1e6),
+    labels=st.lists(st.text(min_size=1)).map(tuple),
+    time_budget_s=st.none() | st.floats(0, 1e6, exclude_min=True),
     max_gaussians=st.none() | st.integers(1),
     preset=st.sampled_from([None, "draft", "balanced", "best"]),
     priority=st.integers(-100, 100),

@@ -10,10 +10,9 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from fastsplat.service.common.errors import InvalidInputError
-from fastsplat.service.store.errors import ArtefactError, ObjectStoreError
 from fastsplat.service.store.object_store import ObjectStoreBlobs, open_blobs
 from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
 
 
 @pytest.fixture(params=["s3", "file", "memory"])

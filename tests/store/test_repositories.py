@@ -10,13 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.common.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.database import resolve_url
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.schema import metadata
+from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
 

@@ -20,13 +20,13 @@ import psycopg
 from PIL import Image
 from sqlalchemy import create_engine
 
-from fastsplat.service.calls.service import SceneService, open_service
-from fastsplat.service.calls.types import Operation, SceneOptions
+from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.database import resolve_url
+from fastsplat_contract.operations import Operation, SceneOptions
 from tests.workers.standby import APIS, WORKERS
 
 _HERE = Path(__file__).parent

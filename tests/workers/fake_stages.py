@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import ReconstructionError
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import ReconstructionError
 
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:

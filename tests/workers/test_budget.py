@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.planning.cost_model import Speed
@@ -22,6 +20,8 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
 from fastsplat.workers.protocol import Job
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.operations import SceneOptions
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,8 @@ import pytest
 from sqlalchemy import event
 
 from fastsplat.service.common.progress import STAGES
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.workers.cleanup import remove_unneeded
+from fastsplat_contract.errors import DatabaseError
 from tests.workers.deployment import Deployment
 
 

@@ -9,9 +9,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from fastsplat.service.common.errors import ConflictError, NotFoundError
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.scene import read_scene
+from fastsplat_contract.errors import ConflictError, NotFoundError
 
 
 def test_a_job_ends_ready_and_leaves_only_its_scene(shared_deployment):

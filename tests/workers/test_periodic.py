@@ -8,8 +8,8 @@ import threading
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from fastsplat.service.store.errors import DatabaseError
 from fastsplat.workers import periodic
+from fastsplat_contract.errors import DatabaseError
 
 
 @pytest.fixture

@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from fastsplat.service.calls.service import open_service
-from fastsplat.service.calls.types import QueryRequest, SceneOptions
-from fastsplat.service.common.errors import InvalidInputError
+from fastsplat.service.application.service import open_service
 from fastsplat.service.scene import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.queries import PictureRequest, QueryRequest
 
 _SIZE = (120, 90)
 _VIEWS = 8
@@ -96,9 +97,9 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             outputs = frozenset({"mask2d", "mask3d"})
             texts = ("the mug", "swimming pool")
             mug, pool = service.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
-            assert mug.answer.verdict == "exact" and mug.answer.matches[0].label == "mug" and mug.masks[0].area > 0
-            assert pool.answer.verdict != "exact"
-            assert service.view_picture(info.id, "mug", "overlay", None, view).startswith(b"\x89PNG")
+            assert mug.verdict == "exact" and mug.matches[0].label == "mug" and mug.masks[0].area > 0
+            assert pool.verdict != "exact"
+            assert service.view_picture(PictureRequest(info.id, "overlay", "mug", view=view)).startswith(b"\x89PNG")
             (tmp_path / "mug.ply").write_bytes(service.mask_ply(info.id, "mug"))
             assert len(read_ply(service.scene_ply(info.id)[0])) == info.gaussians
             assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.calls.types import SceneOptions
 from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import STAGES, silent
 from fastsplat.service.evaluation.datasets import read_dataset
@@ -30,6 +28,8 @@ from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import finish_stage, start_stage
 from fastsplat.workers.stages import DEFAULT_STAGES
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data
 
 TEST_VIEWS = (1, 4)

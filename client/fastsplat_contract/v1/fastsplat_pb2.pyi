@@ -5,11 +5,13 @@ The wire contract of the scene service: photos in, a semantic 3D scene out, ques
 
 Conventions
   Frames:  OpenCV camera axes (x right, y down, z forward), poses world_from_camera, right-handed world.
-  Units:   scene units, which are metres when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
-           the centre of the top-left pixel at (0.5, 0.5).
+  Units:   scene units, which are meters when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
+           the center of the top-left pixel at (0.5, 0.5).
   Errors:  google.rpc.Status in `grpc-status-details-bin` with one google.rpc.ErrorInfo: `reason` is stable across
            releases, `domain` is "fastsplat", `metadata` may hold field, limit, hint and request_id.
   Size:    no message passes 4 MiB; whatever could is a stream.
+  Absent:  what is `optional`, or a message, may be absent; JSON says null.
+  Names:   American spelling (color, meters); the British names that stood here before the first release are gone.
   Ids:     the request metadata `x-request-id` is echoed in the trailing metadata and stands in the server's log.
 """
 
@@ -58,7 +60,7 @@ class _ScaleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Scale.ValueType
     DESCRIPTOR: _descriptor.EnumDescriptor
     SCALE_UNSPECIFIED: _Scale.ValueType  # 0
     SCALE_METRIC: _Scale.ValueType  # 1
-    """scene units are metres"""
+    """scene units are meters"""
     SCALE_ARBITRARY: _Scale.ValueType  # 2
     """poses came from images alone: lengths have no unit"""
 
@@ -66,7 +68,7 @@ class Scale(_Scale, metaclass=_ScaleEnumTypeWrapper): ...
 
 SCALE_UNSPECIFIED: Scale.ValueType  # 0
 SCALE_METRIC: Scale.ValueType  # 1
-"""scene units are metres"""
+"""scene units are meters"""
 SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
@@ -79,7 +81,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     DESCRIPTOR: _descriptor.EnumDescriptor
     EDIT_ACTION_UNSPECIFIED: _EditAction.ValueType  # 0
     """refused"""
-    EDIT_ACTION_RECOLOUR: _EditAction.ValueType  # 1
+    EDIT_ACTION_RECOLOR: _EditAction.ValueType  # 1
     EDIT_ACTION_REMOVE: _EditAction.ValueType  # 2
     EDIT_ACTION_MOVE: _EditAction.ValueType  # 3
     EDIT_ACTION_DUPLICATE: _EditAction.ValueType  # 4
@@ -89,7 +91,7 @@ class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
 
 EDIT_ACTION_UNSPECIFIED: EditAction.ValueType  # 0
 """refused"""
-EDIT_ACTION_RECOLOUR: EditAction.ValueType  # 1
+EDIT_ACTION_RECOLOR: EditAction.ValueType  # 1
 EDIT_ACTION_REMOVE: EditAction.ValueType  # 2
 EDIT_ACTION_MOVE: EditAction.ValueType  # 3
 EDIT_ACTION_DUPLICATE: EditAction.ValueType  # 4
@@ -180,7 +182,7 @@ class _MaskEncodingEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_MaskEnco
     MASK_ENCODING_RLE: _MaskEncoding.ValueType  # 1
     """COCO run lengths"""
     MASK_ENCODING_PNG: _MaskEncoding.ValueType  # 2
-    """8-bit grey, 255 inside, 0 outside"""
+    """8-bit gray, 255 inside, 0 outside"""
 
 class MaskEncoding(_MaskEncoding, metaclass=_MaskEncodingEnumTypeWrapper): ...
 
@@ -189,7 +191,7 @@ MASK_ENCODING_UNSPECIFIED: MaskEncoding.ValueType  # 0
 MASK_ENCODING_RLE: MaskEncoding.ValueType  # 1
 """COCO run lengths"""
 MASK_ENCODING_PNG: MaskEncoding.ValueType  # 2
-"""8-bit grey, 255 inside, 0 outside"""
+"""8-bit gray, 255 inside, 0 outside"""
 Global___MaskEncoding: _TypeAlias = MaskEncoding  # noqa: Y015
 
 class _Mask3dEncoding:
@@ -282,15 +284,15 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     PICTURE_KIND_OVERLAY: _PictureKind.ValueType  # 2
     """the view with the answer's mask over it"""
     PICTURE_KIND_RELEVANCY: _PictureKind.ValueType  # 3
-    """relevancy 0..1 in turbo colours"""
+    """relevancy 0..1 in turbo colors"""
     PICTURE_KIND_MASK: _PictureKind.ValueType  # 4
     """255 inside, 0 outside"""
     PICTURE_KIND_LABEL_MAP: _PictureKind.ValueType  # 5
-    """16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+    """16-bit gray: label id of each pixel, 0 undetected or too little covered"""
     PICTURE_KIND_DEPTH: _PictureKind.ValueType  # 6
-    """16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+    """16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
     PICTURE_KIND_DEPTH_PICTURE: _PictureKind.ValueType  # 7
-    """depth in turbo colours, near is red; for people"""
+    """depth in turbo colors, near is red; for people"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -302,15 +304,15 @@ PICTURE_KIND_RGB: PictureKind.ValueType  # 1
 PICTURE_KIND_OVERLAY: PictureKind.ValueType  # 2
 """the view with the answer's mask over it"""
 PICTURE_KIND_RELEVANCY: PictureKind.ValueType  # 3
-"""relevancy 0..1 in turbo colours"""
+"""relevancy 0..1 in turbo colors"""
 PICTURE_KIND_MASK: PictureKind.ValueType  # 4
 """255 inside, 0 outside"""
 PICTURE_KIND_LABEL_MAP: PictureKind.ValueType  # 5
-"""16-bit grey: label id of each pixel, 0 undetected or too little covered"""
+"""16-bit gray: label id of each pixel, 0 undetected or too little covered"""
 PICTURE_KIND_DEPTH: PictureKind.ValueType  # 6
-"""16-bit grey: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
+"""16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
 PICTURE_KIND_DEPTH_PICTURE: PictureKind.ValueType  # 7
-"""depth in turbo colours, near is red; for people"""
+"""depth in turbo colors, near is red; for people"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
 
 class _PictureFormat:
@@ -399,6 +401,8 @@ Global___CreateSceneRequest: _TypeAlias = CreateSceneRequest  # noqa: Y015
 
 @_typing.final
 class CreateSceneHeader(_message.Message):
+    """What a user may choose when posting a scene."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     NAME_FIELD_NUMBER: _builtins.int
@@ -413,16 +417,18 @@ class CreateSceneHeader(_message.Message):
     request_id: _builtins.str
     """same id, same request: the first operation is returned again (AIP-155); may be empty"""
     time_budget_s: _builtins.float
-    """seconds for all after the capture stage, > 0; absent: no bound on the whole"""
+    """seconds for everything after the capture stage; absent: no bound on the whole. The scene's quality says what was
+    given up for it
+    """
     max_gaussians: _builtins.int
-    """hard budget, > 0; absent: the server's default"""
+    """hard budget; absent: the server's default"""
     preset: _builtins.str
-    """"draft", "balanced" or "best"; empty: the server's default"""
+    """draft, balanced or best; absent: the server's default"""
     priority: _builtins.int
     """higher ones are trained first; 0 is usual"""
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
-        """names to look for; empty: the server decides"""
+        """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
 
     def __init__(
         self,
@@ -432,19 +438,23 @@ class CreateSceneHeader(_message.Message):
         labels: _abc.Iterable[_builtins.str] | None = ...,
         time_budget_s: _builtins.float | None = ...,
         max_gaussians: _builtins.int | None = ...,
-        preset: _builtins.str = ...,
+        preset: _builtins.str | None = ...,
         priority: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_time_budget_s", b"_time_budget_s", "max_gaussians", b"max_gaussians", "time_budget_s", b"time_budget_s"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "max_gaussians", b"max_gaussians", "preset", b"preset", "time_budget_s", b"time_budget_s"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_time_budget_s", b"_time_budget_s", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
+    _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
+    _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
     _WhichOneofReturnType__time_budget_s: _TypeAlias = _typing.Literal["time_budget_s"]  # noqa: Y015
     _WhichOneofArgType__time_budget_s: _TypeAlias = _typing.Literal["_time_budget_s", b"_time_budget_s"]  # noqa: Y015
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__max_gaussians) -> _WhichOneofReturnType__max_gaussians | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__time_budget_s) -> _WhichOneofReturnType__time_budget_s | None: ...
 
@@ -521,6 +531,8 @@ Global___ListScenesRequest: _TypeAlias = ListScenesRequest  # noqa: Y015
 
 @_typing.final
 class ListScenesResponse(_message.Message):
+    """One page of scenes (AIP-158), newest first."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENES_FIELD_NUMBER: _builtins.int
@@ -564,6 +576,8 @@ Global___DeleteSceneRequest: _TypeAlias = DeleteSceneRequest  # noqa: Y015
 
 @_typing.final
 class Scene(_message.Message):
+    """A scene; dictionary, cameras and quality are empty until it is ready."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     ID_FIELD_NUMBER: _builtins.int
@@ -587,25 +601,26 @@ class Scene(_message.Message):
     gaussians: _builtins.int
     """G, the length of every 3D mask; 0 until ready"""
     scale: Global___Scale.ValueType
+    """METRIC: scene units are meters; ARBITRARY: poses came from images alone, lengths have no unit"""
     version: _builtins.str
     """the current version; empty until ready"""
     label_count: _builtins.int
     """length of the whole dictionary"""
     camera_count: _builtins.int
-    """number of the scene's own cameras; 0 in lists"""
+    """number of the scene's own cameras"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
     def dictionary(self) -> _containers.RepeatedCompositeFieldContainer[Global___DictionaryEntry]:
-        """empty until ready, and in lists; the first 5,000, see ListLabels"""
+        """the first 5,000 by label id; the list of labels has all"""
 
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___PosedCamera]:
-        """empty until ready, and in lists; the first 5,000, see DownloadCameras"""
+        """the scene's own views, the first 5,000; the camera file has all"""
 
     @_builtins.property
     def quality(self) -> _struct_pb2.Struct:
-        """measured figures: psnr, ssim, images, registered, ...; empty in lists"""
+        """measured figures: psnr, ssim, images, registered, ..."""
 
     def __init__(
         self,
@@ -661,6 +676,8 @@ Global___ListLabelsRequest: _TypeAlias = ListLabelsRequest  # noqa: Y015
 
 @_typing.final
 class ListLabelsResponse(_message.Message):
+    """One page of a scene's dictionary, by label id."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LABELS_FIELD_NUMBER: _builtins.int
@@ -685,6 +702,8 @@ Global___ListLabelsResponse: _TypeAlias = ListLabelsResponse  # noqa: Y015
 
 @_typing.final
 class DictionaryEntry(_message.Message):
+    """One kind of thing in a scene."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LABEL_ID_FIELD_NUMBER: _builtins.int
@@ -763,6 +782,8 @@ Global___ListObjectsRequest: _TypeAlias = ListObjectsRequest  # noqa: Y015
 
 @_typing.final
 class ListObjectsResponse(_message.Message):
+    """One page of a scene's objects; labels by id, within a label the largest first."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     OBJECTS_FIELD_NUMBER: _builtins.int
@@ -773,9 +794,7 @@ class ListObjectsResponse(_message.Message):
     version: _builtins.str
     """which version was read"""
     @_builtins.property
-    def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneObject]:
-        """those with the most Gaussians first within a label, labels by id"""
-
+    def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneObject]: ...
     def __init__(
         self,
         *,
@@ -793,14 +812,16 @@ Global___ListObjectsResponse: _TypeAlias = ListObjectsResponse  # noqa: Y015
 
 @_typing.final
 class Pose(_message.Message):
-    """Where something stands: position and orientation in the world frame."""
+    """Where something stands, or how it is moved."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     POSITION_FIELD_NUMBER: _builtins.int
     ORIENTATION_FIELD_NUMBER: _builtins.int
     @_builtins.property
-    def position(self) -> Global___Vector3: ...
+    def position(self) -> Global___Vector3:
+        """world frame"""
+
     @_builtins.property
     def orientation(self) -> Global___Quaternion: ...
     def __init__(
@@ -860,7 +881,7 @@ class SceneObject(_message.Message):
     CENTROID_FIELD_NUMBER: _builtins.int
     BOX_FIELD_NUMBER: _builtins.int
     GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
-    METRES_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
     BEST_VIEWS_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """stable within a version of a scene"""
@@ -869,8 +890,8 @@ class SceneObject(_message.Message):
     score: _builtins.float
     """how sure its Gaussians are of the label, 0..1"""
     gaussian_count: _builtins.int
-    metres: _builtins.bool
-    """whether lengths are metres"""
+    meters: _builtins.bool
+    """whether lengths are meters"""
     @_builtins.property
     def centroid(self) -> Global___Vector3:
         """world frame, scene units"""
@@ -891,30 +912,29 @@ class SceneObject(_message.Message):
         centroid: Global___Vector3 | None = ...,
         box: Global___Box | None = ...,
         gaussian_count: _builtins.int = ...,
-        metres: _builtins.bool = ...,
+        meters: _builtins.bool = ...,
         best_views: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "centroid", b"centroid"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "metres", b"metres", "score", b"score"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "meters", b"meters", "score", b"score"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SceneObject: _TypeAlias = SceneObject  # noqa: Y015
 
 @_typing.final
-class Colour(_message.Message):
+class Color(_message.Message):
+    """RGB, each 0 to 1."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     R_FIELD_NUMBER: _builtins.int
     G_FIELD_NUMBER: _builtins.int
     B_FIELD_NUMBER: _builtins.int
     r: _builtins.float
-    """0..1"""
     g: _builtins.float
-    """0..1"""
     b: _builtins.float
-    """0..1"""
     def __init__(
         self,
         *,
@@ -928,7 +948,7 @@ class Colour(_message.Message):
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___Colour: _TypeAlias = Colour  # noqa: Y015
+Global___Color: _TypeAlias = Color  # noqa: Y015
 
 @_typing.final
 class Edit(_message.Message):
@@ -939,18 +959,21 @@ class Edit(_message.Message):
     ACTION_FIELD_NUMBER: _builtins.int
     LABEL_FIELD_NUMBER: _builtins.int
     OBJECT_ID_FIELD_NUMBER: _builtins.int
-    COLOUR_FIELD_NUMBER: _builtins.int
+    COLOR_FIELD_NUMBER: _builtins.int
     TRANSFORM_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     label: _builtins.str
     object_id: _builtins.str
+    """instead of `label`"""
     @_builtins.property
-    def colour(self) -> Global___Colour:
-        """for RECOLOUR"""
+    def color(self) -> Global___Color:
+        """for recolor: RGB, each 0 to 1"""
 
     @_builtins.property
     def transform(self) -> Global___Pose:
-        """for MOVE and DUPLICATE: the rigid motion, in the world frame, x' = R x + t, of what is"""
+        """for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved or of its copy
+        moved, or of its copy
+        """
 
     def __init__(
         self,
@@ -958,12 +981,12 @@ class Edit(_message.Message):
         action: Global___EditAction.ValueType = ...,
         label: _builtins.str = ...,
         object_id: _builtins.str = ...,
-        colour: Global___Colour | None = ...,
+        color: Global___Color | None = ...,
         transform: Global___Pose | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "colour", b"colour", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["label", "object_id"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
@@ -973,6 +996,8 @@ Global___Edit: _TypeAlias = Edit  # noqa: Y015
 
 @_typing.final
 class EditSceneRequest(_message.Message):
+    """A new version of a scene."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
@@ -980,7 +1005,7 @@ class EditSceneRequest(_message.Message):
     REQUEST_ID_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     request_id: _builtins.str
-    """same id: the version that it made is returned again (AIP-155); may be empty"""
+    """same id: the version that it made is returned again (AIP-155)"""
     @_builtins.property
     def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
         """at least one, applied in order"""
@@ -1002,13 +1027,15 @@ Global___EditSceneRequest: _TypeAlias = EditSceneRequest  # noqa: Y015
 
 @_typing.final
 class UndoEditRequest(_message.Message):
+    """Back to the version before the current one."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
-    """when given, undo only if this is the current version; makes a retry safe"""
+    """undo only if this is the current version; makes a retry safe"""
     def __init__(
         self,
         *,
@@ -1044,6 +1071,8 @@ Global___ListVersionsRequest: _TypeAlias = ListVersionsRequest  # noqa: Y015
 
 @_typing.final
 class ListVersionsResponse(_message.Message):
+    """Every version of a scene, oldest first."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     VERSIONS_FIELD_NUMBER: _builtins.int
@@ -1130,6 +1159,8 @@ Global___GetOperationRequest: _TypeAlias = GetOperationRequest  # noqa: Y015
 
 @_typing.final
 class ListOperationsRequest(_message.Message):
+    """Which page of which operations."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     PAGE_SIZE_FIELD_NUMBER: _builtins.int
@@ -1140,24 +1171,28 @@ class ListOperationsRequest(_message.Message):
     page_token: _builtins.str
     """empty: the first page; otherwise next_page_token of the page before"""
     state: Global___OperationState.ValueType
-    """only those in this state; UNSPECIFIED: all"""
+    """only those in this state"""
     def __init__(
         self,
         *,
         page_size: _builtins.int = ...,
         page_token: _builtins.str = ...,
-        state: Global___OperationState.ValueType = ...,
+        state: Global___OperationState.ValueType | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_state", b"_state", "state", b"state"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_state", b"_state", "page_size", b"page_size", "page_token", b"page_token", "state", b"state"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__state: _TypeAlias = _typing.Literal["state"]  # noqa: Y015
+    _WhichOneofArgType__state: _TypeAlias = _typing.Literal["_state", b"_state"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__state) -> _WhichOneofReturnType__state | None: ...
 
 Global___ListOperationsRequest: _TypeAlias = ListOperationsRequest  # noqa: Y015
 
 @_typing.final
 class ListOperationsResponse(_message.Message):
+    """One page of operations (AIP-158), newest first."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     OPERATIONS_FIELD_NUMBER: _builtins.int
@@ -1243,6 +1278,8 @@ Global___WatchOperationRequest: _TypeAlias = WatchOperationRequest  # noqa: Y015
 
 @_typing.final
 class Operation(_message.Message):
+    """One training job (AIP-151), durable from the moment it is returned."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     ID_FIELD_NUMBER: _builtins.int
@@ -1257,7 +1294,7 @@ class Operation(_message.Message):
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
     done: _builtins.bool
-    """state is succeeded, failed or cancelled"""
+    """whether the state is final"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -1268,7 +1305,7 @@ class Operation(_message.Message):
 
     @_builtins.property
     def error(self) -> Global___OperationError:
-        """set when failed"""
+        """absent unless it failed"""
 
     def __init__(
         self,
@@ -1292,6 +1329,8 @@ Global___Operation: _TypeAlias = Operation  # noqa: Y015
 
 @_typing.final
 class StageProgress(_message.Message):
+    """One stage of a job."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     @_typing.final
@@ -1320,7 +1359,7 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training, export"""
+    """capture, perception, training or export"""
     fraction: _builtins.float
     """0..1 of this stage"""
     message: _builtins.str
@@ -1348,6 +1387,8 @@ Global___StageProgress: _TypeAlias = StageProgress  # noqa: Y015
 
 @_typing.final
 class OperationError(_message.Message):
+    """Why a job failed."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     @_typing.final
@@ -1384,7 +1425,7 @@ class OperationError(_message.Message):
     """the stage that failed"""
     @_builtins.property
     def details(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
-        """field, limit, hint"""
+        """any of field, limit, hint"""
 
     def __init__(
         self,
@@ -1405,7 +1446,10 @@ Global___OperationError: _TypeAlias = OperationError  # noqa: Y015
 
 @_typing.final
 class Vector3(_message.Message):
-    """--------------------------------------------------------------------------------------------------- cameras"""
+    """--------------------------------------------------------------------------------------------------- cameras
+
+    Scene units (meters when the scene's scale is METRIC).
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1432,7 +1476,7 @@ Global___Vector3: _TypeAlias = Vector3  # noqa: Y015
 
 @_typing.final
 class Quaternion(_message.Message):
-    """A rotation, of unit length (refused if it is off by more than 0.001). Mind the order: x y z w."""
+    """A rotation of unit length (refused if it is off by more than 0.001); mind the order x y z w."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1462,7 +1506,7 @@ Global___Quaternion: _TypeAlias = Quaternion  # noqa: Y015
 
 @_typing.final
 class Intrinsics(_message.Message):
-    """Pinhole intrinsics in pixels: (x, y, z) of the camera frame lands at (fx x/z + cx, fy y/z + cy)."""
+    """A pinhole: (x, y, z) of the camera frame lands at (fx·x/z + cx, fy·y/z + cy); pixel centers at +0.5."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1477,9 +1521,9 @@ class Intrinsics(_message.Message):
     height: _builtins.int
     """pixels"""
     fx: _builtins.float
-    """pixels, > 0"""
+    """pixels"""
     fy: _builtins.float
-    """pixels, > 0"""
+    """pixels"""
     cx: _builtins.float
     """pixels from the left edge; width / 2 is the middle"""
     cy: _builtins.float
@@ -1515,16 +1559,18 @@ class PosedCamera(_message.Message):
     FRAME_ID_FIELD_NUMBER: _builtins.int
     NAME_FIELD_NUMBER: _builtins.int
     convention: Global___Convention.ValueType
-    """camera axes of `orientation`; answers always use OPENCV"""
+    """camera axes of `orientation`. OPENCV: x right, y down, z forward. OPENGL (nerfstudio, Blender): x right, y up, z
+    backward. Answers always use OPENCV.
+    """
     frame_id: _builtins.str
-    """the frame of position and orientation: empty or "world" """
+    """the frame of position and orientation: "world", or empty, which means the same"""
     name: _builtins.str
     """in answers, the image's name in the capture; ignored in requests"""
     @_builtins.property
     def intrinsics(self) -> Global___Intrinsics: ...
     @_builtins.property
     def position(self) -> Global___Vector3:
-        """the camera's centre in the world frame, scene units"""
+        """the camera's center in the world frame, scene units"""
 
     @_builtins.property
     def orientation(self) -> Global___Quaternion:
@@ -1550,6 +1596,8 @@ Global___PosedCamera: _TypeAlias = PosedCamera  # noqa: Y015
 
 @_typing.final
 class QueryRequest(_message.Message):
+    """Questions to one scene, or to all ready scenes."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
@@ -1569,14 +1617,19 @@ class QueryRequest(_message.Message):
     version: _builtins.str
     """of the scene; empty: the current one"""
     coverage: _builtins.float
-    """of the label set, in (0, 1); absent: the server's"""
+    """of the label set, above 0 and below 1; absent: the server's"""
     max_matches: _builtins.int
     """best entries to return; 0: the server's default, -1: all"""
     mask2d_encoding: Global___MaskEncoding.ValueType
+    """rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside"""
     mask3d_encoding: Global___Mask3dEncoding.ValueType
+    """bits: one bit per Gaussian in row order, most significant bit first; runs: little-endian uint32 lengths of the
+    alternating runs in row order, outside first; indices: little-endian uint32 row numbers inside, ascending; ply: the
+    Gaussians themselves, for one text
+    """
     @_builtins.property
     def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
-        """the questions, at least one"""
+        """at least one"""
 
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___PosedCamera]:
@@ -1588,7 +1641,7 @@ class QueryRequest(_message.Message):
 
     @_builtins.property
     def outputs(self) -> _containers.RepeatedScalarFieldContainer[Global___Output.ValueType]:
-        """what to compute beside the ranking"""
+        """what to compute beside the ranking; mask2d needs cameras or views"""
 
     @_builtins.property
     def negatives(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
@@ -1639,7 +1692,7 @@ class QueryResponse(_message.Message):
     OBJECTS_FIELD_NUMBER: _builtins.int
     MATCHES_FIELD_NUMBER: _builtins.int
     mask3d: _builtins.bytes
-    """in the encoding asked for; empty unless asked for"""
+    """in the encoding asked for, base64 in JSON; absent unless asked for"""
     @_builtins.property
     def answer(self) -> Global___Answer: ...
     @_builtins.property
@@ -1648,7 +1701,7 @@ class QueryResponse(_message.Message):
 
     @_builtins.property
     def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneObject]:
-        """those that answer, by label in the order of the matches; empty unless asked for"""
+        """those that answer, by label in the order of the matches; absent unless asked for"""
 
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
@@ -1659,20 +1712,24 @@ class QueryResponse(_message.Message):
         *,
         answer: Global___Answer | None = ...,
         masks: _abc.Iterable[Global___ViewMask] | None = ...,
-        mask3d: _builtins.bytes = ...,
+        mask3d: _builtins.bytes | None = ...,
         objects: _abc.Iterable[Global___SceneObject] | None = ...,
         matches: _abc.Iterable[Global___Match] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "answer", b"answer", "mask3d", b"mask3d", "masks", b"masks", "matches", b"matches", "objects", b"objects"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__mask3d: _TypeAlias = _typing.Literal["mask3d"]  # noqa: Y015
+    _WhichOneofArgType__mask3d: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__mask3d) -> _WhichOneofReturnType__mask3d | None: ...
 
 Global___QueryResponse: _TypeAlias = QueryResponse  # noqa: Y015
 
 @_typing.final
 class Answer(_message.Message):
+    """The answer to one text of one scene."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
@@ -1688,34 +1745,41 @@ class Answer(_message.Message):
     VERSION_FIELD_NUMBER: _builtins.int
     MATCH_COUNT_FIELD_NUMBER: _builtins.int
     GAUSSIANS_FIELD_NUMBER: _builtins.int
+    PRESENCE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
     verdict: Global___Verdict.ValueType
+    """exact: the thing asked for is here; related: something close is, and its label says what; absent: nothing relevant
+    is here
+    """
     explanation: _builtins.str
     """one sentence for people"""
     probability: _builtins.float
     """calibrated, 0..1, that the verdict is right; absent without calibration"""
     coverage: _builtins.float
-    """them: perhaps nothing here answers
-    0..1; absent without calibration: nothing is promised
-    """
+    """0..1; absent without calibration: nothing is promised"""
     decided_by: Global___DecidedBy.ValueType
+    """name: the dictionary knows the name; score: the verdict comes from `threshold`"""
     threshold: _builtins.float
-    """the score that the leading entry was held against; absent if a name decided"""
+    """the score that the leading entry was compared with; absent if a name decided"""
     version: _builtins.str
     """of the scene"""
     match_count: _builtins.int
     """entries in the whole dictionary"""
     gaussians: _builtins.int
     """G, the length of the 3D mask"""
+    presence: _builtins.float
+    """calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of different texts or scenes;
+    absent without calibration
+    """
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
-        """entries of the dictionary, best first; how many, QueryRequest.max_matches says"""
+        """entries of the dictionary, best first, up to `max_matches`"""
 
     @_builtins.property
     def label_set(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
-        """label ids that together answer with probability `coverage` at least; 0 among"""
+        """label ids that together answer with probability `coverage` at least; 0 among them: perhaps nothing here answers"""
 
     def __init__(
         self,
@@ -1733,19 +1797,24 @@ class Answer(_message.Message):
         version: _builtins.str = ...,
         match_count: _builtins.int = ...,
         gaussians: _builtins.int = ...,
+        presence: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "probability", b"probability", "threshold", b"threshold"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "presence", b"presence", "probability", b"probability", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "presence", b"presence", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
+    _WhichOneofReturnType__presence: _TypeAlias = _typing.Literal["presence"]  # noqa: Y015
+    _WhichOneofArgType__presence: _TypeAlias = _typing.Literal["_presence", b"_presence"]  # noqa: Y015
     _WhichOneofReturnType__probability: _TypeAlias = _typing.Literal["probability"]  # noqa: Y015
     _WhichOneofArgType__probability: _TypeAlias = _typing.Literal["_probability", b"_probability"]  # noqa: Y015
     _WhichOneofReturnType__threshold: _TypeAlias = _typing.Literal["threshold"]  # noqa: Y015
     _WhichOneofArgType__threshold: _TypeAlias = _typing.Literal["_threshold", b"_threshold"]  # noqa: Y015
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__coverage) -> _WhichOneofReturnType__coverage | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__presence) -> _WhichOneofReturnType__presence | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__probability) -> _WhichOneofReturnType__probability | None: ...
     @_typing.overload
@@ -1755,6 +1824,8 @@ Global___Answer: _TypeAlias = Answer  # noqa: Y015
 
 @_typing.final
 class Match(_message.Message):
+    """One dictionary entry compared with one question."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LABEL_ID_FIELD_NUMBER: _builtins.int
@@ -1801,36 +1872,36 @@ class Match(_message.Message):
 Global___Match: _TypeAlias = Match  # noqa: Y015
 
 @_typing.final
-class RleMask(_message.Message):
+class Segmentation(_message.Message):
     """COCO run-length encoding: column-major, background first, ascii counts."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
-    HEIGHT_FIELD_NUMBER: _builtins.int
-    WIDTH_FIELD_NUMBER: _builtins.int
+    SIZE_FIELD_NUMBER: _builtins.int
     COUNTS_FIELD_NUMBER: _builtins.int
-    height: _builtins.int
-    """pixels"""
-    width: _builtins.int
-    """pixels"""
     counts: _builtins.str
+    @_builtins.property
+    def size(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """height, width in pixels"""
+
     def __init__(
         self,
         *,
-        height: _builtins.int = ...,
-        width: _builtins.int = ...,
+        size: _abc.Iterable[_builtins.int] | None = ...,
         counts: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["counts", b"counts", "height", b"height", "width", b"width"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["counts", b"counts", "size", b"size"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___RleMask: _TypeAlias = RleMask  # noqa: Y015
+Global___Segmentation: _TypeAlias = Segmentation  # noqa: Y015
 
 @_typing.final
 class ViewMask(_message.Message):
+    """A 2D mask of one answer in one camera."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     VIEW_FIELD_NUMBER: _builtins.int
@@ -1848,26 +1919,28 @@ class ViewMask(_message.Message):
     continues: _builtins.bool
     """append this one's counts or png to those of the mask before; nothing else is new"""
     png: _builtins.bytes
-    """if asked for"""
+    """8-bit gray PNG, 255 inside, 0 outside, base64 in JSON; absent unless asked for"""
     @_builtins.property
-    def segmentation(self) -> Global___RleMask:
-        """unless PNG was asked for"""
+    def segmentation(self) -> Global___Segmentation:
+        """absent if PNG was asked for"""
 
     def __init__(
         self,
         *,
         view: _builtins.str = ...,
         camera_index: _builtins.int = ...,
-        segmentation: Global___RleMask | None = ...,
+        segmentation: Global___Segmentation | None = ...,
         area: _builtins.int = ...,
         continues: _builtins.bool = ...,
-        png: _builtins.bytes = ...,
+        png: _builtins.bytes | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["segmentation", b"segmentation"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_png", b"_png", "png", b"png", "segmentation", b"segmentation"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["area", b"area", "camera_index", b"camera_index", "continues", b"continues", "png", b"png", "segmentation", b"segmentation", "view", b"view"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_png", b"_png", "area", b"area", "camera_index", b"camera_index", "continues", b"continues", "png", b"png", "segmentation", b"segmentation", "view", b"view"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__png: _TypeAlias = _typing.Literal["png"]  # noqa: Y015
+    _WhichOneofArgType__png: _TypeAlias = _typing.Literal["_png", b"_png"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__png) -> _WhichOneofReturnType__png | None: ...
 
 Global___ViewMask: _TypeAlias = ViewMask  # noqa: Y015
 
@@ -2111,6 +2184,8 @@ Global___Heartbeat: _TypeAlias = Heartbeat  # noqa: Y015
 
 @_typing.final
 class RenderViewRequest(_message.Message):
+    """One picture from a free viewpoint, or from one of the scene's own cameras."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
@@ -2122,48 +2197,67 @@ class RenderViewRequest(_message.Message):
     FORMAT_FIELD_NUMBER: _builtins.int
     DEPTH_SCALE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
+    """which scene"""
     kind: Global___PictureKind.ValueType
+    """rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and 255; label_map: 16-bit
+    label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so far or farther; depth_picture:
+    depth in turbo colors
+    """
     text: _builtins.str
-    """the question; OVERLAY, RELEVANCY and MASK need one"""
+    """the question; overlay, relevancy and mask need one"""
     view: _builtins.str
-    """name of one of the scene's own cameras"""
+    """name of one of the scene's own cameras, instead of `camera`"""
     version: _builtins.str
     """of the scene; empty: the current one"""
     format: Global___PictureFormat.ValueType
+    """png, or npy: numpy's file of a label_map (uint16) or of depth (float32, scene units)"""
     depth_scale: _builtins.float
     """scene units that one step of a 16-bit depth PNG means; 0: 0.001"""
     @_builtins.property
-    def camera(self) -> Global___PosedCamera: ...
+    def camera(self) -> Global___PosedCamera:
+        """a free viewpoint"""
+
     def __init__(
         self,
         *,
         scene_id: _builtins.str = ...,
         kind: Global___PictureKind.ValueType = ...,
-        text: _builtins.str = ...,
+        text: _builtins.str | None = ...,
         camera: Global___PosedCamera | None = ...,
         view: _builtins.str = ...,
         version: _builtins.str = ...,
         format: Global___PictureFormat.ValueType = ...,
         depth_scale: _builtins.float = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "text", b"text", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "depth_scale", b"depth_scale", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "depth_scale", b"depth_scale", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__text: _TypeAlias = _typing.Literal["text"]  # noqa: Y015
+    _WhichOneofArgType__text: _TypeAlias = _typing.Literal["_text", b"_text"]  # noqa: Y015
     _WhichOneofReturnType_viewpoint: _TypeAlias = _typing.Literal["camera", "view"]  # noqa: Y015
     _WhichOneofArgType_viewpoint: _TypeAlias = _typing.Literal["viewpoint", b"viewpoint"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__text) -> _WhichOneofReturnType__text | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType_viewpoint) -> _WhichOneofReturnType_viewpoint | None: ...
 
 Global___RenderViewRequest: _TypeAlias = RenderViewRequest  # noqa: Y015
 
 @_typing.final
 class DownloadCamerasRequest(_message.Message):
+    """A scene's own cameras as a file."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
     FORMAT_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
+    """which scene"""
     format: Global___CameraFormat.ValueType
+    """json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio's transforms.json, OpenGL axes; colmap: a zip of
+    COLMAP's cameras.txt, images.txt and an empty points3D.txt
+    """
     def __init__(
         self,
         *,

@@ -5,11 +5,13 @@ The wire contract of the scene service: photos in, a semantic 3D scene out, ques
 
 Conventions
   Frames:  OpenCV camera axes (x right, y down, z forward), poses world_from_camera, right-handed world.
-  Units:   scene units, which are metres when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
-           the centre of the top-left pixel at (0.5, 0.5).
+  Units:   scene units, which are meters when Scene.scale is SCALE_METRIC; seconds; pixels of the image at hand,
+           the center of the top-left pixel at (0.5, 0.5).
   Errors:  google.rpc.Status in `grpc-status-details-bin` with one google.rpc.ErrorInfo: `reason` is stable across
            releases, `domain` is "fastsplat", `metadata` may hold field, limit, hint and request_id.
   Size:    no message passes 4 MiB; whatever could is a stream.
+  Absent:  what is `optional`, or a message, may be absent; JSON says null.
+  Names:   American spelling (color, meters); the British names that stood here before the first release are gone.
   Ids:     the request metadata `x-request-id` is echoed in the trailing metadata and stands in the server's log.
 """
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.image_io import load_stored
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.errors import InvalidInputError, LimitExceededError
 from fastsplat.service.evaluation.datasets.types import Kind
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _WHITE = 127
 _MAX_TEXT = 200

@@ -16,7 +16,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.transforms import name_keys
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
 from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
-from fastsplat.service.common.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
 _NERFSTUDIO_DEPTH_UNIT = 1e-3  # its default: millimetres

@@ -14,13 +14,13 @@ from fastsplat.service.capture.label_maps import check_label_map
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.view_writer import ViewGeometry, load_upright_map, reduce, reduce_ids, view_geometry
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
 from fastsplat.service.evaluation.datasets.layout import Layout, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 TEST_EVERY = 8
 

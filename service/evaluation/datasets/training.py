@@ -15,12 +15,12 @@ from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.image_io import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.pipeline import capture_folder
+from fastsplat_contract.errors import InvalidInputError
 
 _MASKS = "mask_labels"
 

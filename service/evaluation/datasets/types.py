@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.camera import PosedCamera
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.evaluation.localization import Box
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 Kind = Literal["nerfstudio", "colmap", "lerf_ovs", "3d_ovs"]
 

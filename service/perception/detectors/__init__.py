@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
@@ -14,6 +13,7 @@ from fastsplat.service.perception.models.model_manifest import Adapter, find_mod
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector
+from fastsplat_contract.errors import ModelUnavailableError
 
 
 def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> ClosedSetDetector:

@@ -7,9 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.models.model_manifest import Conversion
 from fastsplat.service.perception.models.sources import run_pip
+from fastsplat_contract.errors import ModelUnavailableError
 
 _TIMEOUT_S = 900
 _SCRIPTS = {"paddle": "convert_paddle.py", "mobile_sam": "convert_mobile_sam.py"}

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.models.model_manifest import ModelEntry
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Image
+from fastsplat_contract.errors import ModelUnavailableError
 
 _CANVAS = 320
 

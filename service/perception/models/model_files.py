@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat_contract.errors import ModelUnavailableError
 
 
 def only_network(folder: Path, *, name: str) -> Path:

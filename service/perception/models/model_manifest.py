@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
-from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat_contract.errors import ModelUnavailableError
 
 Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter"]
 Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2"]

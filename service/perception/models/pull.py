@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.models.convert import convert
 from fastsplat.service.perception.models.model_check import check_model
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.models.sources import fetch_file
 from fastsplat.service.perception.onnx_session import file_sha256
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 ModelState = Literal["ready", "unverified", "damaged", "absent"]
 

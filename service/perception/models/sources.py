@@ -14,8 +14,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
+from fastsplat_contract.errors import ModelUnavailableError
 
 Bytes = Callable[[int, int], None]
 """Called with the bytes that have arrived and their total (0: unknown)."""

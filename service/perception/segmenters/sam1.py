@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.errors import ModelUnavailableError
 from fastsplat.service.perception.image_tensors import long_side_padded
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.types import Image, MaskLogits, Prompts
+from fastsplat_contract.errors import ModelUnavailableError
 
 _SIDE = 1024
 _GRID = 256

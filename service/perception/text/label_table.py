@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.perception.onnx_session import file_sha256
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
 class LabelTable:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tokenizers import Tokenizer
 
-from fastsplat.service.common.errors import ModelUnavailableError
+from fastsplat_contract.errors import ModelUnavailableError
 
 
 def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None) -> Tokenizer:

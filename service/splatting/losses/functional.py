@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.losses import torch_losses
+from fastsplat_contract.errors import InvalidInputError
 
 
 def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None = None) -> Tensor:

@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 _MAX_SIDE = 16384
 

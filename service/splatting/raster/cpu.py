@@ -11,12 +11,12 @@ from typing import Any, ParamSpec, TypeVar
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import CancelledError, InvalidInputError
 from fastsplat.service.splatting.raster import classify, harmonics
 from fastsplat.service.splatting.raster.checks import isect_limit_error
 from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import CancelledError, InvalidInputError
 
 P = ParamSpec("P")
 T = TypeVar("T")

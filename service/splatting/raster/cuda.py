@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
 from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 DEVICE = "cuda"
 _ALPHA_MIN = 1.0 / 255.0

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 try:
     from fastsplat.service.splatting.raster import _cpu

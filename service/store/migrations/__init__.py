@@ -15,8 +15,8 @@ from pathlib import Path
 
 from sqlalchemy import Connection, Engine, insert, inspect, text, update
 
-from fastsplat.service.common.errors import ConflictError
 from fastsplat.service.store.schema import operations, schema_version
+from fastsplat_contract.errors import ConflictError
 
 _SCRIPTS = Path(__file__).parent
 _BEFORE_ALEMBIC = "0001"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster import Backend
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat_contract.errors import InvalidInputError
 
 
 @pytest.mark.parametrize("kernels", [*instruction_sets(), "torch"])

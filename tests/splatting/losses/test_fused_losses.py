@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.splatting.losses import chunked, functional, image_loss, semantic_loss, torch_losses
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat_contract.errors import InvalidInputError
 
 
 @pytest.fixture(params=(*instruction_sets(), "chunked"))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Rendering, Splats, rasterize
 from fastsplat.service.splatting.raster.types import Backend
+from fastsplat_contract.camera import Camera
 
 NAMES = ("means", "quats", "scales", "opacities", "features")
 

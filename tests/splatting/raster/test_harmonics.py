@@ -7,11 +7,11 @@ import math
 import pytest
 import torch
 
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.scene.types import MAX_SH_DEGREE, SH_C0, SH_COUNTS
 from fastsplat.service.splatting.raster import harmonics, sh_to_rgb
 from fastsplat.service.splatting.raster.kernels import kernels
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.errors import InvalidInputError
 
 DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 

@@ -8,7 +8,6 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render
 
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster import (
     LabelMap,
     LabelSums,
@@ -21,6 +20,7 @@ from fastsplat.service.splatting.raster import (
 )
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.types import Backend
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 
 @pytest.fixture(params=["reference", "cpu", "cuda"])

@@ -6,9 +6,9 @@ import pytest
 import torch
 from raster_scenes import NAMES, crowded, relative, render, render_with_gradients
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
 from fastsplat.service.splatting.raster.kernels import running_with
+from fastsplat_contract.camera import Camera
 
 
 @pytest.mark.parametrize("seed", range(4))

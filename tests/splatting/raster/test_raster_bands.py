@@ -6,8 +6,8 @@ import pytest
 import torch
 from raster_scenes import View, crowded, relative
 
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster import Backend, RasterSettings, cpu, label_map, rasterize, rasterize_bands
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 
 @pytest.fixture(params=["reference", "cpu", "cuda"])

@@ -9,8 +9,8 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 
-from fastsplat.service.common.errors import InvalidInputError, ModelUnavailableError
 from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 needs_gpu = pytest.mark.skipif(
     not torch.cuda.is_available() or importlib.util.find_spec("gsplat") is None, reason="no NVIDIA GPU"

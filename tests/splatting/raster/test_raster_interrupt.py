@@ -8,9 +8,9 @@ from types import FrameType
 import pytest
 import torch
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
 from fastsplat.service.splatting.raster.kernels import running_with
+from fastsplat_contract.camera import Camera
 
 
 class _StopError(Exception):

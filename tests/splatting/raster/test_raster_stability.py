@@ -10,11 +10,11 @@ import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 from torch import Tensor
 
-from fastsplat.service.common.camera import Camera
-from fastsplat.service.common.errors import InvalidInputError, ResourceError
 from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
 from fastsplat.service.splatting.raster.kernels import instruction_sets, options_from, running_with
 from fastsplat.service.splatting.raster.types import Backend
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 INF, NAN = float("inf"), float("nan")
 

@@ -12,11 +12,11 @@ import torch
 from PIL import Image
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.common.camera import Camera, PosedCamera
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.raster import Splats, rasterize
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat_contract.camera import Camera, PosedCamera
 
 LABELS = ("floor", "ball", "block")
 

@@ -13,11 +13,11 @@ import torch
 from PIL import Image
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import CancelledError, ConflictError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat_contract.errors import CancelledError, ConflictError
 
 
 def _same(a: TrainedSplats, b: TrainedSplats) -> bool:

@@ -11,7 +11,6 @@ import torch
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.errors import InvalidInputError
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene import Evidence
@@ -22,6 +21,7 @@ from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import drop_empty_label_maps, load_views, split_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import view_evidence, views_evidence
+from fastsplat_contract.errors import InvalidInputError
 
 CLASSES = 4
 World = tuple[Capture, Labelling]

@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.errors import CancelledError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.scene import Gaussians
@@ -21,6 +20,7 @@ from fastsplat.service.splatting.region_groups import group_regions
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views, split_views
+from fastsplat_contract.errors import CancelledError
 
 World = tuple[Capture, Labelling]
 FLOOR, BALL, BLOCK = 1, 2, 3

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.pruning import max_contribution, prune_to_psnr
 from fastsplat.service.splatting.training_views import load_views
+from fastsplat_contract.camera import Camera
 
 
 def _gaussians(count: int, degree: int = 1) -> Gaussians:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from fastsplat.service.common.errors import CancelledError, ModelUnavailableError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.splatting.raster import cuda
 from fastsplat.service.splatting.train import train
+from fastsplat_contract.errors import CancelledError, ModelUnavailableError
 
 _GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
 

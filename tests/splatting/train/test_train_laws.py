@@ -11,7 +11,6 @@ from PIL import Image
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.errors import CancelledError, InvalidInputError
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.evaluation import evaluate_views
 from fastsplat.service.perception.types import Labelling
@@ -20,7 +19,8 @@ from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.settings import LearningRates
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train
-from fastsplat.service.splatting.types import TrainedSplats, TrainingDivergedError
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat_contract.errors import CancelledError, InvalidInputError, TrainingDivergedError
 
 
 def _same(a: TrainedSplats, b: TrainedSplats) -> bool:

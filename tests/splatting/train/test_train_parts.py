@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from fastsplat.service.common.camera import Camera
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, relocate_and_grow, rotate, split_in_place
@@ -31,6 +30,7 @@ from fastsplat.service.splatting.semantics import code_size, ghost_share, separa
 from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.state import new_state
 from fastsplat.service.splatting.training_views import load_views, split_views, training_size
+from fastsplat_contract.camera import Camera
 
 
 @given(st.integers(0, 200), st.integers(0, 50))

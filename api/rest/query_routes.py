@@ -1,0 +1,186 @@
+"""The REST routes of questions, pictures and files of finished scenes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi import Path as PathParameter
+from starlette.responses import Response
+
+from fastsplat.api.rest.calls import PROBLEMS, answered, called, file_response
+from fastsplat.api.rest.files import immutable_file
+from fastsplat.api.rest.routes import Version
+from fastsplat.api.threads import Threads
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.masks import Mask3dEncoding
+from fastsplat_contract.members import description_of
+from fastsplat_contract.queries import (
+    PictureFormat,
+    PictureKind,
+    PictureRequest,
+    QueryIn,
+    QueryOut,
+    QueryRequest,
+    RenderIn,
+)
+
+_PLY = "application/x-ply"
+_MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}
+
+_Text = Annotated[str, Query(description="the question")]
+_View = Annotated[str, Query(description="name of one of the scene's cameras")]
+
+
+def query_routes(service: SceneService, threads: Threads) -> APIRouter:
+    """Questions, pictures and files of finished scenes."""
+    router = APIRouter(responses=PROBLEMS)
+
+    @router.get("/query", response_model=QueryOut)
+    async def query(
+        request: Request,
+        text: Annotated[list[str], Query(description="the question; several are allowed")],
+        scene: Annotated[str, Query(description="scene id; empty: all ready scenes, newest first")] = "",
+        version: Version = "",
+        outputs: Annotated[
+            list[Literal["mask3d", "objects"]], Query(description="what to compute beside the ranking")
+        ] = [],  # noqa: B006
+        negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],  # noqa: B006
+        templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],  # noqa: B006
+        coverage: Annotated[
+            float | None,
+            Query(
+                description=description_of(QueryIn, "coverage"),
+                json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
+            ),
+        ] = None,
+        max_matches: Annotated[
+            int, Query(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
+        ] = 0,
+        mask3d_encoding: Annotated[
+            Mask3dEncoding, Query(description=description_of(QueryIn, "mask3d_encoding"))
+        ] = "bits",
+    ) -> Response:
+        """Ranked labels for a text, in one scene or in all."""
+        question = QueryRequest(
+            scene,
+            tuple(text),
+            outputs=frozenset(outputs),
+            version=version,
+            negatives=tuple(negatives),
+            templates=tuple(templates),
+            coverage=coverage,
+            max_matches=max_matches,
+            mask3d_encoding=mask3d_encoding,
+        )
+        return await answered(request, threads, lambda: QueryOut(service.query(question)))
+
+    @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
+    async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
+        """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
+        question = QueryRequest(scene_id, **vars(body))
+        return await answered(request, threads, lambda: QueryOut(service.query(question)))
+
+    @router.get(
+        "/v1/scenes/{scene_id}/{kind}.png",
+        response_class=Response,
+        responses=file_response("image/png", description="the picture"),
+    )
+    async def view_picture(
+        request: Request,
+        scene_id: str,
+        kind: Annotated[PictureKind, PathParameter(description=description_of(RenderIn, "kind"))],
+        view: _View,
+        text: Annotated[str | None, Query(description="the question; overlay, relevancy and mask need one")] = None,
+        version: Version = "",
+        depth_scale: Annotated[float, Query(ge=0, description=description_of(RenderIn, "depth_scale"))] = 0.0,
+    ) -> Response:
+        """A picture from one of the scene's own cameras."""
+        picture = PictureRequest(scene_id, kind, text, view=view, version=version, depth_scale=depth_scale)
+        png = await called(request, threads, lambda: service.view_picture(picture))
+        return Response(png, media_type="image/png")
+
+    @router.get(
+        "/v1/scenes/{scene_id}/{kind}.npy",
+        response_class=Response,
+        responses=file_response(_MEDIA_TYPES["npy"], description="numpy's file format"),
+    )
+    async def view_array(
+        request: Request,
+        scene_id: str,
+        kind: Annotated[
+            Literal["label_map", "depth"],
+            PathParameter(description="label_map: uint16 label ids; depth: float32 camera z in scene units, 0 nothing"),
+        ],
+        view: _View,
+        version: Version = "",
+    ) -> Response:
+        """Labels or depth from one of the scene's own cameras, as an array."""
+        picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
+        npy = await called(request, threads, lambda: service.view_picture(picture))
+        return Response(npy, media_type=_MEDIA_TYPES["npy"])
+
+    @router.post(
+        "/v1/scenes/{scene_id}:render",
+        response_class=Response,
+        responses=file_response(*_MEDIA_TYPES.values(), description="the picture"),
+    )
+    async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
+        """A picture from a free viewpoint, or from one of the scene's own cameras."""
+        picture = PictureRequest(scene_id, **vars(body))
+        content = await called(request, threads, lambda: service.view_picture(picture))
+        return Response(content, media_type=_MEDIA_TYPES[body.format])
+
+    @router.get(
+        "/v1/scenes/{scene_id}/scene.ply",
+        response_class=Response,
+        responses={
+            **file_response(_PLY, description="3DGS PLY"),
+            206: {"description": "the range asked for"},
+            304: {"description": "the copy that If-None-Match names is the same"},
+        },
+    )
+    async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:
+        """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
+        path, current = await called(request, threads, lambda: service.scene_ply(scene_id, version))
+        return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{current}")
+
+    @router.get(
+        "/v1/scenes/{scene_id}/mask.ply",
+        response_class=Response,
+        responses=file_response(_PLY, description="3DGS PLY"),
+    )
+    async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
+        """Only the Gaussians that answer the text, as a 3DGS PLY."""
+        ply = await called(request, threads, lambda: service.mask_ply(scene_id, text, version))
+        return Response(ply, media_type=_PLY, headers={"Content-Disposition": 'attachment; filename="mask.ply"'})
+
+    @router.get(
+        "/v1/scenes/{scene_id}/mask3d.bin",
+        response_class=Response,
+        responses=file_response(
+            "application/octet-stream",
+            description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
+        ),
+    )
+    async def mask3d(
+        request: Request,
+        scene_id: str,
+        text: _Text,
+        encoding: Annotated[
+            Literal["bits", "runs", "indices"], Query(description=description_of(QueryIn, "mask3d_encoding"))
+        ] = "bits",
+        version: Version = "",
+    ) -> Response:
+        """Which Gaussians answer the text."""
+        question = QueryRequest(
+            scene_id, (text,), outputs=frozenset({"mask3d"}), version=version, mask3d_encoding=encoding
+        )
+        answer = (await called(request, threads, lambda: service.query(question)))[0]
+        return Response(
+            answer.mask3d,
+            media_type="application/octet-stream",
+            headers={"X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
+        )
+
+    return router

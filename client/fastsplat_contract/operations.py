@@ -1,0 +1,106 @@
+"""Training jobs: how one is ordered, how far it is, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from fastsplat_contract.wire import Many, Request, Response, travels
+
+OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
+FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
+"""After these nothing changes any more."""
+
+PresetName = Literal["draft", "balanced", "best"]
+
+MAX_PRIORITY = 100
+
+
+@dataclass(frozen=True)
+class SceneOptions(Request):
+    """What a user may choose when posting a scene."""
+
+    proto: ClassVar[str] = "CreateSceneHeader"
+
+    labels: Annotated[
+        Many[str],
+        Field(description="names to look for (in a form repeated, or separated by commas); empty: the server decides"),
+    ] = ()
+    time_budget_s: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="seconds for everything after the capture stage; absent: no bound on the whole. The scene's "
+            "quality says what was given up for it",
+        ),
+    ] = None
+    max_gaussians: Annotated[int | None, Field(ge=1, description="hard budget; absent: the server's default")] = None
+    preset: Annotated[PresetName | None, Field(description="draft, balanced or best; absent: the server's default")] = (
+        None
+    )
+    priority: Annotated[
+        int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="higher ones are trained first; 0 is usual")
+    ] = 0
+
+
+@dataclass(frozen=True)
+class StageProgress(Response):
+    """One stage of a job."""
+
+    stage: Annotated[str, Field(description="capture, perception, training or export")]
+    fraction: Annotated[float, Field(description="0..1 of this stage")]
+    message: Annotated[str, Field(description="a short line for people")]
+    seconds: Annotated[float, Field(description="spent in this stage")]
+    metrics: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class OperationError(Response):
+    """Why a job failed."""
+
+    kind: Annotated[str, Field(description="name of a google.rpc.Code")]
+    reason: Annotated[str, Field(description="stable across releases")]
+    message: str
+    stage: Annotated[str, Field(description="the stage that failed")]
+    details: Annotated[Mapping[str, str], Field(description="any of field, limit, hint")]
+
+
+@dataclass(frozen=True)
+class Operation(Response):
+    """One training job (AIP-151), durable from the moment it is returned."""
+
+    id: str
+    scene_id: str
+    state: OperationState
+    done: Annotated[bool, Field(description="whether the state is final")]
+    created_at: datetime
+    updated_at: datetime
+    stages: Annotated[Many[StageProgress], Field(description="those begun so far, in order")]
+    error: Annotated[OperationError | None, Field(description="absent unless it failed")]
+
+
+@dataclass(frozen=True)
+class ListOperations(Request):
+    """Which page of which operations."""
+
+    proto: ClassVar[str] = "ListOperationsRequest"
+
+    page_size: Annotated[
+        int, Field(description="0: the server's default; more than the server's maximum counts as the maximum")
+    ] = 0
+    page_token: Annotated[
+        str, Field(description="empty: the first page; otherwise next_page_token of the page before")
+    ] = ""
+    state: Annotated[OperationState | None, Field(description="only those in this state")] = None
+
+
+@travels(request=False, proto="ListOperationsResponse")
+class OperationList(NamedTuple):
+    """One page of operations (AIP-158), newest first."""
+
+    operations: Many[Operation]
+    next_page_token: Annotated[str, Field(description="empty on the last page")]

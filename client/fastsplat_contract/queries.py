@@ -1,0 +1,235 @@
+"""Questions in plain words and their answers; pictures of a view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import AfterValidator, Field
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
+from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
+
+Output = Literal["mask2d", "mask3d", "objects"]
+Verdict = Literal["exact", "related", "absent"]
+DecidedBy = Literal["name", "score"]
+PictureKind = Literal["rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture"]
+PictureFormat = Literal["png", "npy"]
+CameraFormat = Literal["json", "transforms", "colmap"]
+
+Version = Annotated[str, Field(description="of the scene; empty: the current one")]
+
+
+def check_coverage(coverage: float) -> float:
+    """A coverage that can be asked for: above 0 and below 1.
+
+    Raises:
+        InvalidInputError: it is not, or no number.
+    """
+    if isinstance(coverage, bool) or not isinstance(coverage, (int, float)) or not 0.0 < coverage < 1.0:
+        raise InvalidInputError(
+            f"a coverage of {coverage!r}",
+            field="coverage",
+            limit="above 0 and below 1",
+            hint="Send a share, e.g. 0.9.",
+        )
+    return float(coverage)
+
+
+@dataclass(frozen=True)
+class OfScene:
+    """What a request says in its path, or, over gRPC, in its message."""
+
+    scene_id: Annotated[str, Field(description="which scene")]
+
+
+@dataclass(frozen=True)
+class QueryIn(Request):
+    """Questions to one scene."""
+
+    proto: ClassVar[str] = "QueryRequest"
+
+    texts: Annotated[Many[str], Field(description="at least one")]
+    cameras: Annotated[Many[PosedCamera], Field(description="free viewpoints for 2D masks")] = ()
+    views: Annotated[Many[str], Field(description="names of the scene's own cameras for 2D masks")] = ()
+    outputs: Annotated[
+        Some[Output], Field(description="what to compute beside the ranking; mask2d needs cameras or views")
+    ] = frozenset()
+    version: Version = ""
+    negatives: Annotated[Many[str], Field(description="canonical negatives of the relevancy; empty: the server's")] = ()
+    templates: Annotated[
+        Many[str], Field(description="sentences with one {} that texts are put into; empty: the server's")
+    ] = ()
+    coverage: Annotated[
+        Annotated[float, AfterValidator(checked(check_coverage))] | None,
+        Field(
+            description="of the label set, above 0 and below 1; absent: the server's",
+            json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
+        ),
+    ] = None
+    max_matches: Annotated[
+        int, Field(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
+    ] = 0
+    mask2d_encoding: Annotated[
+        MaskEncoding, Field(description="rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside")
+    ] = "rle"
+    mask3d_encoding: Annotated[
+        Mask3dEncoding,
+        Field(
+            description="bits: one bit per Gaussian in row order, most significant bit first; runs: little-endian "
+            "uint32 lengths of the alternating runs in row order, outside first; indices: little-endian uint32 row "
+            "numbers inside, ascending; ply: the Gaussians themselves, for one text"
+        ),
+    ] = "bits"
+
+
+@dataclass(frozen=True)
+class QueryRequest(QueryIn, OfScene):
+    """Questions to one scene, or to all ready scenes."""
+
+    scene_id: Annotated[str, Field(description="empty: all ready scenes, without cameras and views")]
+
+
+# A tuple: a ranking makes as many as there are labels, and a frozen dataclass takes four times as long.
+@travels(request=False)
+class Match(
+    NamedTuple
+):  # a tuple: a ranking makes as many as there are labels, and a dataclass takes four times as long
+    """One dictionary entry compared with one question."""
+
+    label_id: int
+    label: str
+    relevancy: Annotated[float, Field(description="0..1")]
+    similarity: Annotated[float, Field(description="cosine, -1..1")]
+    nearest_negative: Annotated[str, Field(description="the canonical negative that set the relevancy")]
+    gaussian_count: int
+    relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
+    probability: Annotated[
+        float | None,
+        Field(description="calibrated, 0..1, that this entry is wanted; absent without calibration"),
+    ] = None
+
+
+@dataclass(frozen=True)
+class Answer(Response):
+    """The answer to one text of one scene."""
+
+    scene_id: str
+    text: Annotated[str, Field(description="as asked")]
+    verdict: Annotated[
+        Verdict,
+        Field(
+            description="exact: the thing asked for is here; related: something close is, and its label says what; "
+            "absent: nothing relevant is here"
+        ),
+    ]
+    explanation: Annotated[str, Field(description="one sentence for people")]
+    probability: Annotated[
+        float | None,
+        Field(description="calibrated, 0..1, that the verdict is right; absent without calibration"),
+    ]
+    label_set: Annotated[
+        Many[int],
+        Field(
+            description="label ids that together answer with probability `coverage` at least; 0 among them: perhaps "
+            "nothing here answers"
+        ),
+    ]
+    coverage: Annotated[float | None, Field(description="0..1; absent without calibration: nothing is promised")]
+    decided_by: Annotated[
+        DecidedBy,
+        Field(description="name: the dictionary knows the name; score: the verdict comes from `threshold`"),
+    ]
+    threshold: Annotated[
+        float | None,
+        Field(description="the score that the leading entry was compared with; absent if a name decided"),
+    ]
+    version: Annotated[str, Field(description="of the scene")]
+    gaussians: Annotated[int, Field(description="G, the length of the 3D mask")]
+    match_count: Annotated[int, Field(description="entries in the whole dictionary")]
+    matches: Annotated[Many[Match], Field(description="entries of the dictionary, best first, up to `max_matches`")]
+    masks: Annotated[
+        Many[ViewMask],
+        Carried("QueryResponse"),
+        Field(description="cameras first, then views, each in the order asked"),
+    ]
+    mask3d: Annotated[
+        Base64 | None,
+        Carried("QueryResponse"),
+        Field(description="in the encoding asked for, base64 in JSON; absent unless asked for"),
+    ] = None
+    objects: Annotated[
+        Many[SceneObject] | None,
+        Carried("QueryResponse"),
+        Field(description="those that answer, by label in the order of the matches; absent unless asked for"),
+    ] = None
+    presence: Annotated[
+        float | None,
+        Field(
+            description="calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of "
+            "different texts or scenes; absent without calibration"
+        ),
+    ] = None
+
+    @property
+    def relevant_ids(self) -> tuple[int, ...]:
+        """Label ids of the relevant entries, best first; empty when absent."""
+        return tuple(match.label_id for match in self.matches if match.relevant)
+
+
+@travels(request=False)
+class QueryOut(NamedTuple):
+    """One answer a text; over all scenes, one a scene and text."""
+
+    answers: Many[Answer]
+
+
+@dataclass(frozen=True)
+class RenderIn(Request):
+    """One picture from a free viewpoint, or from one of the scene's own cameras."""
+
+    proto: ClassVar[str] = "RenderViewRequest"
+
+    kind: Annotated[
+        PictureKind,
+        Field(
+            description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and "
+            "255; label_map: 16-bit label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so "
+            "far or farther; depth_picture: depth in turbo colors"
+        ),
+    ]
+    text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
+    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
+    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
+    version: Version = ""
+    format: Annotated[
+        PictureFormat,
+        Field(description="png, or npy: numpy's file of a label_map (uint16) or of depth (float32, scene units)"),
+    ] = "png"
+    depth_scale: Annotated[
+        float, Field(ge=0, description="scene units that one step of a 16-bit depth PNG means; 0: 0.001")
+    ] = 0.0
+
+
+@dataclass(frozen=True)
+class PictureRequest(RenderIn, OfScene):
+    """One view of one scene as a picture."""
+
+
+@dataclass(frozen=True)
+class CameraFileRequest(Request):
+    """A scene's own cameras as a file."""
+
+    proto: ClassVar[str] = "DownloadCamerasRequest"
+
+    scene_id: Annotated[str, Field(description="which scene")]
+    format: Annotated[
+        CameraFormat,
+        Field(
+            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
+            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
+        ),
+    ] = "json"

@@ -1,0 +1,181 @@
+"""Scenes: their dictionary, their objects as boxes, their versions and the edits that make them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.poses import Pose, Vector3
+from fastsplat_contract.wire import Many, Request, Response, travels
+
+SceneState = Literal["TRAINING", "READY", "FAILED"]
+Scale = Literal["METRIC", "ARBITRARY"]
+EditAction = Literal["recolor", "remove", "move", "duplicate"]
+
+NextPageToken = Annotated[str, Field(description="empty on the last page")]
+
+
+@dataclass(frozen=True)
+class DictionaryEntry(Response):
+    """One kind of thing in a scene."""
+
+    label_id: Annotated[int, Field(description="from 1; 0 means undetected")]
+    label: str
+    aliases: Annotated[Many[str], Field(description="other names merged into this entry")]
+    pixels: Annotated[int, Field(description="over all label maps")]
+    views: Annotated[int, Field(description="label maps it occurs in")]
+    gaussian_count: Annotated[int, Field(description="Gaussians whose most probable class it is")]
+
+
+@travels(request=False, proto="ListLabelsResponse")
+class LabelList(NamedTuple):
+    """One page of a scene's dictionary, by label id."""
+
+    labels: Many[DictionaryEntry]
+    next_page_token: NextPageToken
+
+
+@dataclass(frozen=True)
+class SceneSummary(Response):
+    """A scene in a list."""
+
+    proto: ClassVar[str] = "Scene"
+
+    id: str
+    name: str
+    state: SceneState
+    operation_id: Annotated[str, Field(description="the operation that makes it")]
+    created_at: datetime
+    gaussians: Annotated[int, Field(description="G, the length of every 3D mask; 0 until ready")]
+    scale: Annotated[
+        Scale,
+        Field(
+            description="METRIC: scene units are meters; ARBITRARY: poses came from images alone, lengths have no unit"
+        ),
+    ]
+    version: Annotated[str, Field(description="the current version; empty until ready")]
+    label_count: Annotated[int, Field(description="length of the whole dictionary")]
+
+
+@dataclass(frozen=True)
+class Scene(SceneSummary):
+    """A scene; dictionary, cameras and quality are empty until it is ready."""
+
+    camera_count: Annotated[int, Field(description="number of the scene's own cameras")]
+    dictionary: Annotated[
+        Many[DictionaryEntry], Field(description="the first 5,000 by label id; the list of labels has all")
+    ]
+    cameras: Annotated[
+        Many[PosedCamera], Field(description="the scene's own views, the first 5,000; the camera file has all")
+    ]
+    quality: Annotated[Mapping[str, Any], Field(description="measured figures: psnr, ssim, images, registered, ...")]
+
+
+@travels(request=False, proto="ListScenesResponse")
+class SceneList(NamedTuple):
+    """One page of scenes (AIP-158), newest first."""
+
+    scenes: Many[SceneSummary]
+    next_page_token: NextPageToken
+
+
+@dataclass(frozen=True)
+class Box(Response):
+    """An oriented box, as in vision_msgs/BoundingBox3D."""
+
+    center: Annotated[Pose, Field(description="of the box's middle; orientation rotates box axes into world axes")]
+    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
+
+
+@dataclass(frozen=True)
+class SceneObject(Response):
+    """One thing, as in vision_msgs/Detection3D: connected Gaussians of one label."""
+
+    id: Annotated[str, Field(description="stable within a version of a scene")]
+    label_id: int
+    label: str
+    score: Annotated[float, Field(description="how sure its Gaussians are of the label, 0..1")]
+    centroid: Annotated[Vector3, Field(description="world frame, scene units")]
+    box: Box
+    gaussian_count: int
+    meters: Annotated[bool, Field(description="whether lengths are meters")]
+    best_views: Annotated[Many[str], Field(description="the scene's cameras that see it best, best first")]
+
+
+@travels(request=False, proto="ListObjectsResponse")
+class ObjectList(NamedTuple):
+    """One page of a scene's objects; labels by id, within a label the largest first."""
+
+    objects: Many[SceneObject]
+    next_page_token: NextPageToken
+    version: Annotated[str, Field(description="which version was read")]
+
+
+@travels(request=True)
+class Color(NamedTuple):
+    """RGB, each 0 to 1."""
+
+    r: Annotated[float, Field(ge=0, le=1)]
+    g: Annotated[float, Field(ge=0, le=1)]
+    b: Annotated[float, Field(ge=0, le=1)]
+
+
+@dataclass(frozen=True)
+class Edit(Request):
+    """What to do to everything of a label, or to one object."""
+
+    action: EditAction
+    label: str | None = None
+    object_id: Annotated[str | None, Field(description="instead of `label`")] = None
+    color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
+    transform: Annotated[
+        Pose | None,
+        Field(
+            description="for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved "
+            "or of its copy"
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class EditIn(Request):
+    """A new version of a scene."""
+
+    proto: ClassVar[str] = "EditSceneRequest"
+
+    edits: Annotated[Many[Edit], Field(description="at least one, applied in order")]
+    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
+
+
+@dataclass(frozen=True)
+class UndoIn(Request):
+    """Back to the version before the current one."""
+
+    proto: ClassVar[str] = "UndoEditRequest"
+
+    version: Annotated[str, Field(description="undo only if this is the current version; makes a retry safe")] = ""
+
+
+@dataclass(frozen=True)
+class SceneVersion(Response):
+    """One state of a scene; never changes."""
+
+    scene_id: str
+    version: str
+    parent: Annotated[str, Field(description="the version it was made of; empty for the trained one")]
+    created_at: datetime
+    gaussians: int
+    current: Annotated[bool, Field(description="whether questions that name no version go here")]
+    edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
+
+
+@travels(request=False, proto="ListVersionsResponse")
+class VersionList(NamedTuple):
+    """Every version of a scene, oldest first."""
+
+    versions: Many[SceneVersion]

@@ -1,0 +1,91 @@
+"""A scene's cameras as files that other programs read."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.poses import quaternion_of
+from fastsplat_contract.queries import CameraFormat
+
+MEDIA_TYPES: dict[CameraFormat, str] = {
+    "json": "application/json",
+    "transforms": "application/json",
+    "colmap": "application/zip",
+}
+_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def camera_file(cameras: Sequence[PosedCamera], file_format: str) -> bytes:
+    """The cameras in one of three formats.
+
+    "json": {"cameras": [...]}, each as the REST interface writes one. "transforms": nerfstudio's transforms.json,
+    world-from-camera, OpenGL axes, intrinsics a frame. "colmap": a zip of COLMAP's text model, camera-from-world,
+    quaternions w x y z, without points; one PINHOLE camera for each distinct lens.
+
+    Raises:
+        InvalidInputError: another format.
+    """
+    if file_format == "json":
+        return _json({"cameras": [to_plain(posed) for posed in cameras]})
+    if file_format == "transforms":
+        return _json({"camera_model": "OPENCV", "frames": [_frame(posed) for posed in cameras]})
+    if file_format == "colmap":
+        return _colmap(cameras)
+    raise InvalidInputError(
+        f"no camera format {file_format[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
+    )
+
+
+def _frame(posed: PosedCamera) -> dict[str, Any]:
+    lens = posed.camera
+    return {
+        "file_path": posed.name,
+        "w": lens.width,
+        "h": lens.height,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        "transform_matrix": (posed.world_from_camera @ _OPENGL_FROM_OPENCV).tolist(),
+    }
+
+
+def _colmap(cameras: Sequence[PosedCamera]) -> bytes:
+    for posed in cameras:
+        if any(letter.isspace() for letter in posed.name):
+            raise InvalidInputError(
+                f"COLMAP's text files cannot hold the image name {posed.name[:80]!r}",
+                field="format",
+                hint='Its names have no blanks; ask for "transforms" or "json".',
+            )
+    lenses = dict.fromkeys(posed.camera for posed in cameras)
+    numbers = {lens: number for number, lens in enumerate(lenses, start=1)}
+    lens_lines = [
+        f"{number} PINHOLE {lens.width} {lens.height} {lens.fx!r} {lens.fy!r} {lens.cx!r} {lens.cy!r}\n"
+        for lens, number in numbers.items()
+    ]
+    image_lines: list[str] = []
+    for number, posed in enumerate(cameras, start=1):
+        viewmat = posed.camera_from_world()
+        x, y, z, w = quaternion_of(viewmat[:3, :3])
+        figures = " ".join(map(repr, (w, x, y, z, *viewmat[:3, 3].tolist())))
+        image_lines.append(f"{number} {figures} {numbers[posed.camera]} {posed.name}\n\n")
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, lines in (("cameras.txt", lens_lines), ("images.txt", image_lines), ("points3D.txt", [])):
+            # A fixed date, so that the same cameras are the same bytes.
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), "".join(lines))
+    return file.getvalue()
+
+
+def _json(value: dict[str, Any]) -> bytes:
+    return (json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()

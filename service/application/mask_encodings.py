@@ -1,0 +1,41 @@
+"""Masks of an answer in the encodings that a request may ask for."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.pictures import png_bytes
+from fastsplat.service.scene import Gaussians, write_ply
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, Segmentation, ViewMask, encode_rle, pack_mask3d
+from fastsplat_contract.queries import Answer
+
+
+def view_mask(
+    index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
+) -> ViewMask:
+    """Where an answer is in one camera."""
+    mask = index.mask2d(answer, posed).mask
+    area = int(mask.sum())
+    if encoding == "png":
+        return ViewMask(view, camera_index, None, png_bytes(mask.astype(np.uint8) * 255), area)
+    height, width = mask.shape
+    return ViewMask(view, camera_index, Segmentation((height, width), encode_rle(mask)), None, area)
+
+
+def encode_mask3d(mask: NDArray[np.bool_], encoding: Mask3dEncoding, gaussians: Gaussians) -> bytes:
+    """A bool [G] mask as `QueryRequest.mask3d_encoding` describes."""
+    return mask_ply(gaussians, mask) if encoding == "ply" else pack_mask3d(mask, encoding)
+
+
+def mask_ply(gaussians: Gaussians, mask: NDArray[np.bool_]) -> bytes:
+    """Just these Gaussians as a 3DGS PLY."""
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+        path = Path(folder) / "mask.ply"
+        write_ply(gaussians, path, rows=mask)
+        return path.read_bytes()

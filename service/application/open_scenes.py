@@ -1,0 +1,141 @@
+"""Open scenes: mapped from disk with the first question, kept under a memory budget, one entry a version."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from fastsplat.service.application.cache import LeastRecentlyUsed
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene import Scene, read_scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.store import Store
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import NotFoundError, NotReadyError
+
+if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
+    from fastsplat.service.perception.text import TextEncoder
+
+T = TypeVar("T")
+_MAX_NAMED = 20
+_TRIES = 3
+_COPIES = 2
+"""A scene weighs its mapped pages and the renderer's own activated arrays."""
+
+
+class OpenScenes:
+    """Scenes ready to be asked, and the text encoders, shared by all threads."""
+
+    def __init__(self, store: Store, settings: Settings) -> None:
+        self._store = store
+        self._settings = settings
+        self._open: LeastRecentlyUsed[tuple[str, str], SceneIndex] = LeastRecentlyUsed(
+            settings.calls.scene_memory_bytes
+        )
+        self._encoders: dict[str, TextEncoder] = {}
+        self._encoder_lock = threading.Lock()
+
+    def count(self) -> int:
+        """How many are open."""
+        return len(self._open)
+
+    def close(self) -> None:
+        """Let go of every open scene."""
+        self._open.drop(lambda key: True)
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._open.drop(lambda key: key[0] == scene_id)
+
+    def reading(self, scene_id: str, version: str, use: Callable[[SceneIndex, str], T]) -> T:
+        """Call `use` with an open version of a scene, and its name; "" is the current one.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError: it is still being made, or its job failed.
+        """
+        name = self.version(scene_id, version)
+        folder = self.folder(scene_id, name)
+        index = self._open.get((scene_id, name), lambda: _weigh(folder), lambda: self._load(scene_id, name))
+        return use(index, name)
+
+    def version(self, scene_id: str, version: str) -> str:
+        """The name of a version that can be read; "" stands for the current one.
+
+        Raises:
+            NotFoundError, NotReadyError: as `reading`.
+        """
+        state, current, operation_id = self._store.scenes.current_version(scene_id)
+        if state != "READY":
+            training = state == "TRAINING"
+            raise NotReadyError(
+                f"scene {scene_id!r} is still being made" if training else f"the job of scene {scene_id!r} failed",
+                field="scene",
+                hint=f"{'Wait for' if training else 'Look at the error of'} operation {operation_id}.",
+            )
+        if version and version != current and not self._store.versions.known(scene_id, version):
+            raise NotFoundError(
+                f"scene {scene_id!r} has no version {version[:80]!r}",
+                field="version",
+                hint="List its versions, or leave the version out for the current one.",
+            )
+        return version or current
+
+    def folder(self, scene_id: str, version: str) -> Path:
+        """Where a version's files are.
+
+        Raises:
+            NotFoundError: the scene was deleted meanwhile.
+        """
+        folder = self._store.blobs.fetch_version(scene_id, version)
+        if folder is None:
+            raise _deleted(scene_id)
+        return folder
+
+    def _load(self, scene_id: str, version: str) -> SceneIndex:
+        for _ in range(_TRIES):  # this machine's copy may leave, for others', before it is open
+            folder = self.folder(scene_id, version)
+            try:
+                scene = read_scene(folder / "artefact")
+            except NotFoundError:
+                continue
+            return self.index_of(scene)
+        raise _deleted(scene_id)
+
+    def index_of(self, scene: Scene) -> SceneIndex:
+        """A scene, from no folder, ready to be asked; it is not kept."""
+        return SceneIndex(scene, self._encoder(scene.text_encoder[0]), self._settings.query)
+
+    def _encoder(self, name: str) -> TextEncoder:
+        from fastsplat.service.perception.text import open_text_encoder
+
+        with self._encoder_lock:
+            if name not in self._encoders:
+                self._encoders[name] = open_text_encoder(name, self._settings.models)
+            return self._encoders[name]
+
+
+def view_of(index: SceneIndex, name: str) -> PosedCamera:
+    """One of the scene's own cameras.
+
+    Raises:
+        NotFoundError: there is none of that name.
+    """
+    for posed in index.scene.cameras:
+        if posed.name == name:
+            return posed
+    known = ", ".join(posed.name for posed in index.scene.cameras[:_MAX_NAMED])
+    raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
+
+
+def _weigh(folder: Path) -> int:
+    try:
+        return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
+    except FileNotFoundError:  # being removed, as reading it will tell
+        return 0
+
+
+def _deleted(scene_id: str) -> NotFoundError:
+    return NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")

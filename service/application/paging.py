@@ -1,0 +1,77 @@
+"""Page tokens: opaque to clients (AIP-158)."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from typing import TypeVar
+
+from fastsplat_contract.errors import InvalidInputError
+
+T = TypeVar("T")
+
+
+def write_page_token(created_at: float, row_id: str) -> str:
+    """The token that continues after this row; stable while rows come and go."""
+    return _write([created_at, row_id])
+
+
+def read_page_token(token: str) -> tuple[float, str] | None:
+    """What `write_page_token` wrote; None for "".
+
+    Raises:
+        InvalidInputError: no page returned this token.
+    """
+    if not token:
+        return None
+    match _read(token):
+        case [float(created), str(row_id)] if math.isfinite(created):
+            return created, row_id
+    raise _unknown()
+
+
+def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence[T], str]:
+    """A page of a sequence that never changes, and the token of the next one ("" after the last).
+
+    Args:
+        rows: all of them.
+        size: at most this many.
+        token: "" or what the page before returned.
+        of: names the sequence; the token of one is not one of another.
+
+    Raises:
+        InvalidInputError: no page of this sequence returned this token.
+    """
+    name = hashlib.sha256(of.encode(errors="replace")).hexdigest()[:16]
+    start = 0
+    if token:
+        match _read(token):
+            case [int(start), str(said)] if said == name and 0 < start < len(rows):
+                pass
+            case _:
+                raise _unknown()
+    end = start + size
+    return rows[start:end], _write([end, name]) if end < len(rows) else ""
+
+
+def _write(value: object) -> str:
+    return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
+
+
+def _read(token: str) -> object:
+    try:
+        return json.loads(base64.urlsafe_b64decode(token + "=" * (-len(token) % 4)))
+    except (ValueError, TypeError, binascii.Error, RecursionError):
+        return None
+
+
+def _unknown() -> InvalidInputError:
+    return InvalidInputError(
+        "the page token is not one of this server's",
+        field="page_token",
+        hint="Leave it empty for the first page, then send back what the page before returned.",
+    )

@@ -1,0 +1,112 @@
+"""One view of a scene as a picture or as an array file."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, PngImagePlugin
+
+from fastsplat.service.application.open_scenes import view_of
+from fastsplat.service.query import SceneIndex, pictures
+from fastsplat.service.query.query_text import TextQuery
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.queries import PictureKind, PictureRequest
+
+_ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
+_ARRAYS = ("label_map", "depth")
+DEPTH_SCALE = 0.001
+_FARTHEST = 65_535
+
+
+def question_of(request: PictureRequest) -> str:
+    """The text whose answer the picture shows, "" for a kind that shows none.
+
+    Raises:
+        InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
+            text, numpy's format for what is a picture, a depth scale that is none.
+    """
+    if (request.camera is None) == (request.view is None):
+        raise InvalidInputError(
+            "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
+    kind, kinds = request.kind, get_args(PictureKind)
+    if kind not in kinds:
+        named = ", ".join(f'"{known}"' for known in kinds)
+        raise InvalidInputError(f"no picture of kind {kind[:40]!r}", field="kind", hint=f"Use one of {named}.")
+    if kind in _ASKING and not request.text:
+        raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
+    if request.format == "npy" and kind not in _ARRAYS:
+        raise InvalidInputError(
+            f'"{kind}" is a picture, not an array', field="format", hint='Use "png", or ask for label_map or depth.'
+        )
+    if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
+        raise InvalidInputError(
+            f"a depth scale of {request.depth_scale}",
+            field="depth_scale",
+            hint="Scene units a step, above 0; 0.001 is usual.",
+        )
+    return request.text or "" if kind in _ASKING else ""
+
+
+def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None) -> bytes:
+    """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked.
+
+    Raises:
+        NotFoundError: the scene has no such view.
+    """
+    posed = request.camera or view_of(index, request.view or "")
+    kind, image_format = request.kind, request.format
+    if kind == "rgb":
+        return pictures.png_bytes(index.render(posed))
+    if kind == "label_map":
+        labels = index.label_map(posed)
+        return _npy(labels) if image_format == "npy" else _png16(labels)
+    if kind in ("depth", "depth_picture"):
+        depth = index.depth(posed)
+        if kind == "depth_picture":
+            return pictures.png_bytes(_depth_picture(depth))
+        return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
+    assert query is not None
+    (answer,) = index.answer(query)
+    mask2d = index.mask2d(answer, posed)
+    if kind == "mask":
+        return pictures.png_bytes(mask2d.mask.astype(np.uint8) * 255)
+    if kind == "relevancy":
+        return pictures.png_bytes(pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy))
+    names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
+    return pictures.png_bytes(pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names))
+
+
+def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:
+    """16-bit steps of `scale`; what is there is at least 1, and 65535 means so far or farther."""
+    steps = np.clip(np.rint(depth.astype(np.float64) / scale), 1, _FARTHEST)
+    return _png16(np.where(depth > 0, steps, 0).astype(np.uint16), {"depth_scale": repr(scale)})
+
+
+def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Turbo over the range of depths that are there; near is red, nothing is black."""
+    there = depth > 0
+    if not there.any():
+        return np.zeros((*depth.shape, 3), dtype=np.uint8)
+    near, far = depth[there].min(), depth[there].max()
+    coloured = pictures.turbo((far - depth) / max(far - near, 1e-9))
+    coloured[~there] = 0
+    return coloured
+
+
+def _png16(values: NDArray[np.uint16], texts: dict[str, str] | None = None) -> bytes:
+    info = PngImagePlugin.PngInfo()
+    for name, text in (texts or {}).items():
+        info.add_text(name, text)
+    file = BytesIO()
+    Image.fromarray(np.ascontiguousarray(values)).save(file, format="PNG", pnginfo=info)
+    return file.getvalue()
+
+
+def _npy(values: NDArray[Any]) -> bytes:
+    file = BytesIO()
+    np.save(file, values, allow_pickle=False)
+    return file.getvalue()

@@ -1,0 +1,312 @@
+"""Uploads that survive cuts: files that grow by acknowledged pieces until a scene is made of them.
+
+uploads/<id>/resumable.json   what was announced
+uploads/<id>/offset           how many bytes are durable: written only after the bytes themselves
+uploads/<id>/data             the bytes; what lies behind the offset was never acknowledged and is cut off
+
+Any number of processes may serve one folder: who appends holds a lock on `data`, which the kernel takes back from a
+process that dies.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import hmac
+import json
+import os
+import time
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+from fastsplat.service.application.quotas import Quotas
+from fastsplat.service.application.uploads import disk_error
+from fastsplat.service.common.file_names import safe_parts
+from fastsplat.service.store.blobs import Blobs, remove, sync_folder
+from fastsplat_contract.errors import (
+    ChecksumMismatchError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    OffsetConflictError,
+    UploadLockedError,
+)
+
+Algorithm = Literal["sha1", "sha256"]
+ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
+
+_INFO, _OFFSET, _DATA = "resumable.json", "offset", "data"
+_DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
+
+
+@dataclass(frozen=True)
+class Resumable:
+    """One upload.
+
+    Attributes:
+        id: names it.
+        name: the file's name in the capture, e.g. "capture.zip" or "images/0001.jpg".
+        length: bytes it will have.
+        offset: bytes that are durable.
+        metadata: what the client said about it, as sent.
+        expires_at: seconds since 1970, UTC; every piece moves it.
+    """
+
+    id: str
+    name: str
+    length: int
+    offset: int
+    metadata: str
+    expires_at: float
+
+
+@dataclass(frozen=True)
+class _Info:
+    owner: str
+    name: str
+    length: int
+    metadata: str
+
+
+class ResumableUploads:
+    """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
+
+    def __init__(self, blobs: Blobs, max_bytes: int, lifetime_s: float, quotas: Quotas | None = None) -> None:
+        self._blobs = blobs
+        self._quotas = quotas
+        self.max_bytes = max_bytes
+        self._lifetime_s = lifetime_s
+
+    def create(self, owner: str, name: str, length: int, metadata: str = "") -> Resumable:
+        """Announce a file; durable on return.
+
+        Args:
+            owner: the key that may go on with it.
+            name: see `Resumable`.
+            length: bytes it will have.
+            metadata: kept as it is.
+
+        Raises:
+            InvalidInputError: an unsafe name, or a negative length.
+            LimitExceededError: longer than `max_bytes`.
+            QuotaError: the key holds all that it may.
+            ResourceError: the disk is full.
+        """
+        safe_parts(name)
+        if length < 0:
+            raise InvalidInputError(f"a length of {length} bytes", field="Upload-Length")
+        if length > self.max_bytes:
+            raise LimitExceededError(
+                f"the upload announces {length} bytes",
+                field="Upload-Length",
+                limit=f"{self.max_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
+                hint="Send fewer or smaller images.",
+            )
+        if self._quotas is not None and self._quotas.bounded:
+            self._quotas.check_room(owner, length + self._pending_bytes(owner))
+        upload_id = uuid.uuid4().hex
+        folder = self._blobs.upload(upload_id)
+        try:
+            folder.mkdir(parents=True)
+            _write_durably(folder / _DATA, "")
+            _write_durably(folder / _OFFSET, _digits(0))
+            # Last: a folder without it is no upload.
+            _write_durably(folder / _INFO, json.dumps(asdict(_Info(owner, name, length, metadata))))
+            sync_folder(folder)
+            sync_folder(folder.parent)
+        except OSError as error:
+            remove(folder)
+            raise disk_error(error, "upload") from error
+        return self.get(owner, upload_id)
+
+    def get(self, owner: str, upload_id: str) -> Resumable:
+        """Where an upload stands.
+
+        Raises:
+            NotFoundError: there is none of that id, not of this key, or it has expired.
+        """
+        folder, info = self._find(owner, upload_id)
+        offset = int((folder / _OFFSET).read_text())
+        expires_at = _changed_at(folder) + self._lifetime_s
+        return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
+
+    def append(
+        self,
+        owner: str,
+        upload_id: str,
+        offset: int,
+        chunks: Iterable[bytes],
+        checksum: tuple[Algorithm, bytes] | None = None,
+    ) -> Resumable:
+        """Take the bytes from `offset` on; what is acknowledged is on disk. Returns the upload as it then stands.
+
+        If `chunks` raises, what came before stays and can be built upon, unless a checksum was to be met.
+
+        Raises:
+            NotFoundError: as `get`.
+            OffsetConflictError: `offset` is not where the upload ends.
+            UploadLockedError: another piece is coming in.
+            ChecksumMismatchError: the piece is not what its checksum says.
+            LimitExceededError: more bytes than announced; those announced stay.
+            ResourceError: the disk is full.
+        """
+        folder, info = self._find(owner, upload_id)
+        with _locked(folder) as data:
+            reached = int((folder / _OFFSET).read_text())
+            if offset != reached:
+                raise OffsetConflictError(
+                    f"the piece begins at {offset}, the upload ends at {reached}",
+                    field="Upload-Offset",
+                    hint="Ask for the offset with HEAD, then go on from there.",
+                )
+            piece = _Piece(folder, data, reached, info.length, checksum)
+            try:
+                for chunk in chunks:
+                    piece.write(chunk)
+            except OSError as error:
+                piece.keep()
+                raise disk_error(error, info.name) from error
+            except BaseException:
+                piece.keep()
+                raise
+            piece.finish()
+        return self.get(owner, upload_id)
+
+    def delete(self, owner: str, upload_id: str) -> None:
+        """Forget an upload.
+
+        Raises:
+            NotFoundError, UploadLockedError: as `append`.
+        """
+        folder, _ = self._find(owner, upload_id)
+        with _locked(folder):
+            remove(folder)
+
+    def complete(self, owner: str, upload_id: str) -> tuple[str, Path]:
+        """Name and bytes of an upload that is whole; it will never change again.
+
+        Raises:
+            NotFoundError: as `get`.
+            OffsetConflictError: it is not whole.
+        """
+        upload = self.get(owner, upload_id)
+        if upload.offset != upload.length:
+            raise OffsetConflictError(
+                f"upload {upload_id} has {upload.offset} of {upload.length} bytes",
+                field="uploads",
+                hint="Send the rest first.",
+            )
+        return upload.name, self._blobs.upload(upload_id) / _DATA
+
+    def _pending_bytes(self, owner: str) -> int:
+        """What this key's unfinished uploads will weigh."""
+        total = 0
+        for upload_id in self._blobs.ids("uploads"):
+            try:
+                total += self._find(owner, upload_id)[1].length
+            except NotFoundError:
+                continue
+        return total
+
+    def _find(self, owner: str, upload_id: str) -> tuple[Path, _Info]:
+        try:
+            folder = self._blobs.upload(upload_id)
+            info = _Info(**json.loads((folder / _INFO).read_text()))
+            if info.owner == owner and _changed_at(folder) + self._lifetime_s > time.time():
+                return folder, info
+        except (OSError, ValueError):
+            pass
+        raise NotFoundError(
+            f"no upload {upload_id[:80]!r}", field="upload", hint="It was finished, removed or has expired: start anew."
+        )
+
+
+class _Piece:
+    """Bytes on their way to the end of `data`."""
+
+    def __init__(
+        self, folder: Path, data: BinaryIO, offset: int, length: int, checksum: tuple[Algorithm, bytes] | None
+    ) -> None:
+        self._folder, self._data, self._length, self._checksum = folder, data, length, checksum
+        self._begin = self._end = self._durable = offset
+        self._hash = hashlib.new(checksum[0]) if checksum is not None else None
+        data.truncate(offset)
+        data.seek(offset)
+
+    def write(self, chunk: bytes) -> None:
+        if self._end + len(chunk) > self._length:
+            raise LimitExceededError(
+                "the piece reaches over the announced end",
+                field="Upload-Offset",
+                limit=f"{self._length} bytes (Upload-Length)",
+                hint="Send as many bytes as were announced.",
+            )
+        self._data.write(chunk)
+        self._end += len(chunk)
+        if self._hash is not None:
+            self._hash.update(chunk)
+        elif self._end - self._durable >= _DURABLE_BYTES:
+            self.keep()
+
+    def keep(self) -> None:
+        """Make what has come durable; a piece that has yet to meet its checksum is no piece."""
+        if self._hash is None:
+            self._commit(self._end)
+
+    def finish(self) -> None:
+        if self._hash is not None and not self._fits(self._hash.digest()):
+            raise ChecksumMismatchError(
+                "the piece is not what its checksum says",
+                field="Upload-Checksum",
+                hint=f"Send it again from {self._begin}.",
+            )
+        self._commit(self._end)
+
+    def _fits(self, digest: bytes) -> bool:
+        return self._checksum is not None and hmac.compare_digest(digest, self._checksum[1])
+
+    def _commit(self, offset: int) -> None:
+        self._data.flush()
+        os.fsync(self._data.fileno())
+        with (self._folder / _OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change at once
+            file.write(_digits(offset))
+            file.flush()
+            os.fsync(file.fileno())
+        self._durable = offset
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[BinaryIO]:
+    try:
+        data = (folder / _DATA).open("r+b")
+    except OSError:
+        raise NotFoundError(f"no upload {folder.name!r}", field="upload") from None
+    with data:
+        try:
+            fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UploadLockedError(
+                "another piece of this upload is coming in",
+                field="upload",
+                hint="Wait until it has ended, ask for the offset, then go on.",
+            ) from None
+        yield data
+
+
+def _changed_at(folder: Path) -> float:
+    return (folder / _OFFSET).stat().st_mtime
+
+
+def _digits(offset: int) -> str:
+    return f"{offset:020d}"
+
+
+def _write_durably(path: Path, text: str) -> None:
+    with path.open("x") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())

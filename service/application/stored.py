@@ -1,0 +1,70 @@
+"""Stored rows to what callers see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from datetime import UTC, datetime
+from typing import Any
+
+from fastsplat.service.store.codec import camera_from_json
+from fastsplat.service.store.records import OperationRecord, SceneRecord
+from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
+from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
+
+
+def operation_of(record: OperationRecord) -> Operation:
+    """What a caller sees of an operation row; a metric that is no finite number is left out."""
+    error = record.error
+    return Operation(
+        id=record.id,
+        scene_id=record.scene_id,
+        state=record.state,
+        done=record.state in FINAL_STATES,
+        created_at=_time(record.created_at),
+        updated_at=_time(record.updated_at),
+        stages=tuple(_stage_of(stage) for stage in record.stages),
+        error=None if error is None else OperationError(**error),
+    )
+
+
+def summary_of(record: SceneRecord) -> SceneSummary:
+    """What a list shows of a scene row."""
+    return SceneSummary(
+        id=record.id,
+        name=record.name,
+        state=record.state,
+        operation_id=record.operation_id,
+        created_at=_time(record.created_at),
+        gaussians=record.gaussians,
+        scale=record.scale,
+        version=record.version,
+        label_count=len(record.dictionary),
+    )
+
+
+def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
+    """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
+    return Scene(
+        **vars(summary_of(record)),
+        camera_count=len(record.cameras),
+        dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
+        cameras=tuple(camera_from_json(row) for row in record.cameras[:max_listed]),
+        quality=record.quality,
+    )
+
+
+def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
+    """What a caller sees of a stored dictionary entry; a row may hold more than callers are shown."""
+    shown = {field.name: row[field.name] for field in fields(DictionaryEntry)}
+    return DictionaryEntry(**{**shown, "aliases": tuple(row["aliases"])})
+
+
+def _stage_of(row: Mapping[str, Any]) -> StageProgress:
+    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value)}
+    return StageProgress(**{**row, "metrics": metrics})
+
+
+def _time(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)

@@ -1,0 +1,109 @@
+"""Limits on what a request may say, checked before any work."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.planning.presets import preset_name
+from fastsplat.service.settings import StoreSettings
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions
+
+_DEFAULT_PAGE = 50
+
+
+def check_page_size(size: int, limits: StoreSettings) -> int:
+    """The page size to use: the default for 0, cut to the server's limit.
+
+    Raises:
+        InvalidInputError: negative.
+    """
+    if size < 0:
+        raise InvalidInputError(f"a page size of {size}", field="page_size", hint="Use 0 for the default.")
+    return min(size or _DEFAULT_PAGE, limits.max_page_size)
+
+
+def check_request(name: str, request_id: str, options: SceneOptions, limits: StoreSettings) -> None:
+    """Raise unless a scene may be made under this name, request id and options.
+
+    Raises:
+        InvalidInputError: a value that makes no sense.
+        LimitExceededError: a value over the server's limits.
+    """
+    _check_length("name", name, limits.max_name_chars, "FASTSPLAT_STORE__MAX_NAME_CHARS")
+    if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
+        raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
+    check_request_id(request_id)
+    if len(options.labels) > limits.max_labels:
+        raise LimitExceededError(
+            f"{len(options.labels)} labels",
+            field="labels",
+            limit=f"{limits.max_labels} labels (FASTSPLAT_STORE__MAX_LABELS)",
+        )
+    for label in options.labels:
+        _check_length("labels", label, limits.max_label_chars, "FASTSPLAT_STORE__MAX_LABEL_CHARS")
+        if not label_key(label):
+            raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
+    _check_choices(options)
+    _check_budgets(options, limits)
+
+
+def check_request_id(request_id: str) -> None:
+    """Raise unless this may name a request; "" names none.
+
+    Raises:
+        InvalidInputError: too long, or not plain.
+    """
+    if request_id and not re.fullmatch(r"[!-~]{1,200}", request_id):
+        raise InvalidInputError(
+            "the request id is not 1 to 200 printable ASCII characters without spaces",
+            field="request_id",
+            hint="Use a UUID.",
+        )
+
+
+def _check_choices(options: SceneOptions) -> None:
+    if options.preset is not None:
+        preset_name(options.preset)
+    if abs(options.priority) > MAX_PRIORITY:
+        raise LimitExceededError(
+            f"a priority of {options.priority}",
+            field="priority",
+            limit=f"{-MAX_PRIORITY} to {MAX_PRIORITY}",
+            hint="0 is usual.",
+        )
+
+
+def _check_budgets(options: SceneOptions, limits: StoreSettings) -> None:
+    seconds, gaussians = options.time_budget_s, options.max_gaussians
+    if seconds is not None:
+        if not math.isfinite(seconds) or seconds <= 0:
+            raise InvalidInputError(
+                f"a time budget of {seconds} s", field="time_budget_s", hint="Give seconds above 0, or leave it out."
+            )
+        if seconds > limits.max_time_budget_s:
+            raise LimitExceededError(
+                f"a time budget of {seconds} s",
+                field="time_budget_s",
+                limit=f"{limits.max_time_budget_s} s (FASTSPLAT_STORE__MAX_TIME_BUDGET_S)",
+            )
+    if gaussians is not None:
+        if gaussians < 1:
+            raise InvalidInputError(
+                f"a budget of {gaussians} Gaussians", field="max_gaussians", hint="Give at least 1, or leave it out."
+            )
+        if gaussians > limits.max_gaussians:
+            raise LimitExceededError(
+                f"a budget of {gaussians} Gaussians",
+                field="max_gaussians",
+                limit=f"{limits.max_gaussians} (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+            )
+
+
+def _check_length(field: str, text: str, limit: int, setting: str) -> None:
+    if len(text) > limit:
+        raise LimitExceededError(
+            f"{field} of {len(text)} characters", field=field, limit=f"{limit} characters ({setting})"
+        )

@@ -1,1 +1,0 @@
-"""The one service layer behind both faces: `service.calls.service`."""

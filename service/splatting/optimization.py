@@ -1,0 +1,126 @@
+"""The optimization loop: one view a step."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.label_supervision import LabelSupervision
+from fastsplat.service.splatting.objective import loss_terms, render_frame
+from fastsplat.service.splatting.recorder import Recorder
+from fastsplat.service.splatting.schedule import image_level, learning_rates, run_progress, sh_degree
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import SplatState, Step, adam_step
+from fastsplat.service.splatting.strategy import DensificationStrategy
+from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.errors import TrainingDivergedError
+
+
+class Trainer:
+    """Optimizes a state until the run is over: render, compare, step; then the strategy and the recorder have their
+    turn.
+
+    Random numbers are drawn afresh from (seed, iteration), so a checkpoint need not hold any.
+
+    Args:
+        state: of a new run or of a checkpoint.
+        views: training views on the backend's device.
+        supervision: of the labels.
+        strategy: of densification.
+        recorder: of progress.
+        settings: the run's.
+        extent: of the scene, scene units.
+        elapsed_s: seconds that the run has taken before.
+
+    Attributes:
+        state, views, elapsed_s: as they are at present.
+    """
+
+    def __init__(
+        self,
+        state: SplatState,
+        views: tuple[TrainingView, ...],
+        *,
+        supervision: LabelSupervision,
+        strategy: DensificationStrategy,
+        recorder: Recorder,
+        settings: TrainingSettings,
+        extent: float,
+        elapsed_s: float = 0.0,
+    ) -> None:
+        self.state, self.views, self.elapsed_s = state, views, elapsed_s
+        self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
+        self._settings, self._extent = settings, extent
+        self._device = state.parameters["means"].device
+
+    def run(self) -> None:
+        """Steps until progress is 1.
+
+        Raises:
+            TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
+        """
+        begun = time.monotonic() - self.elapsed_s
+        progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
+        self._recorder.start(self.state, self.elapsed_s, progress)
+        while progress < 1:
+            self.views = self._supervision.fuse_if_due(progress, self.state, self.views)
+            loss, radii = self._step(progress)
+            self.elapsed_s = time.monotonic() - begun
+            before, progress = progress, run_progress(self.state.iteration, self.elapsed_s, self._settings)
+            step = Step(before, progress, self.elapsed_s, loss, radii)
+            self._strategy.step_post_backward(self.state, step)
+            self._recorder.after_step(self.state, step)
+        self._recorder.finish(self.state, self.elapsed_s)
+        self.views = self._supervision.fuse_if_due(1.0, self.state, self.views)
+
+    def _step(self, progress: float) -> tuple[float, Tensor]:
+        """The loss of one optimization step, and the radii of the Gaussians in its view."""
+        settings, iteration, parameters = self._settings, self.state.iteration, self.state.parameters
+        view = self._view_of(iteration)
+        frame = view.frames[image_level(progress, settings)]
+        semantic = self._supervision.applies(frame, iteration)
+        splats = splats_of(parameters)
+        rendering = render_frame(
+            parameters,
+            splats,
+            view,
+            frame,
+            degree=sh_degree(progress, settings),
+            with_codes=semantic,
+            background=self._background(),
+            backend=settings.backend,
+        )
+        target = frame.target()
+        self._recorder.observe_image(iteration, rendering.image[..., :3].detach(), target, frame)
+        class_weights = self._supervision.class_weights if semantic else None
+        terms = loss_terms(rendering, splats, parameters, frame, target, class_weights, self._extent, settings)
+        loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
+        value, non_finite = loss.item(), rendering.culled_non_finite
+        if not math.isfinite(value) or non_finite:
+            raise TrainingDivergedError(
+                f"at iteration {iteration} the loss is {value} and {non_finite} Gaussians are not finite",
+                hint="Lower the learning rates in training.rates, and check the poses and points of the capture.",
+                field="training.rates",
+            )
+        radii = rendering.radii
+        del rendering, target, splats, terms  # the backward pass needs the memory, not them
+        loss.backward()  # type: ignore[no-untyped-call]
+        adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
+        return value, radii
+
+    def _view_of(self, iteration: int) -> TrainingView:
+        """Every view once an epoch, in an order of the epoch's own."""
+        epoch, position = divmod(iteration, len(self.views))
+        order = np.random.default_rng((self._settings.seed, 2, epoch)).permutation(len(self.views))
+        return self.views[int(order[position])]
+
+    def _background(self) -> Tensor | None:
+        if self._settings.background == "black":
+            return None
+        generator = np.random.default_rng((self._settings.seed, 3, self.state.iteration))
+        return torch.from_numpy(generator.uniform(size=3).astype(np.float32)).to(self._device)

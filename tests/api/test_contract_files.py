@@ -1,0 +1,111 @@
+"""What is committed of the contract is what the sources say, and its sizes hold."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+from fastsplat.api.grpc.server import MAX_MESSAGE_BYTES
+from fastsplat.api.rest import openapi
+from fastsplat.service.application.stored import scene_of
+from fastsplat.service.settings import CallSettings
+from fastsplat.service.store.codec import camera_to_json
+from fastsplat.service.store.records import SceneRecord
+from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.v1 import fastsplat_pb2
+from tests.api.made_scene import turned
+
+_PROTOS = Path(__file__).resolve().parents[2] / "protos"
+
+
+def _generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("generate", _PROTOS / "generate.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_generated_code_is_that_of_the_proto(tmp_path: Path) -> None:
+    generator = _generator()
+    generator.generate(tmp_path)
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.py*")} == set(generator.GENERATED)
+    for name in generator.GENERATED:
+        assert (tmp_path / name).read_text() == (generator.OUTPUT / name).read_text(), f"{name} is stale: make protos"
+
+
+def test_the_openapi_file_is_that_of_the_routes() -> None:
+    committed = json.loads(openapi.COMMITTED.read_text())
+    assert committed == openapi.describe(), "openapi.json is stale: python -m fastsplat.api.rest.openapi"
+
+
+def test_every_operation_documents_its_problems() -> None:
+    document = openapi.describe()
+    assert "Problem" in document["components"]["schemas"]
+    for path, methods in document["paths"].items():
+        for operation in methods.values():
+            assert path == "/livez" or "application/problem+json" in operation["responses"]["4XX"]["content"]
+            assert "422" not in operation["responses"]
+            assert operation["description"]
+
+
+_TWINS = {
+    "POST /v1/scenes": "CreateScene",
+    "GET /v1/scenes": "ListScenes",
+    "GET /v1/scenes/{scene_id}": "GetScene",
+    "DELETE /v1/scenes/{scene_id}": "DeleteScene",
+    "GET /v1/scenes/{scene_id}/labels": "ListLabels",
+    "GET /v1/scenes/{scene_id}/objects": "ListObjects",
+    "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
+    "GET /v1/scenes/{scene_id}/versions": "ListVersions",
+    "POST /v1/scenes/{scene_id}:edit": "EditScene",
+    "POST /v1/scenes/{scene_id}:undo": "UndoEdit",
+    "GET /v1/operations": "ListOperations",
+    "GET /v1/operations/{operation_id}": "GetOperation",
+    "GET /v1/operations/{operation_id}:wait": "WaitOperation",
+    "GET /v1/operations/{operation_id}/events": "WatchOperation",
+    "POST /v1/operations/{operation_id}:cancel": "CancelOperation",
+    "GET /query": "Query",
+    "POST /v1/scenes/{scene_id}:query": "Query",
+    "GET /v1/scenes/{scene_id}/mask3d.bin": "Query",
+    "GET /v1/scenes/{scene_id}/{kind}.png": "RenderView",
+    "GET /v1/scenes/{scene_id}/{kind}.npy": "RenderView",
+    "POST /v1/scenes/{scene_id}:render": "RenderView",
+    "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
+    "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
+}
+
+
+def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone() -> None:
+    """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC; who has found gRPC need not
+    ask where it is."""
+    routes = {f"{method.upper()} {path}" for path, methods in openapi.describe()["paths"].items() for method in methods}
+    elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
+    assert set(_TWINS) == routes - elsewhere
+    rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
+    assert rpcs - set(_TWINS.values()) == {"StreamQuery"}
+
+
+def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:
+    most = CallSettings().max_listed
+    label = {"label": "x" * 200, "aliases": [], "pixels": 10**9, "views": 10**6, "gaussian_count": 10**9}
+    record = SceneRecord(
+        id="s",
+        name="n" * 200,
+        operation_id="o",
+        state="READY",
+        version="1",
+        created_at=0.0,
+        gaussians=10**9,
+        scale="METRIC",
+        dictionary=[{**label, "label_id": n} for n in range(1, 60_001)],
+        cameras=[camera_to_json(replace(turned(0.1), name="x" * 100))] * 20_000,
+        quality={},
+    )
+    scene = scene_of(record, most)
+    assert (scene.label_count, scene.camera_count) == (60_000, 20_000)
+    assert len(scene.dictionary) == len(scene.cameras) == most
+    assert to_proto(scene).ByteSize() < MAX_MESSAGE_BYTES

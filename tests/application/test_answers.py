@@ -1,0 +1,178 @@
+"""Questions to a real small scene with the real text encoder."""
+
+from __future__ import annotations
+
+import io
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fastsplat.service.application.service import open_service
+from fastsplat.service.scene import read_ply
+from fastsplat.service.settings import Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import (
+    InvalidInputError,
+    LimitExceededError,
+    ModelUnavailableError,
+    NotFoundError,
+    NotReadyError,
+)
+from fastsplat_contract.queries import PictureRequest, QueryRequest
+
+BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
+
+
+@pytest.fixture
+def settings(settings: Settings, models_dir) -> Settings:
+    return settings.model_copy(update={"models": models_dir})
+
+
+@pytest.fixture
+def ready(post, finish):
+    info = post()
+    finish(info)
+    return info
+
+
+def pixels(png: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(png)))
+
+
+def test_a_ready_scene_shows_what_it_holds(service, ready):
+    info = service.get_scene(ready.id)
+    assert info.state == "READY" and info.quality == {"psnr": 31.0} and info.scale == "METRIC"
+    assert [(row.label, row.aliases, row.gaussian_count) for row in info.dictionary] == [
+        ("mug", ("cup",), 1),
+        ("banana", ("cup",), 1),
+    ]
+    assert info.cameras[0].name == "front.jpg" and np.array_equal(info.cameras[0].world_from_camera, np.eye(4))
+    assert service.list_scenes().scenes[0].label_count == 2
+
+
+def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(service, ready):
+    request = QueryRequest(
+        ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
+    )
+    mug, banana = service.query(request)
+    assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
+    assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
+    assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
+    for answer, side in ((mug, slice(0, 20)), (banana, slice(20, 40))):
+        behind, front = answer.masks
+        assert (behind.view, behind.camera_index, behind.area) == ("", 0, 0)
+        mask = front.array()
+        assert mask.shape == (30, 40) and front.view == "front.jpg"
+        assert 0 < mask.sum() == mask[:, side].sum() == front.area
+
+
+def test_nothing_is_computed_that_was_not_asked_for(service, ready):
+    (answer,) = service.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",)))
+    assert answer.masks == () and answer.mask3d is None and answer.objects is None
+
+
+def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
+    newer, unfinished = post("newer"), post("unfinished")
+    finish(newer)
+    answers = service.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
+    assert [answer.scene_id for answer in answers] == [newer.id, newer.id, ready.id, ready.id]
+    assert [answer.text for answer in answers] == ["mug", "banana"] * 2
+    assert answers[0].mask3d == b"\x80" and unfinished.id not in {answer.scene_id for answer in answers}
+    with pytest.raises(InvalidInputError, match="mask2d"):
+        service.query(QueryRequest("", ("mug",), outputs=frozenset({"mask2d"})))
+
+
+def test_pictures_show_the_view(service, ready):
+    rgb = pixels(service.view_picture(PictureRequest(ready.id, "rgb", view="front.jpg")))
+    mask = pixels(service.view_picture(PictureRequest(ready.id, "mask", "mug", view="front.jpg")))
+    overlay = pixels(service.view_picture(PictureRequest(ready.id, "overlay", "mug", view="front.jpg")))
+    relevancy = pixels(service.view_picture(PictureRequest(ready.id, "relevancy", "mug", view="front.jpg")))
+    assert rgb.shape == overlay.shape == relevancy.shape == (30, 40, 3)
+    assert set(np.unique(mask)) == {0, 255} and mask.shape == (30, 40)
+    assert np.array_equal(rgb[mask == 0], overlay[mask == 0]) and (rgb != overlay).any()
+    assert not pixels(service.view_picture(PictureRequest(ready.id, "rgb", camera=BEHIND))).any()
+
+
+def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
+    whole = read_ply(service.scene_ply(ready.id)[0])
+    (tmp_path / "mask.ply").write_bytes(service.mask_ply(ready.id, "banana"))
+    part = read_ply(tmp_path / "mask.ply")
+    assert len(whole) == 2 and np.array_equal(part.means, whole.means[1:])
+    (tmp_path / "none.ply").write_bytes(service.mask_ply(ready.id, "quarterly tax return"))
+    assert len(read_ply(tmp_path / "none.ply")) == 0
+
+
+def test_an_unfinished_scene_says_what_to_wait_for(service, post):
+    info = post()
+    calls = [
+        lambda: service.query(QueryRequest(info.id, ("mug",))),
+        lambda: service.view_picture(PictureRequest(info.id, "rgb", view="front.jpg")),
+        lambda: service.scene_ply(info.id),
+        lambda: service.mask_ply(info.id, "mug"),
+    ]
+    for call in calls:
+        with pytest.raises(NotReadyError, match="still being made") as caught:
+            call()
+        assert info.operation_id in caught.value.hint
+    service.cancel_operation(info.operation_id)
+    with pytest.raises(NotReadyError, match="failed"):
+        calls[0]()
+
+
+def test_senseless_questions_are_refused(service, ready):
+    ask, picture = service.query, service.view_picture
+    refused = [
+        (InvalidInputError, lambda: ask(QueryRequest(ready.id, ()))),
+        (InvalidInputError, lambda: ask(QueryRequest(ready.id, (" ",)))),
+        (LimitExceededError, lambda: ask(QueryRequest(ready.id, ("x" * 100_000,)))),
+        (LimitExceededError, lambda: ask(QueryRequest(ready.id, ("mug",) * 1000))),
+        (InvalidInputError, lambda: ask(QueryRequest(ready.id, ("mug",), outputs=frozenset({"mask2d"})))),
+        (NotFoundError, lambda: ask(QueryRequest("nowhere", ("mug",)))),
+        (NotFoundError, lambda: ask(QueryRequest(ready.id, ("mug",), views=("x.jpg",), outputs=frozenset({"mask2d"})))),
+        (LimitExceededError, lambda: ask(QueryRequest(ready.id, ("mug",), cameras=(BEHIND,) * 4))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "rgb"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "rgb", camera=BEHIND, view="front.jpg"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "mask", view="front.jpg"))),
+        (InvalidInputError, lambda: picture(PictureRequest(ready.id, "sketch", "mug", view="front.jpg"))),
+        (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
+        (InvalidInputError, lambda: service.query(QueryRequest("", ()))),
+        (LimitExceededError, lambda: service.query(QueryRequest("", ("x" * 100_000,)))),
+        (InvalidInputError, lambda: service.mask_ply(ready.id, "")),
+    ]
+    for error, call in refused:
+        with pytest.raises(error) as caught:
+            call()
+        assert caught.value.field
+
+
+def test_threads_share_one_open_scene(service, ready, monkeypatch):
+    opened = []
+    real = service._scenes._load
+    monkeypatch.setattr(service._scenes, "_load", lambda *key: opened.append(key) or real(*key))
+    request = QueryRequest(ready.id, ("mug",), views=("front.jpg",), outputs=frozenset({"mask2d"}))
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda _: service.query(request), range(16)))
+    assert len(opened) == 1 and all(answer == answers[0] for answer in answers)
+
+
+def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
+    scenes = [post(str(number)) for number in range(3)]
+    for info in scenes:
+        finish(info)
+    folder = settings.data_dir / "scenes" / scenes[0].id / "v1" / "artefact"
+    weight = 2 * sum(path.stat().st_size for path in folder.iterdir())
+    calls = settings.calls.model_copy(update={"scene_memory_bytes": int(2.5 * weight)})
+    with open_service(settings.model_copy(update={"calls": calls})) as bounded:
+        assert len(bounded.query(QueryRequest("", ("mug",)))) == 3
+        assert bounded._scenes.count() == 2
+        assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
+
+
+def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):
+    with (
+        open_service(settings.model_copy(update={"models": tmp_path / "empty"})) as bare,
+        pytest.raises(ModelUnavailableError),
+    ):
+        bare.query(QueryRequest(ready.id, ("mug",)))

@@ -1,0 +1,111 @@
+"""Access keys: told once, kept as hashes, judged by id, secret, time and revocation."""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.keys import Keys, key_id_of
+from fastsplat.service.store import Store, open_store
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
+
+
+@pytest.fixture
+def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
+    opened = open_store(tmp_path / "data", database_url)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def keys(store: Store) -> Keys:
+    return Keys(store.keys)
+
+
+def test_a_key_opens_and_nothing_near_it_does(keys: Keys) -> None:
+    record, key = keys.create("robot", "read")
+    _, other = keys.create("other", "write")
+    ring = keys.valid()
+    assert ring.find(key) == record and record.kind == "read" and record.id in ring
+    stem, secret = key[:17], key.split("_", 2)[2]
+    swapped = f"fsk_{record.id}_{other.split('_', 2)[2]}"
+    near = [key[:-1], key + "x", key[:-1] + ("A" if key[-1] != "A" else "B"), swapped, secret, stem, key.upper(), ""]
+    near += [f" {key}", f"{key}\n", "fsk_" + "0" * 12 + "_" + secret, "ü" * 60, "\ud800"]
+    assert [text for text in near if ring.find(text) is not None] == []
+
+
+def test_only_hashes_are_kept(keys: Keys, store: Store) -> None:
+    _, key = keys.create("robot", "write")
+    (record,) = store.keys.all()
+    assert key.split("_", 2)[2] not in repr(record) and len(record.hash) == 64
+
+
+def test_keys_are_all_different(keys: Keys) -> None:
+    made = [keys.create("x", "read")[1] for _ in range(20)]
+    assert len(set(made)) == len({key_id_of(key) for key in made}) == 20
+
+
+def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
+    _, brief = keys.create("brief", "write", lifetime_s=0.2)
+    record, key = keys.create("gone", "write")
+    ring = keys.valid()
+    assert ring.find(brief) and ring.find(key)
+    keys.revoke(record.id)
+    keys.revoke(record.id)
+    time.sleep(0.3)
+    assert ring.find(brief) is None  # a ring that was read before it expired
+    assert keys.valid().find(brief) is None and keys.valid().find(key) is None
+    assert [each.revoked_at is not None for each in keys.all()] == [False, True]
+
+
+def test_nonsense_is_refused(keys: Keys) -> None:
+    for name, lifetime in (("", None), ("x" * 201, None), ("a\nb", None), ("x", 0.0), ("x", -1.0), ("x", float("nan"))):
+        with pytest.raises(InvalidInputError):
+            keys.create(name, "read", lifetime)
+    with pytest.raises(NotFoundError):
+        keys.revoke("nobody")
+    assert keys.all() == ()
+
+
+def test_the_first_key_is_one_key_however_many_start_at_once(store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "data" / "key"
+    barrier = threading.Barrier(8)
+
+    def start() -> None:
+        barrier.wait()
+        Keys(store.keys).ensure_first(path)
+
+    threads = [threading.Thread(target=start) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    keys = Keys(store.keys)
+    assert len(keys.all()) == 1
+    found = keys.valid().find(path.read_text().strip())
+    assert found is not None and found.kind == "write"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert sorted(os.listdir(path.parent)) == sorted({*os.listdir(path.parent)} - {".key"})
+    assert not [name for name in os.listdir(path.parent) if name.startswith(".key")]
+    assert not keys.ensure_first(path)
+
+
+def test_no_first_key_is_made_where_there_was_one(keys: Keys, tmp_path: Path) -> None:
+    record, _ = keys.create("operator", "write")
+    keys.revoke(record.id)
+    assert not keys.ensure_first(tmp_path / "key") and not (tmp_path / "key").exists()
+
+
+def test_a_first_key_that_cannot_be_left_is_not_made(keys: Keys, tmp_path: Path) -> None:
+    with pytest.raises(ResourceError):
+        keys.ensure_first(tmp_path / "nowhere" / "key")
+    (tmp_path / "odd").write_text("no key")
+    with pytest.raises(ResourceError):
+        keys.ensure_first(tmp_path / "odd")
+    assert keys.all() == ()

@@ -1,0 +1,217 @@
+"""Resumable files: cut anywhere and resumed, killed anywhere and resumed, the bytes are the same."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.store.blobs import Blobs
+from fastsplat_contract.errors import (
+    ChecksumMismatchError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    OffsetConflictError,
+    ResourceError,
+    UploadLockedError,
+)
+
+_ROOT = Path(__file__).parents[2]
+
+
+class _CutError(Exception):
+    """The sender is gone."""
+
+
+@pytest.fixture
+def uploads(tmp_path: Path) -> ResumableUploads:
+    return ResumableUploads(Blobs(tmp_path), 10_000_000, 3600.0)
+
+
+def _until(data: bytes, cut: int, rng: random.Random) -> Iterator[bytes]:
+    """`data` in uneven chunks, breaking off after `cut` bytes."""
+    at = 0
+    while at < cut:
+        step = min(rng.randint(1, 5_000), cut - at)
+        yield data[at : at + step]
+        at += step
+    if cut < len(data):
+        raise _CutError
+
+
+def _bytes_of(uploads: ResumableUploads, upload_id: str) -> bytes:
+    return uploads.complete("k", upload_id)[1].read_bytes()
+
+
+def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: ResumableUploads) -> None:
+    rng = random.Random(7)
+    data = rng.randbytes(200_000)
+    made = uploads.create("k", "capture.zip", len(data))
+    cuts = sorted(rng.sample(range(len(data)), 100))
+    for cut in cuts:
+        offset = uploads.get("k", made.id).offset
+        with pytest.raises(_CutError):
+            uploads.append("k", made.id, offset, _until(data[offset:], cut - offset, rng))
+        assert uploads.get("k", made.id).offset == cut  # nothing that came is sent twice
+    uploads.append("k", made.id, cuts[-1], [data[cuts[-1] :]])
+    assert _bytes_of(uploads, made.id) == data
+
+
+_APPEND = """
+import sys
+from pathlib import Path
+from fastsplat.service.application import resumable
+resumable._DURABLE_BYTES = 1 << 16
+uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
+offset = uploads.get("k", sys.argv[2]).offset
+def chunks():
+    while chunk := sys.stdin.buffer.read1(4096):
+        yield chunk
+        print(len(chunk), flush=True)
+uploads.append("k", sys.argv[2], offset, chunks())
+"""
+
+
+def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: ResumableUploads, tmp_path: Path) -> None:
+    rng = random.Random(11)
+    data = rng.randbytes(1_000_000)
+    made = uploads.create("k", "capture.zip", len(data))
+    for _ in range(2):
+        before = uploads.get("k", made.id).offset
+        process = subprocess.Popen(
+            [sys.executable, "-c", _APPEND, str(tmp_path), made.id],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            cwd=_ROOT,
+        )
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(data[before : before + 150_000])
+        process.stdin.flush()
+        taken = 0
+        while taken < 100_000:
+            taken += int(process.stdout.readline())
+        with pytest.raises(UploadLockedError):
+            uploads.append("k", made.id, before, [b"x"])
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdin.close()
+        process.stdout.close()
+        after = uploads.get("k", made.id).offset
+        assert before < after <= before + 150_000  # something was durable already
+    uploads.append("k", made.id, after, [data[after:]])
+    assert _bytes_of(uploads, made.id) == data
+
+
+@pytest.mark.parametrize("algorithm", ["sha1", "sha256"])
+def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: ResumableUploads, algorithm: str) -> None:
+    made = uploads.create("k", "a.bin", 20)
+    right = hashlib.new(algorithm, b"0123456789").digest()
+    uploads.append("k", made.id, 0, [b"01234", b"56789"], (algorithm, right))
+    with pytest.raises(ChecksumMismatchError):
+        uploads.append("k", made.id, 10, [b"abcdefghiX"], (algorithm, right))
+    assert uploads.get("k", made.id).offset == 10
+
+    def broken() -> Iterator[bytes]:
+        yield b"abc"
+        raise _CutError
+
+    with pytest.raises(_CutError):  # nobody can tell whether these bytes are right
+        uploads.append("k", made.id, 10, broken(), (algorithm, right))
+    assert uploads.get("k", made.id).offset == 10
+    uploads.append("k", made.id, 10, [b"0123456789"], (algorithm, right))
+    assert _bytes_of(uploads, made.id) == b"01234567890123456789"
+
+
+def test_only_the_next_byte_may_follow(uploads: ResumableUploads) -> None:
+    made = uploads.create("k", "a.bin", 10)
+    uploads.append("k", made.id, 0, [b"01234"])
+    for offset in (0, 4, 6, 10):
+        with pytest.raises(OffsetConflictError):
+            uploads.append("k", made.id, offset, [b"x"])
+    with pytest.raises(OffsetConflictError):
+        uploads.complete("k", made.id)
+    with pytest.raises(LimitExceededError):
+        uploads.append("k", made.id, 5, [b"56", b"789x"])
+    assert uploads.get("k", made.id).offset == 7
+    uploads.append("k", made.id, 7, [b"789"])
+    assert uploads.append("k", made.id, 10, []).offset == 10
+    assert _bytes_of(uploads, made.id) == b"0123456789"
+
+
+def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
+    made = uploads.create("k", "a.bin", 4)
+    inside, go_on = threading.Event(), threading.Event()
+
+    def slow() -> Iterator[bytes]:
+        yield b"ab"
+        inside.set()
+        assert go_on.wait(30)
+        yield b"cd"
+
+    first = threading.Thread(target=lambda: uploads.append("k", made.id, 0, slow()))
+    first.start()
+    assert inside.wait(30)
+    with pytest.raises(UploadLockedError):
+        uploads.append("k", made.id, 0, [b"WXYZ"])
+    with pytest.raises(UploadLockedError):
+        uploads.delete("k", made.id)
+    go_on.set()
+    first.join()
+    assert _bytes_of(uploads, made.id) == b"abcd"
+
+
+def test_uploads_of_another_key_are_not_there(uploads: ResumableUploads) -> None:
+    made = uploads.create("k", "a.bin", 4)
+    for ask in (uploads.get, uploads.delete, uploads.complete):
+        with pytest.raises(NotFoundError):
+            ask("other", made.id)
+    with pytest.raises(NotFoundError):
+        uploads.append("other", made.id, 0, [b"x"])
+    assert uploads.get("k", made.id) == made
+
+
+def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> None:
+    uploads = ResumableUploads(Blobs(tmp_path), 100, 50.0)
+    made = uploads.create("k", "a.bin", 4)
+    offset = tmp_path / "uploads" / made.id / "offset"
+    os.utime(offset, (0, offset.stat().st_mtime - 30))
+    earlier = uploads.get("k", made.id)
+    assert uploads.append("k", made.id, 0, [b"x"]).expires_at > earlier.expires_at
+    os.utime(offset, (0, offset.stat().st_mtime - 60))
+    with pytest.raises(NotFoundError):
+        uploads.get("k", made.id)
+
+
+def test_what_cannot_become_a_capture_is_refused_at_once(uploads: ResumableUploads, tmp_path: Path) -> None:
+    for name in ("../a", "/a", "", "a\\b", "a\0b"):
+        with pytest.raises(InvalidInputError):
+            uploads.create("k", name, 4)
+    with pytest.raises(LimitExceededError) as caught:
+        uploads.create("k", "a.zip", 10_000_001)
+    assert "FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES" in caught.value.limit
+    for name in ("../x", "nothing", ".", "a/b"):
+        with pytest.raises(NotFoundError):
+            uploads.get("k", name)
+    assert not list((tmp_path / "uploads").glob("*")) if (tmp_path / "uploads").exists() else True
+
+
+def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads) -> None:
+    made = uploads.create("k", "a.bin", 10)
+
+    def full() -> Iterator[bytes]:
+        yield b"01234"
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(ResourceError, match="full"):
+        uploads.append("k", made.id, 0, full())
+    assert uploads.get("k", made.id).offset == 5

@@ -1,0 +1,79 @@
+"""What is stored with a scene comes back as the contract's types, from rows of earlier releases, too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fastsplat.service.application.stored import operation_of
+from fastsplat.service.store import open_store
+from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.version_repository import NewVersion
+from fastsplat.workers.protocol import Job, read_job
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Color, Edit
+
+
+def _options_of(record: OperationRecord) -> SceneOptions:
+    return options_from_json({**record.options, "priority": record.priority})
+
+
+_OPTIONS = SceneOptions(("mug", "story book"), 9.5, 50, "draft", 7)
+
+
+def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path):
+    with service.new_upload() as upload:
+        upload.write("a.jpg", [b"picture"])
+        operation = upload.commit("desk", "", _OPTIONS)
+    record = service._store.scenes.operation(operation.id)
+    assert _options_of(record) == _OPTIONS
+    job = Job(operation.id, 1, tmp_path, tmp_path, _options_of(record), settings)
+    assert read_job(job.to_line("real"))[0].options == _OPTIONS
+
+
+def test_options_of_the_first_release_are_read(service, post):
+    record = service._store.scenes.operation(post().operation_id)
+    old = {"admitted": "raw", "labels": ["mug"], "time_budget_s": None, "max_gaussians": 10}
+    stored = type(record)(**{**vars(record), "options": old, "priority": 3})
+    assert _options_of(stored) == SceneOptions(("mug",), None, 10, None, 3)
+
+
+def test_a_metric_that_is_no_number_is_left_out(service, post):
+    record = service._store.scenes.operation(post().operation_id)
+    metrics = {"psnr": float("inf"), "loss": float("nan"), "step": 3.0}
+    stage = {"stage": "training", "fraction": 0.5, "message": "", "seconds": 1.0, "metrics": metrics}
+    (shown,) = operation_of(type(record)(**{**vars(record), "stages": [stage]})).stages
+    assert shown.metrics == {"step": 3.0}
+
+
+@pytest.mark.parametrize("british", [False, True])
+def test_edits_are_read_as_they_were_written(service, settings, post, finish, british):
+    info = post()
+    finish(info)
+    service.edit_scene(info.id, [Edit("remove", label="mug")])
+    own = service.list_versions(info.id)[-1]
+    assert own.edits == (Edit("remove", label="mug"),)
+    pose = Pose(Vector3(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    edits = (Edit("recolor", object_id="2-1", color=Color(0.0, 0.5, 1.0)), Edit("move", "mug", transform=pose))
+    if not british:
+        made = service.edit_scene(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
+        assert made.edits == service.list_versions(info.id)[-1].edits
+        return
+    rows = [
+        {"action": "recolour", "label": None, "object_id": "2-1", "colour": [0.0, 0.5, 1.0], "transform": None},
+        {
+            "action": "move",
+            "label": "mug",
+            "object_id": None,
+            "colour": None,
+            "transform": {"position": [1.0, 2.0, 3.0], "orientation": [0.0, 0.0, 0.0, 1.0]},
+        },
+    ]
+    store = open_store(settings.data_dir)
+    store.versions.publish(NewVersion(info.id, "e2", own.version, "", "", 1, [], rows))
+    store.close()
+    read = service.list_versions(info.id)[-1].edits
+    assert read == edits
+    assert np.array_equal(read[1].transform.matrix()[:3, 3], [1.0, 2.0, 3.0])

@@ -1,0 +1,170 @@
+"""Uploads: bounded, safely named, a job or no trace; one request id, one job."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from fastsplat_contract.errors import (
+    ConflictError,
+    CorruptImageError,
+    FastSplatError,
+    InvalidInputError,
+    LimitExceededError,
+)
+from fastsplat_contract.operations import SceneOptions
+
+
+def left_behind(service, folder: Path) -> list[str]:
+    """Files of uploads and jobs, and scenes in the database."""
+    files = [path.relative_to(folder).as_posix() for kind in ("uploads", "jobs") for path in (folder / kind).rglob("*")]
+    return files + [scene.id for scene in service.list_scenes()[0]]
+
+
+def test_acknowledged_is_queued_with_its_files(service, settings):
+    with service.new_upload() as upload:
+        assert upload.write("images/a.jpg", io.BytesIO(b"abc")) == 3
+        upload.write("images/b.jpg", iter([b"de", b"f"]))
+        operation = upload.commit("kitchen", "", SceneOptions(labels=("mug",)))
+    assert operation.state == "QUEUED" and operation.error is None
+    assert service.get_operation(operation.id) == operation
+    assert service.get_scene(operation.scene_id).name == "kitchen"
+    files = sorted(path for path in (settings.data_dir / "uploads").rglob("*") if path.is_file())
+    assert [path.read_bytes() for path in files] == [b"abc", b"def"]
+
+
+def test_an_archive_is_dropped_once_unpacked(service, settings):
+    with service.new_upload() as upload:
+        upload.write("all.zip", [b"archive"])
+        upload.commit("", "", SceneOptions())
+    names = [path.name for path in (settings.data_dir / "uploads").rglob("*") if path.is_file()]
+    assert names == ["a.jpg"]
+
+
+def test_leaving_without_a_commit_leaves_nothing(service, settings):
+    with service.new_upload() as upload:
+        upload.write("a.jpg", [b"abc"])
+    assert left_behind(service, settings.data_dir) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "/etc/passwd", "../a", "a/../../b", "a\\b", "C:/a", "a\0b", "a\nb", ".", "..", "x" * 256, "a/" * 20 + "a"],
+)
+def test_unsafe_names_are_refused(service, settings, name):
+    with service.new_upload() as upload, pytest.raises(InvalidInputError, match="not safe"):
+        upload.write(name, [b"abc"])
+    assert left_behind(service, settings.data_dir) == []
+
+
+def test_two_files_need_two_names(service):
+    with service.new_upload() as upload:
+        upload.write("a", [b"1"])
+        for name in ("a", "a/b", "./a"):
+            with pytest.raises(InvalidInputError):
+                upload.write(name, [b"2"])
+
+
+def test_bytes_are_counted_over_all_files(service):
+    with service.new_upload() as upload:
+        upload.write("a", [b"x" * 600])
+        with pytest.raises(LimitExceededError) as caught:
+            upload.write("b", (b"x" * 100 for _ in range(10**9)))  # stops reading at the limit
+        assert "1000" in caught.value.limit and caught.value.hint
+
+
+def test_files_are_counted(service):
+    with service.new_upload() as upload:
+        for number in range(5):
+            upload.write(f"{number}", [b""])
+        with pytest.raises(LimitExceededError, match="5 files"):
+            upload.write("6", [b""])
+
+
+def test_a_refused_upload_leaves_nothing_and_its_request_id_is_free(service, settings):
+    with service.new_upload() as upload:
+        upload.write("bad.jpg", [b"x"])
+        with pytest.raises(CorruptImageError):
+            upload.commit("", "once", SceneOptions())
+    assert left_behind(service, settings.data_dir) == []
+    with service.new_upload() as upload:
+        upload.write("good.jpg", [b"x"])
+        upload.commit("", "once", SceneOptions())
+
+
+def test_an_empty_upload_is_refused(service, settings):
+    with service.new_upload() as upload, pytest.raises(InvalidInputError, match="no files"):
+        upload.commit("", "", SceneOptions())
+    assert left_behind(service, settings.data_dir) == []
+
+
+def test_a_session_ends_with_its_commit(service):
+    with service.new_upload() as upload:
+        upload.write("a", [b"1"])
+        upload.commit("", "", SceneOptions())
+        with pytest.raises(InvalidInputError):
+            upload.write("b", [b"1"])
+        with pytest.raises(InvalidInputError):
+            upload.commit("", "", SceneOptions())
+        upload.abort()
+    assert len(service.list_scenes()[0]) == 1
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"time_budget_s": 0.0},
+        {"time_budget_s": float("nan")},
+        {"time_budget_s": float("inf")},
+        {"time_budget_s": 1e9},
+        {"max_gaussians": 0},
+        {"max_gaussians": 101},
+        {"labels": ("a", "b", "c", "d")},
+        {"labels": (" ",)},
+        {"labels": ("x" * 500,)},
+        {"name": "x" * 500},
+        {"name": "a\0b"},
+        {"request_id": "with space"},
+        {"request_id": "x" * 201},
+    ],
+    ids=str,
+)
+def test_senseless_options_are_refused_and_named(service, settings, options):
+    said = dict(options)
+    name, request_id = said.pop("name", ""), said.pop("request_id", "")
+    with service.new_upload() as upload:
+        upload.write("a.jpg", [b"x"])
+        with pytest.raises(FastSplatError) as caught:
+            upload.commit(name, request_id, SceneOptions(**said))
+    assert caught.value.field == next(iter(options))
+    assert left_behind(service, settings.data_dir) == []
+
+
+def test_the_same_request_twice_is_one_job(service, settings, post):
+    first = post("kitchen", "once")
+    again = post("kitchen", "once")
+    assert first.operation_id == again.operation_id
+    assert len(service.list_scenes()[0]) == 1
+    assert len(list((settings.data_dir / "uploads").iterdir())) == 1
+
+
+@pytest.mark.parametrize("other", [{"content": b"other"}, {"name": "bath"}])
+def test_the_same_id_for_another_request_is_a_conflict(service, settings, post, other):
+    post(**{"name": "kitchen", "request_id": "once"})
+    with pytest.raises(ConflictError):
+        post(**{"name": "kitchen", "request_id": "once", **other})
+    assert len(list((settings.data_dir / "uploads").iterdir())) == 1
+
+
+def test_two_services_share_a_folder(service, another, post):
+    first = post("kitchen", "once")
+    with another() as second:
+        assert asdict(second.get_scene(first.id)) == asdict(first)
+        with second.new_upload() as upload:
+            upload.write("a.jpg", [b"picture"])
+            assert upload.commit("kitchen", "once", SceneOptions()).scene_id == first.id
+        second.delete_scene(first.id)
+    assert service.list_scenes() == ((), "")

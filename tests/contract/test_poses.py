@@ -1,0 +1,75 @@
+"""Quaternions and frames: cameras on the wire, and as matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.poses import Quaternion, unit_quaternion
+
+_INTRINSICS = {"width": 8, "height": 6, "fx": 5.0, "fy": 5.0, "cx": 4.0, "cy": 3.0}
+_number = st.floats(-1, 1)
+_quaternions = st.tuples(_number, _number, _number, _number).filter(lambda q: np.linalg.norm(q) > 0.1)
+
+
+def _unit(q: tuple[float, ...]) -> tuple[float, float, float, float]:
+    x, y, z, w = np.array(q) / np.linalg.norm(q)
+    return float(x), float(y), float(z), float(w)
+
+
+def _posed(position: tuple[float, ...], q: tuple[float, ...], **more: str) -> PosedCamera:
+    plain = {
+        "intrinsics": _INTRINSICS,
+        "position": dict(zip("xyz", position, strict=True)),
+        "orientation": dict(zip("xyzw", q, strict=True)),
+    }
+    return from_plain(PosedCamera, {**plain, **more}, "camera")
+
+
+@given(_quaternions)
+def test_a_pose_survives_the_way_there_and_back(q: tuple[float, float, float, float]) -> None:
+    unit = _unit(q)
+    again = _posed((1.0, 2.0, 3.0), unit).to_wire()
+    assert again.position == (1.0, 2.0, 3.0)
+    assert again.orientation.w >= 0
+    nearest = min(np.abs(np.subtract(again.orientation, sign * np.array(unit))).max() for sign in (1, -1))
+    assert nearest < 1e-12
+
+
+@given(_quaternions)
+def test_the_matrix_turns_vectors_as_the_quaternion_does(q: tuple[float, float, float, float]) -> None:
+    x, y, z, w = _unit(q)
+    posed = _posed((0.0, 0.0, 0.0), (x, y, z, w), frame_id="")
+    axis, vector = np.array([x, y, z]), np.array([0.3, -0.7, 0.2])
+    turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
+    assert np.allclose(posed.world_from_camera[:3, :3] @ vector, turned, atol=1e-12)
+
+
+def test_opengl_looks_along_minus_z_with_y_up() -> None:
+    posed = _posed((0, 0, 0), (0, 0, 0, 1), convention="OPENGL")
+    assert np.array_equal(posed.world_from_camera[:3, :3], np.diag([1.0, -1.0, -1.0]))
+
+
+@pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 0, 1.01), (0, 0, 0, float("nan")), (0, float("inf"), 0, 0)])
+def test_only_unit_quaternions_are_taken(q: tuple[float, float, float, float]) -> None:
+    with pytest.raises(InvalidInputError, match="length"):
+        unit_quaternion(Quaternion(*q))
+    with pytest.raises(InvalidInputError) as caught:
+        _posed((0, 0, 0), q)
+    assert caught.value.field.startswith("camera.orientation")
+
+
+def test_a_pose_off_by_rounding_becomes_a_rotation() -> None:
+    posed = _posed((0, 0, 0), (0, 0, 0, 1.0009))
+    assert np.abs(posed.world_from_camera[:3, :3] - np.eye(3)).max() < 1e-12
+
+
+def test_another_frame_is_refused_with_a_way_out() -> None:
+    with pytest.raises(InvalidInputError, match="map") as caught:
+        _posed((0, 0, 0), (0, 0, 0, 1), frame_id="map")
+    assert caught.value.field == "camera.frame_id" and "world" in caught.value.hint
