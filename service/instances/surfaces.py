@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,9 @@ from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.ownership import NOBODY, Owners
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.types import Gaussians, SurfaceKind
 
 F64 = NDArray[np.float64]
-SurfaceKind = Literal["floor", "ceiling", "wall", "horizontal surface", "surface"]
 
 _TRIALS = 256
 _REFITS = 4
