@@ -11,6 +11,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
+from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -135,6 +136,7 @@ class Settings(BaseSettings):
     capture: CaptureSettings = CaptureSettings()
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
+    discovery: DiscoverySettings = DiscoverySettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     uploads: UploadSettings = UploadSettings()

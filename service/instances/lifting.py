@@ -9,7 +9,7 @@ from scipy.sparse import csr_array  # type: ignore[import-untyped]
 from torch import Tensor
 
 from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, label_sums
-from fastsplat.service.splatting.region_groups import LiftedRegions, lift_regions
+from fastsplat.service.splatting.region_groups import LiftedRegions, lift_regions, one_piece_each
 from fastsplat_contract.camera import Camera
 
 
@@ -54,10 +54,36 @@ def lift_masks(
         backend: which rasterizer.
     """
     pieces, members = image_pieces(masks)
-    image = pieces if valid is None else np.where(valid, pieces, np.int32(-1))
+    sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)
+    return lift_regions(sums, csr_array(members.astype(np.float64)))
+
+
+def lift_regions_of(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    ids: NDArray[np.integer],
+    count: int,
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    backend: Backend = "cpu",
+) -> LiftedRegions:
+    """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
+    none."""
+    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, valid, backend)
+    return lift_regions(sums, one_piece_each(count, sums))
+
+
+def _sums(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    pieces: NDArray[np.int32],
+    count: int,
+    valid: NDArray[np.bool_] | None,
+    backend: Backend,
+) -> LabelSums:
+    image = torch.from_numpy(pieces if valid is None else np.where(valid, pieces, np.int32(-1)))
     device = splats.means.device
-    sums = label_sums(
-        splats, viewmat.to(device), camera, torch.from_numpy(image).to(device), len(members), backend=backend
-    )
-    on_cpu = LabelSums(sums.starts.cpu(), sums.labels.cpu(), sums.sums.cpu())
-    return lift_regions(on_cpu, csr_array(members.astype(np.float64)))
+    sums = label_sums(splats, viewmat.to(device), camera, image.to(device), count, backend=backend)
+    return LabelSums(sums.starts.cpu(), sums.labels.cpu(), sums.sums.cpu())

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
-class DiscoverySettings(BaseModel):
+class DiscoverySettings(SettingGroup, section="discovery"):
     """How things are discovered without a vocabulary, and when they count."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     things: Literal["off", "on"] = "off"
     """Whether a scene gets things: everything in it, with or without a name."""
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
+    max_views: int = Field(64, ge=0)
+    """Views that are looked at, evenly spread; 0: all."""
+    dense_views: int = Field(4, ge=1)
+    """Views that are prompted on a dense grid; the others are prompted on what these have shown."""
     grid: int = Field(16, ge=2, le=64)
     """Prompts along the longer side of a densely prompted view."""
+    max_unexplained: int = Field(12, ge=0)
+    """Prompts in each of the other views where no thing explains the pixels."""
 
     min_overlap: float = Field(0.5, gt=0, lt=1)
     """Proposals of two views that overlap more are the same thing."""
@@ -45,3 +51,10 @@ class DiscoverySettings(BaseModel):
     """Share of a candidate's weight that no thing owns, for that."""
     stray_share: float = Field(0.1, ge=0, le=1)
     """Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
+
+    name_overlap: float = Field(0.5, gt=0, le=1)
+    """A region names the thing that it overlaps this much in its view."""
+    name_probability: float = Field(0.3, ge=0, le=1)
+    """A name is stated from this mean score over the views that see the thing; below, it is a suggestion."""
+    name_rivals: float = Field(0.5, ge=0, le=1)
+    """A name is stated only where no other has more than this share of its score."""

@@ -86,7 +86,7 @@ def group_regions(
     if not sum(counts):
         return []
     overlaps = overlaps_of(
-        lift_regions(of_view, _one_piece_each(count, of_view)) for of_view, count in zip(sums, counts, strict=True)
+        lift_regions(of_view, one_piece_each(count, of_view)) for of_view, count in zip(sums, counts, strict=True)
     )
     regions = [(view, region) for view, count in enumerate(counts) for region in range(1, count + 1)]
     groups = greedy_groups(overlaps, overlaps.agreement(min_overlap), min_overlap)
@@ -206,8 +206,8 @@ def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
     return Overlaps(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner, seen, size)
 
 
-def _one_piece_each(regions: int, sums: LabelSums) -> csr_array:
-    """Region r is the piece r + 1; pieces beyond, as piece 0, are outside all."""
+def one_piece_each(regions: int, sums: LabelSums) -> csr_array:
+    """The `members` of `lift_regions` for regions that are pieces: region r is piece r + 1; others are outside all."""
     pieces = max(regions, int(sums.labels.max()) if len(sums.labels) else 0) + 1
     entries = (np.ones(regions), (np.arange(regions) + 1, np.arange(regions)))
     return csr_array(entries, shape=(pieces, regions))
