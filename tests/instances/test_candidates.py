@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -59,6 +62,36 @@ def test_a_single_view_is_enough_where_there_is_one_only() -> None:
 def test_no_proposals_no_candidates() -> None:
     views = [lifted(10, []), lifted(10, [])]
     assert find_candidates(overlaps_of(views), np.zeros(0, np.float32), **BOUNDS) == []
+
+
+def _large_capture(views: int, gaussians: int, things: int) -> Iterator[LiftedRegions]:
+    """Each view proposes a third of all things, of half of them a part, and of a quarter a group with the next."""
+    rng = np.random.default_rng(0)
+    size = gaussians // things
+    for _ in range(views):
+        some = rng.choice(things - 1, things // 3, replace=False)
+        visible = np.zeros(gaussians, np.bool_)
+        for thing in some:
+            visible[thing * size : (thing + 2) * size] = True
+        whole = [range(thing * size, (thing + 1) * size) for thing in some]
+        parts = [range(thing * size, thing * size + size // 3) for thing in some[: len(some) // 2]]
+        groups = [range(thing * size, (thing + 2) * size) for thing in some[: len(some) // 4]]
+        yield lifted(gaussians, [*whole, *parts, *groups], visible)
+
+
+def test_memory_grows_with_what_is_inside_and_not_with_pairs_of_proposals() -> None:
+    """60 views × 70 proposals: a matrix of pairs alone would take 141 MB, one of proposals × Gaussians 672 MB."""
+    views, gaussians = 60, 40_000
+    made = list(_large_capture(views, gaussians, 120))
+    count, entries = sum(len(view) for view in made), sum(len(view.rows) for view in made)
+    assert count == views * 70
+    tracemalloc.start()
+    overlaps = overlaps_of(iter(made))
+    candidates = find_candidates(overlaps, np.full(count, 0.9, np.float32), **BOUNDS)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(candidates) > 119
+    assert peak < 40 * entries + 10 * views * gaussians + 64 * 200 * count
 
 
 def test_common_weights_are_those_of_the_shared_gaussians() -> None:
