@@ -46,9 +46,9 @@ def select_things(
 ) -> Selection:
     """The things among candidates, each Gaussian with one of them at most.
 
-    In this order: things by the hierarchy; candidates that few views propose, where nothing else explains their
-    Gaussians and they are no part of a surface's plane; surfaces grow over what nobody owns in their planes; pieces of
-    surfaces join them; strays are left out.
+    In this order: things by the hierarchy; candidates that few views propose, the largest first, where nothing else
+    explains their Gaussians and they are no part of a surface's plane; surfaces grow over what nobody owns in their
+    planes; pieces of surfaces join them; strays are left out.
 
     Args:
         candidates: see `find_candidates`.
@@ -59,7 +59,7 @@ def select_things(
     things = [candidates[row] for row in find_hierarchy(candidates, size, settings).things]
     owners, shares = assign_owners(things, len(gaussians))
     surfaces = find_surfaces(things, gaussians, size, settings)
-    for candidate in candidates:
+    for candidate in sorted(candidates, key=lambda one: -one.weight):
         free = candidate.rows[owners[candidate.rows] == NOBODY]
         if (
             candidate.consensus >= settings.unexplained_consensus

@@ -18,7 +18,7 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """Masks are lifted at this many pixels on the image's longer side."""
     max_views: int = Field(64, ge=0)
     """Views that are looked at, evenly spread; 0: all."""
-    dense_views: int = Field(4, ge=1)
+    dense_views: int = Field(6, ge=1)
     """Views that are prompted on a dense grid; the others are prompted on what these have shown."""
     grid: int = Field(16, ge=2, le=64)
     """Prompts along the longer side of a densely prompted view."""

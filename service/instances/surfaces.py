@@ -26,6 +26,8 @@ _SAMPLE = 4096
 _CORE = 0.5
 """Share of a thing's weight that must lie in a plane for the thing to lie in it."""
 _TIGHT = 0.5
+_OFFSET = 0.3
+"""Share of a plane's tolerance, 0.9 standard deviations of single centers, that the middle of a piece may be off."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,18 @@ def find_surfaces(
 
 
 def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
-    """Whether most of what Gaussians `rows` show lies in the plane, within half its tolerance: a thing that lies on a
-    table is higher than that, a print on its cloth is not."""
+    """Whether what Gaussians `rows` show lies in the plane: most of it within half the tolerance, and as a whole, by
+    the median of signed distances, nearer than that. What lies on a table is higher than the table, if only by the
+    thickness of a knife; a print on its cloth is not."""
     weights = size[rows].astype(np.float64)
-    inside = plane.distance(gaussians.means[rows]) <= _TIGHT * plane.tolerance
-    return bool(weights[inside].sum() > _CORE * weights.sum())
+    signed = gaussians.means[rows].astype(np.float64) @ plane.normal - plane.offset
+    order = np.argsort(signed)
+    reached = np.cumsum(weights[order])
+    if not len(rows) or reached[-1] <= 0:
+        return False
+    median = float(signed[order[np.searchsorted(reached, 0.5 * reached[-1])]])
+    inside = np.abs(signed) <= _TIGHT * plane.tolerance
+    return bool(weights[inside].sum() > _CORE * reached[-1]) and abs(median) <= _OFFSET * plane.tolerance
 
 
 def merge_pieces(
