@@ -19,7 +19,12 @@ from fastsplat.service.instances.prompting import dense_views, guided_points
 from fastsplat.service.instances.selection import Selection, select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import surface_kinds
-from fastsplat.service.perception.mask_proposals import distinct_proposals, grid_points, sure_proposals
+from fastsplat.service.perception.mask_proposals import (
+    distinct_proposals,
+    grid_points,
+    joined_proposals,
+    sure_proposals,
+)
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Segmenter, point_prompts
 from fastsplat.service.scene.boxes import vertical_axis
@@ -34,6 +39,7 @@ from fastsplat.service.splatting.training_views import training_size
 _PIXELS = 64.0
 """Evidence of a Gaussian's membership, in pixels: much against the prior, so that shares of votes are probabilities."""
 _ALPHA_MIN = 0.5
+_PROMPTS = 32
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""
@@ -128,8 +134,12 @@ class _Looker:
         """The masks of what is at points [K, 2] of the view's image, lifted, and their quality."""
         image = load_rgb(view.image_path)
         size = (image.shape[0], image.shape[1])
-        answer = self.segmenter.mask_logits(self.segmenter.embed(image), point_prompts(points))
-        proposals = distinct_proposals(sure_proposals(answer, size, self.perception), self.perception.proposal_overlap)
+        embedding = self.segmenter.embed(image)
+        parts = []
+        for start in range(0, max(len(points), 1), _PROMPTS):  # an answer takes a megabyte, and few of them count
+            answer = self.segmenter.mask_logits(embedding, point_prompts(points[start : start + _PROMPTS]))
+            parts.append(sure_proposals(answer, size, self.perception))
+        proposals = distinct_proposals(joined_proposals(parts), self.perception.proposal_overlap)
         camera = training_size(view.posed.camera, self.settings.max_side)
         masks = proposals.masks(camera.width, camera.height)
         valid = _valid_pixels(view, camera.width, camera.height)

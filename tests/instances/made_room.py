@@ -35,13 +35,16 @@ class Room:
 
 
 class ColorSegmenter:
-    """Answers a point with the connected area of its color, sharply; its three answers are the same."""
+    """Answers a point with the connected area of its color, sharply; its three answers are the same. It counts the
+    prompts of each image, and the most at once."""
 
     def __init__(self) -> None:
         self.prompts: list[int] = []
+        self.most_at_once = 0
 
     def embed(self, image: Image) -> Image:
         """The image itself."""
+        self.prompts.append(0)
         return image
 
     def masks(self, embedding: Image, boxes: np.ndarray) -> np.ndarray:
@@ -50,7 +53,8 @@ class ColorSegmenter:
 
     def mask_logits(self, embedding: Image, prompts: Prompts) -> MaskLogits:
         """One step of the grid a pixel."""
-        self.prompts.append(len(prompts))
+        self.prompts[-1] += len(prompts)
+        self.most_at_once = max(self.most_at_once, len(prompts))
         nearest = _nearest_color(embedding)
         logits = np.empty((len(prompts), 3, *nearest.shape), np.float32)
         for row, (x, y) in enumerate(prompts.points[:, 0].astype(int)):

@@ -75,6 +75,7 @@ def test_views_after_the_dense_ones_are_prompted_little(room: Room) -> None:
     assert segmenter.prompts[:3] == [12 * 9] * 3
     assert len(segmenter.prompts) == 8 and all(count <= 4 + SETTINGS.max_unexplained for count in segmenter.prompts[3:])
     assert discovery.prompts == sum(segmenter.prompts) and discovery.views == 8
+    assert segmenter.most_at_once <= 32
 
 
 def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery) -> None:
