@@ -28,7 +28,8 @@ _INSIDE = 0.5
 _ENOUGH = 0.3
 """Share of a region's Gaussians that another view must see before it can agree or disagree."""
 _ROWS = 64
-"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian."""
+"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian. As many
+views at a time are asked which Gaussians they see: 4 bytes for each."""
 
 
 @dataclass(frozen=True)
@@ -195,13 +196,17 @@ def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
     size = (filled / len(sizes)).astype(np.float32)
     owner = np.repeat(np.arange(len(sizes)), [len(of_view) for of_view in sizes])
     gaussians = np.concatenate(columns)
+    columns.clear()
     starts = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
     starts = starts.astype(np.int32 if starts[-1] < 1 << 31 else np.int64)  # int64 would widen the indices, too
     shape = (len(owner), len(size))
     inside_by_region = csr_array((np.ones(len(gaussians), np.float32), gaussians, starts), shape=shape)
     weights_by_region = csr_array((size[gaussians], gaussians, starts), shape=shape)
     seen = np.stack(visible)
-    seen_by = weights_by_region @ seen.T.astype(np.float32)
+    seen_by = np.concatenate(
+        [weights_by_region @ seen[start : start + _ROWS].T.astype(np.float32) for start in range(0, len(seen), _ROWS)],
+        axis=1,
+    )
     whole = np.maximum(np.asarray(weights_by_region.sum(axis=1), np.float32), np.float32(1e-12))
     return Overlaps(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner, seen, size)
 
