@@ -9,7 +9,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics sample docker-check clean
+.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -67,6 +67,9 @@ docker-check: setup  ## build and run the images in a clean Debian, without Dock
 
 bench-semantics: setup  ## ways to hold labels side by side on FASTSPLAT_TEST_DATA's tabletop: benchmarks/results/semantics.json
 	$(BIN)/python -m benchmarks.semantics $(FASTSPLAT_TEST_DATA)/tabletop
+
+bench-things: setup  ## things without a vocabulary on the sample and FASTSPLAT_TEST_DATA: benchmarks/results/things.json
+	$(BIN)/python -m benchmarks.things
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade

@@ -38,8 +38,11 @@ Preset = Annotated[
     typer.Option(help="How much to spend; 'settings' takes FASTSPLAT_TRAINING__* as they are."),
 ]
 Labels = Annotated[
-    Literal["given", "detected"],
-    typer.Option(help="Train on the data set's label maps, or on what the models find of its labels."),
+    Literal["given", "detected", "discovered"],
+    typer.Option(
+        help="Train on the data set's label maps, on what the models find of its labels, or without any: "
+        "then things are discovered."
+    ),
 ]
 StoredScene = Annotated[
     str, typer.Option(help="Measure this trained scene instead: an id of the data folder, or an artefact's folder.")
@@ -165,7 +168,7 @@ def _train(
     work: Path,
     listen: Listener,
     *,
-    labels: Literal["given", "detected"],
+    labels: Literal["given", "detected", "discovered"],
     preset: PresetName | None,
     keep: Path | None,
 ) -> _Subject:

@@ -5,7 +5,8 @@
 
 Everything is modelled and painted by the modules beside this one, from fixed seeds; nothing is downloaded. Pictures are
 path traced by Cycles on the CPU and denoised; masks come from a second render with one ray through each pixel's centre
-and the object's id as its colour, so that they are exact. Poses are nerfstudio's `transforms.json`.
+and the object's id as its colour, so that they are exact; a third one has an id for each single thing, where a mask
+has one for all things of a label. Poses are nerfstudio's `transforms.json`.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ import argparse
 import json
 import math
 import time
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import bpy
 
 from demo.sample_layout import THINGS
+from demo.sample_mesh import Parts
 from demo.sample_room import build_room, build_table, camera_poses
 
 WIDTH, HEIGHT = 480, 360
@@ -33,45 +36,57 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent / "sample")
     parser.add_argument("--samples", type=int, default=24)
     parser.add_argument("--views", type=int, nargs="*", help="only these view numbers")
+    parser.add_argument("--ids-only", action="store_true", help="masks and instances, no pictures")
     args = parser.parse_args()
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    labels = _build()
+    labels, copies = _build()
     poses = camera_poses()
     numbers = range(len(poses)) if args.views is None else args.views
     (args.out / "images").mkdir(parents=True, exist_ok=True)
     (args.out / "masks").mkdir(exist_ok=True)
+    (args.out / "instances").mkdir(exist_ok=True)
     camera = _camera()
     frames = []
     for k in numbers:
         camera.matrix_world = poses[k]
         bpy.context.view_layer.update()
         begin = time.monotonic()
-        _render_picture(args.out / f"images/{k:03d}.jpg", args.samples)
-        _render_mask(args.out / f"masks/{k:03d}.png")
+        if not args.ids_only:
+            _render_picture(args.out / f"images/{k:03d}.jpg", args.samples)
+        _number(copies, [labels[label] for label, _ in copies])
+        _render_ids(args.out / f"masks/{k:03d}.png")
+        _number(copies, range(1, len(copies) + 1))
+        _render_ids(args.out / f"instances/{k:03d}.png")
         print(f"view {k}: {time.monotonic() - begin:.1f} s", flush=True)
         matrix = [[round(float(v), 9) for v in row] for row in camera.matrix_world]
-        frames.append(
-            {"file_path": f"images/{k:03d}.jpg", "mask_path": f"masks/{k:03d}.png", "transform_matrix": matrix}
-        )
+        paths = {"file_path": f"images/{k:03d}.jpg", "mask_path": f"masks/{k:03d}.png"}
+        frames.append({**paths, "instance_path": f"instances/{k:03d}.png", "transform_matrix": matrix})
     focal = WIDTH / (2 * math.tan(_FIELD_OF_VIEW / 2))
     intrinsics = {"fl_x": focal, "fl_y": focal, "cx": WIDTH / 2, "cy": HEIGHT / 2, "w": WIDTH, "h": HEIGHT}
-    content = {"camera_model": "PINHOLE", **intrinsics, "labels": labels, "frames": frames}
+    content = {
+        "camera_model": "PINHOLE",
+        **intrinsics,
+        "labels": labels,
+        "instances": [label for label, _ in copies],
+        "frames": frames,
+    }
     (args.out / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _build() -> dict[str, int]:
+def _build() -> tuple[dict[str, int], list[tuple[str, Parts]]]:
+    """Ids of the labels, and of every thing its label and parts."""
     build_room()
-    labels = {}
-    for number, (label, copies) in enumerate(THINGS.items(), start=1):
-        labels[label] = number
-        for build in copies:
-            for part in build():
-                part.pass_index = number
-    labels[_TABLE_LABEL] = len(labels) + 1
-    for part in build_table():
-        part.pass_index = labels[_TABLE_LABEL]
-    return labels
+    copies = [(label, build()) for label, builders in THINGS.items() for build in builders]
+    copies.append((_TABLE_LABEL, build_table()))
+    labels = dict.fromkeys(label for label, _ in copies)
+    return {label: number for number, label in enumerate(labels, start=1)}, copies
+
+
+def _number(copies: Sequence[tuple[str, Parts]], ids: Iterable[int]) -> None:
+    for (_, parts), number in zip(copies, ids, strict=True):
+        for part in parts:
+            part.pass_index = number
 
 
 def _camera() -> Any:
@@ -105,7 +120,7 @@ def _render_picture(path: Path, samples: int) -> None:
     bpy.ops.render.render(write_still=True)
 
 
-def _render_mask(path: Path) -> None:
+def _render_ids(path: Path) -> None:
     """Ids as grey values: one unfiltered ray a pixel, every surface glows with its object's number."""
     scene = bpy.context.scene
     scene.view_layers[0].material_override = _id_material()
@@ -117,6 +132,7 @@ def _render_mask(path: Path) -> None:
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
     scene.view_settings.view_transform, scene.view_settings.look, scene.view_settings.exposure = "Raw", "None", 0.0
     settings = scene.render.image_settings
+    scene.render.dither_intensity = 0.0
     settings.file_format, settings.color_mode, settings.color_depth = "PNG", "BW", "8"
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)

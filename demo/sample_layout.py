@@ -7,19 +7,23 @@ from collections.abc import Callable
 from demo.sample_flora import plant, tulips, vase
 from demo.sample_food import apple, banana, donut, orange
 from demo.sample_mesh import Parts, place
-from demo.sample_things import books, bottle, bowl, clock, cup, knife, plate, teddy
+from demo.sample_things import book, bottle, bowl, clock, cup, knife, plate, teddy
 
 _RED = ("#8a1520", "#a81c26", "#b5242a", "#c95a4a")
 _GREEN = ("#7f9c30", "#94ae42", "#a2b850", "#bcc66c")
 
-# Label: builders of its copies. The order is the order of ids, from 1; the room adds the table itself.
+# Label: builders of its copies. Labels have ids from 1 in this order, and so have things, every copy counted; the room
+# adds the table itself.
 THINGS: dict[str, tuple[Callable[[], Parts], ...]] = {
     "apple": (
         lambda: place(apple(_RED, 1), 0.045, -0.005, 0.4, 0.016, 0.15),
         lambda: place(apple(_GREEN, 2), -0.06, -0.2, 1.9, 0.0, 0.0),
     ),
     "banana": (lambda: place(banana(), 0.15, -0.2, 0.2),),
-    "book": (lambda: place(books(), -0.27, -0.13, 0.3),),
+    "book": (
+        lambda: place(book(0), -0.27, -0.13, 0.3),
+        lambda: place(book(1), -0.27, -0.13, 0.3),
+    ),
     "bottle": (lambda: place(bottle(), 0.19, 0.27, 0.1),),
     "bowl": (lambda: place(bowl(), 0.08, 0.03, 0.0),),
     "clock": (lambda: place(clock(), -0.35, 0.06, 0.08, 0.0005, -0.1, 1.1),),

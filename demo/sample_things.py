@@ -230,50 +230,44 @@ def clock() -> Parts:
     return parts
 
 
-def books() -> Parts:
-    """Two hardbacks, one on the other."""
+def book(number: int) -> Parts:
+    """A hardback: 0 lies below, 1 on top of it and turned."""
     paper = mottled("pages", ("#e6dcc4", "#f5eedd", "#d8cbb0"), 40, 0.9, 0, (0.2, 0.2, 60))
-    covers = (
+    colour, art, title, letters = (
         ("#1f4e79", cover(440, 330, 21, ("#163a5c", "#1f4e79", "#2f6a9c", "#c98a4a")), "TIDES", "#f7e7c4"),
         ("#9c2f2f", cover(440, 330, 33, ("#7c2230", "#a93a34", "#d0643f", "#e9b260")), "GARDEN", "#fff4dc"),
-    )
-    parts: Parts = []
-    base = 0.0
-    for k, (colour, art, title, letters) in enumerate(covers):
-        w, d, h = (0.17, 0.23, 0.03) if k == 0 else (0.15, 0.205, 0.026)
-        board = plain(f"board {k}", colour, 0.6)
-        pieces = [
-            box("pages", (w - 0.008, d - 0.01, h - 0.005), paper, (0.002, 0, base + h / 2), 0.0005),
-            box("back", (w, d, 0.003), board, (0, 0, base + 0.0015), 0.001),
-            box("front", (w, d, 0.003), board, (0, 0, base + h - 0.0015), 0.001),
-            box("spine", (0.004, d, h), board, (-w / 2, 0, base + h / 2), 0.0015),
-            picture(
-                f"cover {k}",
-                np.array([[-w, -d, 0], [w, -d, 0], [w, d, 0], [-w, d, 0]]) * 0.485 + (0, 0, base + h + 0.0004),
-                art,
-                0.45,
-            ),
-            writing(title, 0.03, (0, d * 0.24, base + h + 0.0008), (0, 0, 0), plain(f"letters {k}", letters, 0.5)),
-            writing(
-                "a field guide" if k else "a handbook",
-                0.014,
-                (0, d * 0.1, base + h + 0.0008),
-                (0, 0, 0),
-                plain(f"small {k}", letters, 0.5),
-            ),
-            writing(
-                title,
-                h * 0.7,
-                (-w / 2 - 0.0022, 0, base + h / 2),
-                (pi / 2, 0, -pi / 2),
-                plain(f"spine letters {k}", letters, 0.5),
-            ),
-        ]
-        if k:
-            pieces = place(pieces, 0.006, 0.004, 0.3)
-        parts += pieces
-        base += h + 0.0006
-    return parts
+    )[number]
+    w, d, h = (0.15, 0.205, 0.026) if number else (0.17, 0.23, 0.03)
+    base = 0.0306 if number else 0.0
+    board = plain(f"board {number}", colour, 0.6)
+    parts: Parts = [
+        box("pages", (w - 0.008, d - 0.01, h - 0.005), paper, (0.002, 0, base + h / 2), 0.0005),
+        box("back", (w, d, 0.003), board, (0, 0, base + 0.0015), 0.001),
+        box("front", (w, d, 0.003), board, (0, 0, base + h - 0.0015), 0.001),
+        box("spine", (0.004, d, h), board, (-w / 2, 0, base + h / 2), 0.0015),
+        picture(
+            f"cover {number}",
+            np.array([[-w, -d, 0], [w, -d, 0], [w, d, 0], [-w, d, 0]]) * 0.485 + (0, 0, base + h + 0.0004),
+            art,
+            0.45,
+        ),
+        writing(title, 0.03, (0, d * 0.24, base + h + 0.0008), (0, 0, 0), plain(f"letters {number}", letters, 0.5)),
+        writing(
+            "a field guide" if number else "a handbook",
+            0.014,
+            (0, d * 0.1, base + h + 0.0008),
+            (0, 0, 0),
+            plain(f"small {number}", letters, 0.5),
+        ),
+        writing(
+            title,
+            h * 0.7,
+            (-w / 2 - 0.0022, 0, base + h / 2),
+            (pi / 2, 0, -pi / 2),
+            plain(f"spine letters {number}", letters, 0.5),
+        ),
+    ]
+    return place(parts, 0.006, 0.004, 0.3) if number else parts
 
 
 def plate() -> Parts:

@@ -16,16 +16,21 @@ from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
+from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query import embed_labels
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene import Scene, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+
+_THINGS_SHARE = 0.3
+"""Of the export's progress, for discovery."""
 
 LabelSource = Literal["none", "given", "detected"]
 """Where a scene's labels come from: it has none, label maps came with the capture, models detected them."""
@@ -138,10 +143,13 @@ def build_scene(
         progress: hears of every stage; may raise `CancelledError`.
 
     Raises:
-        ModelUnavailableError: the text encoder is missing, said before anything else is done.
+        ModelUnavailableError: the text encoder, or the segmenter that discovery needs, is missing, said before anything
+            else is done.
         FastSplatError: whatever the stages raise.
     """
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
+    if settings.discovery.things == "on":
+        open_segmenter(settings.perception, settings.models)
     seconds = {} if capture_seconds is None else {"capture": capture_seconds}
     begun = time.monotonic()
     if labelling is None:
@@ -171,7 +179,7 @@ def assemble_scene(
     quality: Mapping[str, Any],
     progress: Progress = silent,
 ) -> Scene:
-    """The scene of a finished training, its labels embedded.
+    """The scene of a finished training, its labels embedded and, if `settings.discovery` asks for it, with things.
 
     Args:
         trained: Gaussians, head and evidence.
@@ -182,9 +190,10 @@ def assemble_scene(
         progress: hears of the stage "export".
 
     Raises:
-        ModelUnavailableError: the text encoder of the settings is missing.
+        ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
     """
-    progress(ProgressEvent("export", 0.1, f"embedding {len(labelling.dictionary)} labels"))
+    things = _things(trained, labelling, capture, settings, progress)
+    progress(ProgressEvent("export", _THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
@@ -200,6 +209,29 @@ def assemble_scene(
         label_templates=templates,
         evidence=trained.evidence,
         label_mode=trained.label_mode,
+        things=things,
+    )
+
+
+def _things(
+    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
+) -> Things | None:
+    if settings.discovery.things == "off":
+        return None
+
+    def on_view(done: int, total: int) -> None:
+        progress(ProgressEvent("export", _THINGS_SHARE * done / total, f"discovering things, view {done}/{total}"))
+
+    segmenter = open_segmenter(settings.perception, settings.models)
+    return find_scene_things(
+        trained.gaussians,
+        capture,
+        labelling,
+        segmenter,
+        settings.discovery,
+        settings.perception,
+        on_view,
+        backend=settings.training.backend,
     )
 
 

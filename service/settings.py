@@ -19,6 +19,7 @@ from sqlalchemy import make_url
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
+from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -219,6 +220,7 @@ class Settings(BaseSettings):
     capture: CaptureSettings = CaptureSettings()
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
+    discovery: DiscoverySettings = DiscoverySettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     uploads: UploadSettings = UploadSettings()

@@ -21,10 +21,10 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
-from fastsplat.service.query.boxes import oriented_box, vertical_axis
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
+from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 
 _PATCH = 0.003
 

@@ -23,6 +23,13 @@ from fastsplat.service.evaluation.segmentation import (
     MIOU_THRESHOLD_MICRO,
     PIXEL_ACCURACY,
 )
+from fastsplat.service.evaluation.thing_discovery import (
+    CLICKS_MIOU,
+    THINGS_AP50,
+    THINGS_PRECISION,
+    THINGS_RECALL_50,
+    THINGS_RECALL_75,
+)
 from fastsplat.service.evaluation.types import SceneMetric, ViewMetric
 
 METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
@@ -48,4 +55,9 @@ METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     DEPTH_MEDIAN_ABS,
     DEPTH_COVERAGE,
     ABSENT_AUROC,
+    THINGS_RECALL_50,
+    THINGS_RECALL_75,
+    THINGS_PRECISION,
+    THINGS_AP50,
+    CLICKS_MIOU,
 )

@@ -98,8 +98,9 @@ def scene_size(scene: Scene) -> int:
     """Bytes of a scene's arrays."""
     arrays = [getattr(scene.gaussians, item.name) for item in fields(scene.gaussians)]
     arrays += [scene.head.weight, scene.head.bias, scene.label_embeddings]
-    if scene.evidence is not None:
-        arrays += [scene.evidence.starts, scene.evidence.labels, scene.evidence.counts]
+    for counts in (scene.evidence, None if scene.things is None else scene.things.membership):
+        if counts is not None:
+            arrays += [counts.starts, counts.labels, counts.counts]
     return sum(int(array.nbytes) for array in arrays)
 
 

@@ -22,8 +22,9 @@ from fastsplat.service.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError
 
-TrainingLabels = Literal["given", "detected"]
-"""`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names."""
+TrainingLabels = Literal["given", "detected", "discovered"]
+"""`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names;
+`discovered`: no names at all, the scene gets things instead."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,10 @@ def train_on_split(
     begun = time.monotonic()
     capture = training_capture(dataset, work, settings.capture, progress)
     capture_seconds = time.monotonic() - begun
-    names = tuple(entry.label for entry in dataset.dictionary.entries)
+    names = tuple(entry.label for entry in dataset.dictionary.entries) if labels != "discovered" else ()
+    if labels == "discovered":
+        discovery = settings.discovery.model_copy(update={"things": "on"})
+        settings = settings.model_copy(update={"discovery": discovery})
     built = build_scene(
         _with_label_source(capture, dataset, labels),
         override_training(settings, held_out_every=0),
@@ -90,7 +94,7 @@ def peak_megabytes() -> float:
 
 
 def _with_label_source(capture: Capture, dataset: Dataset, labels: TrainingLabels) -> Capture:
-    if labels == "detected":
+    if labels in ("detected", "discovered"):
         return replace(capture, given_labels=None)
     if len(dataset.dictionary) and capture.given_labels is None:
         raise InvalidInputError(

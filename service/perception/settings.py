@@ -62,6 +62,13 @@ class PerceptionSettings(BaseModel):
     rival_iou: float = Field(0.7, gt=0, le=1)
     """Boxes or masks of two classes that overlap more are rivals for one object: the likelier class keeps it."""
 
+    proposal_quality: float = Field(0.8, ge=0, le=1)
+    """Masks without a name count from this predicted intersection over union; see `mask_proposals`."""
+    proposal_stability: float = Field(0.88, ge=0, le=1)
+    """Masks without a name count from this stability score."""
+    proposal_overlap: float = Field(0.75, gt=0, le=1)
+    """Masks without a name of one view that overlap more are one."""
+
     synonym_cosine: float = Field(0.85, ge=-1, le=1)
     """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
     (`synonym_iou`). Measured with MiniLM by `benchmarks/perception/synonyms.py`: 0.85 merges 7 of 30 pairs of

@@ -122,6 +122,57 @@ class OpenSetDetector(Protocol):
         """Objects in uint8 [H, W, 3] that score at least `min_score`; their labels are among `prompts`."""
 
 
+@dataclass(frozen=True)
+class Prompts:
+    """K prompts for a segmenter, of N points each.
+
+    Attributes:
+        points: float32 [K, N, 2], x and y in pixels of the image.
+        kinds: float32 [K, N], as in Segment-Anything: 1 inside, 0 outside, 2 and 3 a box's upper left and lower right
+            corner, -1 a filler that means nothing.
+    """
+
+    points: NDArray[np.float32]
+    kinds: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        assert self.points.ndim == 3 and self.points.shape[2] == 2 and self.points.dtype == np.float32
+        assert self.kinds.shape == self.points.shape[:2] and self.kinds.dtype == np.float32
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def point_prompts(points: NDArray[np.floating[Any]]) -> Prompts:
+    """One prompt for each of [K, 2] points: what is there."""
+    padded = np.stack([points, np.zeros_like(points)], axis=1).astype(np.float32)
+    return Prompts(padded, np.tile(np.array([[1, -1]], np.float32), (len(points), 1)))
+
+
+def box_prompts(boxes: NDArray[np.floating[Any]]) -> Prompts:
+    """One prompt for each of [K, 4] boxes x1, y1, x2, y2."""
+    corners = np.asarray(boxes, np.float32).reshape(-1, 2, 2)
+    return Prompts(corners, np.tile(np.array([[2, 3]], np.float32), (len(boxes), 1)))
+
+
+@dataclass(frozen=True)
+class MaskLogits:
+    """A segmenter's answers to K prompts, M to each (a part, a thing, a group), on the segmenter's own grid.
+
+    Attributes:
+        logits: float32 [K, M, h, w], positive inside; the grid covers the image and no more.
+        quality: float32 [K, M], predicted intersection over union, 0..1.
+        scale: steps of the grid a pixel of the image, along x and y.
+    """
+
+    logits: NDArray[np.float32]
+    quality: NDArray[np.float32]
+    scale: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        assert self.logits.ndim == 4 and self.quality.shape == self.logits.shape[:2]
+
+
 class Segmenter(Protocol):
     """Masks of what boxes show. `embed` is the slow half and runs once an image."""
 
@@ -130,6 +181,9 @@ class Segmenter(Protocol):
 
     def masks(self, embedding: Any, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
         """bool [K, H, W] for float32 [K, 4] boxes (x1, y1, x2, y2 in pixels of the image)."""
+
+    def mask_logits(self, embedding: Any, prompts: Prompts) -> MaskLogits:
+        """Every answer to every prompt, none chosen."""
 
 
 class TextEncoder(Protocol):

@@ -21,6 +21,7 @@ from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.label_evidence import rows_of
+from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -255,7 +256,8 @@ def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
 
 def _select(scene: Scene, rows: Rows) -> Scene:
     evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
-    return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence)
+    things = things_of_rows(scene.things, rows)
+    return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence, things=things)
 
 
 def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.boxes import oriented_box, vertical_axis
-from fastsplat.service.query.connectivity import components
 from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
+from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject

@@ -10,6 +10,8 @@ from fastsplat.service.scene.types import (
     Scene,
     SemanticHead,
     Semantics,
+    Thing,
+    Things,
     semantics_of,
 )
 
@@ -21,6 +23,8 @@ __all__ = [
     "Scene",
     "SemanticHead",
     "Semantics",
+    "Thing",
+    "Things",
     "read_ply",
     "read_scene",
     "semantics_of",

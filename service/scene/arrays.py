@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,20 @@ def check_evidence(evidence: Evidence, labels: int) -> str:
         return ""
     if int(evidence.labels.max()) > labels:
         return f"it holds the label {int(evidence.labels.max())}, and the dictionary has {labels}"
+    return _check_entries(evidence)
+
+
+def check_membership(membership: Evidence, ids: Sequence[int]) -> str:
+    """What is wrong with the entries of things with these ids, or ""."""
+    if (np.diff(membership.starts) < 0).any():
+        return "its rows do not ascend"
+    strangers = np.setdiff1d(membership.labels, [0, *ids])
+    if len(strangers):
+        return f"it holds the thing {int(strangers[0])}, which the table does not have"
+    return _check_entries(membership) if len(membership.labels) else ""
+
+
+def _check_entries(evidence: Evidence) -> str:
     if int(evidence.counts.min()) <= 0:
         return "it holds a count that is not positive"
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))

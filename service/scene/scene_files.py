@@ -1,5 +1,5 @@
-"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json` and, if there is evidence,
-`evidence.safetensors`; written once, never changed."""
+"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json` and, if there are any,
+`evidence.safetensors` and `things.safetensors`; written once, never changed."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from fastsplat.service.scene.arrays import (
     Array,
     Shapes,
     check_evidence,
+    check_membership,
     digest_arrays,
     evidence_shapes,
     first_non_finite,
@@ -28,13 +29,14 @@ from fastsplat.service.scene.scene_manifest import (
     manifest_from_bytes,
     manifest_to_bytes,
 )
-from fastsplat.service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, SceneFileError
 
 _MANIFEST = "scene.json"
 _ARRAYS = "gaussians.safetensors"
 _CAMERAS = "cameras.json"
 _EVIDENCE = "evidence.safetensors"
+_THINGS = "things.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
 
@@ -54,7 +56,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             raise InvalidInputError(f"{name} is {array.dtype}, expected float32", field=name)
     if bad := first_non_finite(arrays):
         raise InvalidInputError(f"{bad} holds NaN or infinite numbers", field=bad, hint="Drop those Gaussians first.")
-    evidence = _evidence_of(scene)
+    evidence, membership = _evidence_of(scene), _membership_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
     manifest = manifest_to_bytes(
         Manifest(
@@ -72,6 +74,9 @@ def write_scene(scene: Scene, folder: Path) -> None:
             label_mode=scene.label_mode,
             evidence_entries=len(evidence["counts"]) if evidence else None,
             evidence_sha256=digest_arrays(evidence) if evidence else "",
+            things=None if scene.things is None else scene.things.table,
+            things_entries=len(membership["counts"]) if membership else 0,
+            things_sha256=digest_arrays(membership) if membership else "",
         ),
         cameras,
     )
@@ -80,6 +85,8 @@ def write_scene(scene: Scene, folder: Path) -> None:
             save_arrays(arrays, beside / _ARRAYS)
             if evidence:
                 save_arrays(evidence, beside / _EVIDENCE)
+            if membership:
+                save_arrays(membership, beside / _THINGS)
             (beside / _CAMERAS).write_bytes(cameras)
             (beside / _MANIFEST).write_bytes(manifest)
     except FileExistsError as error:  # another writer was faster
@@ -124,6 +131,7 @@ def _read_scene(folder: Path) -> Scene:
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
         label_mode=manifest.label_mode,
+        things=_read_things(folder / _THINGS, manifest),
     )
 
 
@@ -147,17 +155,41 @@ def _evidence_of(scene: Scene) -> dict[str, Array]:
     return {field.name: getattr(scene.evidence, field.name) for field in fields(Evidence)}
 
 
+def _membership_of(scene: Scene) -> dict[str, Array]:
+    if scene.things is None:
+        return {}
+    if wrong := check_membership(scene.things.membership, [thing.id for thing in scene.things.table]):
+        raise InvalidInputError(f"the things contradict the scene: {wrong}", field="things")
+    return {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
+
+
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     if manifest.evidence_entries is None:
         return None
-    shapes = evidence_shapes(manifest.gaussians, manifest.evidence_entries)
-    arrays: dict[str, Any] = _mapped(path, shapes, manifest.evidence_sha256)
-    if arrays["starts"][0] != 0 or arrays["starts"][-1] != manifest.evidence_entries:
-        raise SceneFileError(f"{_EVIDENCE} is damaged: its rows do not cover it", field=_EVIDENCE, hint=_RESTORE)
-    evidence = Evidence(**arrays)
+    evidence = _sparse_counts(path, manifest.gaussians, manifest.evidence_entries, manifest.evidence_sha256)
     if wrong := check_evidence(evidence, len(manifest.dictionary)):
-        raise SceneFileError(f"{_EVIDENCE} is damaged: {wrong}", field=_EVIDENCE, hint=_RESTORE)
+        raise _damaged(path, wrong)
     return evidence
+
+
+def _read_things(path: Path, manifest: Manifest) -> Things | None:
+    if manifest.things is None:
+        return None
+    membership = _sparse_counts(path, manifest.gaussians, manifest.things_entries, manifest.things_sha256)
+    if wrong := check_membership(membership, [thing.id for thing in manifest.things]):
+        raise _damaged(path, wrong)
+    return Things(manifest.things, membership)
+
+
+def _sparse_counts(path: Path, gaussians: int, entries: int, sha256: str) -> Evidence:
+    arrays: dict[str, Any] = _mapped(path, evidence_shapes(gaussians, entries), sha256)
+    if arrays["starts"][0] != 0 or arrays["starts"][-1] != entries:
+        raise _damaged(path, "its rows do not cover it")
+    return Evidence(**arrays)
+
+
+def _damaged(path: Path, what: str) -> SceneFileError:
+    return SceneFileError(f"{path.name} is damaged: {what}", field=path.name, hint=_RESTORE)
 
 
 def _mapped(path: Path, shapes: Shapes, sha256: str) -> dict[str, Any]:

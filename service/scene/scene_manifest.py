@@ -10,17 +10,17 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.scene.types import SH_COUNTS, LabelMode
+from fastsplat.service.scene.types import SH_COUNTS, LabelMode, NameSource, SurfaceKind, Thing
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
-confidence of dictionary entries: it is read as 1."""
+confidence of dictionary entries: it is read as 1. 3 had no things: a scene without."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -39,6 +39,9 @@ class Manifest:
         label_mode: as in `Scene`.
         evidence_entries: M of the evidence; None for a scene without.
         evidence_sha256: digest of the evidence, "" without.
+        things: the table of things; None for a scene without.
+        things_entries: M of the things' membership.
+        things_sha256: digest of the membership, "" without.
     """
 
     dictionary: Dictionary
@@ -55,6 +58,9 @@ class Manifest:
     label_mode: LabelMode = "codes"
     evidence_entries: int | None = None
     evidence_sha256: str = ""
+    things: tuple[Thing, ...] | None = None
+    things_entries: int = 0
+    things_sha256: str = ""
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -91,6 +97,13 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "evidence": None
         if manifest.evidence_entries is None
         else {"entries": manifest.evidence_entries, "sha256": manifest.evidence_sha256},
+        "things": None
+        if manifest.things is None
+        else {
+            "table": [asdict(thing) for thing in manifest.things],
+            "entries": manifest.things_entries,
+            "sha256": manifest.things_sha256,
+        },
         "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
     }
     try:
@@ -147,6 +160,9 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         label_mode=checked.label_mode,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
+        things=None if checked.things is None else tuple(Thing(**vars(row)) for row in checked.things.table),
+        things_entries=0 if checked.things is None else checked.things.entries,
+        things_sha256="" if checked.things is None else checked.things.sha256,
     )
 
 
@@ -184,6 +200,10 @@ def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
         raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
 
 
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -219,6 +239,35 @@ class _Evidence(_Strict):
     sha256: str
 
 
+class _Thing(_Strict):
+    id: Annotated[int, Field(ge=1, le=65535)]
+    name: str
+    source: NameSource | None
+    probability: _Share
+    consensus: _Share
+    surface: SurfaceKind
+    suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
+
+    @model_validator(mode="after")
+    def _names_have_a_source(self) -> _Thing:
+        if bool(self.name) != (self.source is not None):
+            raise ValueError(f"the thing {self.id} has a name without a source, or the other way round")
+        return self
+
+
+class _Things(_Strict):
+    table: list[_Thing]
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+    @model_validator(mode="after")
+    def _ids_ascend(self) -> _Things:
+        ids = [thing.id for thing in self.table]
+        if ids != sorted(set(ids)):
+            raise ValueError("the things' ids do not ascend")
+        return self
+
+
 class _Body(_Strict):
     format: str
     schema_: int = Field(alias="schema")
@@ -232,6 +281,7 @@ class _Body(_Strict):
     arrays_sha256: str
     label_mode: LabelMode
     evidence: _Evidence | None
+    things: _Things | None
     cameras_sha256: str
 
 
@@ -267,7 +317,9 @@ def _finite(value: Any, name: str, left_out: list[str]) -> Any:
 
 def _upgraded(body: Mapping[str, Any]) -> Mapping[str, Any]:
     """A body of any readable schema as one of the newest."""
-    return {**body, "label_mode": "codes", "evidence": None} if body["schema"] == 1 else body
+    if body["schema"] == 1:
+        body = {**body, "label_mode": "codes", "evidence": None}
+    return {**body, "things": None} if body["schema"] < 4 else body
 
 
 def _seal(body: Mapping[str, Any]) -> str:

@@ -101,6 +101,58 @@ class Evidence:
         return len(self.starts) - 1
 
 
+NameSource = Literal["given", "detected", "person"]
+"""Who named a thing: label maps that came with the capture, a detector, a person."""
+
+SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
+"""What a thing is by its geometry: "" is no surface, "surface" one that gravity says nothing of."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One physical object or surface.
+
+    Attributes:
+        id: 1..65535, stable: no other thing of any version of the scene has it.
+        name: "" for a thing without one.
+        source: who named it; None without a name.
+        probability: that the name is right, 0..1; 0 without a name.
+        consensus: share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody added.
+        surface: see `SurfaceKind`.
+        suggestions: names that nobody has settled, with their probabilities, the most probable first.
+    """
+
+    id: int
+    name: str = ""
+    source: NameSource | None = None
+    probability: float = 0.0
+    consensus: float = 1.0
+    surface: SurfaceKind = ""
+    suggestions: tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
+        assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
+        assert all(0 <= probability <= 1 for _, probability in self.suggestions)
+
+
+@dataclass(frozen=True)
+class Things:
+    """Every thing of a scene, and which Gaussians it has.
+
+    Attributes:
+        table: by ascending id.
+        membership: of G Gaussians; its labels are ids of things, 0 = no thing, its counts how sure that is.
+    """
+
+    table: tuple[Thing, ...]
+    membership: Evidence
+
+    def __post_init__(self) -> None:
+        ids = [thing.id for thing in self.table]
+        assert ids == sorted(set(ids))
+
+
 @dataclass(frozen=True)
 class CodeSemantics:
     """Labels of G Gaussians as their semantic codes.
@@ -138,6 +190,7 @@ class Scene:
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
         evidence: sparse label counts of the same Gaussians, or None.
         label_mode: which of codes and evidence answers.
+        things: of the same Gaussians, or None for a scene in which nobody looked for them.
     """
 
     gaussians: Gaussians
@@ -152,6 +205,7 @@ class Scene:
     label_templates: tuple[str, ...] = ("{}",)
     evidence: Evidence | None = None
     label_mode: LabelMode = "codes"
+    things: Things | None = None
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1
@@ -159,6 +213,7 @@ class Scene:
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
         assert self.evidence is not None or self.label_mode == "codes"
+        assert self.things is None or len(self.things.membership) == len(self.gaussians)
 
 
 def semantics_of(scene: Scene) -> Semantics:

@@ -1,4 +1,4 @@
-"""Label maps of a scene in one view: blended codes under the affine map, or blended posterior probabilities."""
+"""Maps of labels and of things in one view: blended codes under the affine map, or blended posterior probabilities."""
 
 from __future__ import annotations
 
@@ -13,8 +13,18 @@ from torch import Tensor
 
 from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
-from fastsplat.service.splatting.raster import Backend, LabelMap, Rendering, Splats, label_map, rasterize_bands
-from fastsplat_contract.camera import Camera
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import (
+    Backend,
+    LabelMap,
+    Rendering,
+    Splats,
+    device_of,
+    label_map,
+    rasterize_bands,
+)
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
 
 _CHANNELS = 32
 """Labels of one rasterization: twice the channels take a fifth more time, up to about here."""
@@ -45,6 +55,33 @@ def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
     if isinstance(semantics, Evidence):
         return EvidenceBlend(semantics, len(scene.dictionary) + 1, device)
     return CodeBlend(semantics.codes, semantics.head, device)
+
+
+@torch.no_grad()
+def thing_map(
+    scene: Scene, posed: PosedCamera, *, alpha_min: float = 0.5, backend: Backend = "cpu"
+) -> NDArray[np.int32]:
+    """int32 [H, W]: id of the most probable thing of each pixel, 0 for none and where the scene is less opaque than
+    `alpha_min`; the blended posterior of membership, as `EvidenceBlend` draws labels.
+
+    Raises:
+        InvalidInputError: a scene without things.
+    """
+    if scene.things is None:
+        raise InvalidInputError("this scene has no things", field="things", hint="Discover them first.")
+    device = device_of(backend)
+    classes = max((thing.id for thing in scene.things.table), default=0) + 1
+    blend = EvidenceBlend(scene.things.membership, classes, device)
+    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
+    drawn = blend.render(
+        splats_of(scene.gaussians, device=device),
+        viewmat,
+        posed.camera,
+        alpha_min=alpha_min,
+        relevancy=None,
+        backend=backend,
+    )
+    return np.asarray(drawn.classes.cpu().numpy(), np.int32)
 
 
 class CodeBlend:

@@ -28,7 +28,46 @@ _INSIDE = 0.5
 _ENOUGH = 0.3
 """Share of a region's Gaussians that another view must see before it can agree or disagree."""
 _ROWS = 64
-"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian."""
+"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian. As many
+views at a time are asked which Gaussians they see: 4 bytes for each."""
+
+
+@dataclass(frozen=True)
+class LiftedRegions:
+    """The R regions of one view as sets of the Gaussians more than half of whose weight in the view lies in the region.
+
+    Attributes:
+        starts: int64 [R + 1]; region r + 1 has the entries starts[r]..starts[r + 1] of `rows`.
+        rows: int32, Gaussian ids, ascending within a region.
+        pixels: float32 [G]: weight of each Gaussian in the view.
+    """
+
+    starts: I64
+    rows: NDArray[np.int32]
+    pixels: F32
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+
+def lift_regions(sums: LabelSums, members: csr_array) -> LiftedRegions:
+    """Regions that may overlap, from the weight of each Gaussian by piece of the image.
+
+    Args:
+        sums: of a view, by piece; pieces do not overlap.
+        members: CSR [A, R], 1 where a piece belongs to a region.
+    """
+    gaussians = len(sums.starts) - 1
+    starts, pieces, weights = sums.starts.numpy(), sums.labels.numpy(), sums.sums.numpy()
+    pixels = np.bincount(np.repeat(np.arange(gaussians), np.diff(starts)), weights, gaussians).astype(np.float32)
+    in_region = (csr_array((weights, pieces, starts), shape=(gaussians, members.shape[0])) @ members).tocsr()
+    in_region.sort_indices()
+    rows = np.repeat(np.arange(gaussians), np.diff(in_region.indptr))
+    regions = in_region.indices
+    inside = (in_region.data > _INSIDE * pixels[rows]) & (pixels > _SEEN_PX)[rows]
+    order = np.argsort(regions[inside], kind="stable")
+    sizes = np.bincount(regions[inside], minlength=members.shape[1]).astype(np.int64)
+    return LiftedRegions(np.concatenate([[0], np.cumsum(sizes)]), rows[inside][order].astype(np.int32), pixels)
 
 
 def group_regions(
@@ -47,23 +86,31 @@ def group_regions(
     """
     if not sum(counts):
         return []
-    overlaps = _overlaps(sums, counts)
-    agreement = overlaps.agreement(min_overlap)
+    overlaps = overlaps_of(
+        lift_regions(of_view, one_piece_each(count, of_view)) for of_view, count in zip(sums, counts, strict=True)
+    )
     regions = [(view, region) for view, count in enumerate(counts) for region in range(1, count + 1)]
-    free, groups = np.ones(len(regions), np.bool_), []
+    groups = greedy_groups(overlaps, overlaps.agreement(min_overlap), min_overlap)
+    return [tuple(regions[row] for row in members) for members in groups]
+
+
+def greedy_groups(overlaps: Overlaps, priority: F64, min_overlap: float) -> list[I64]:
+    """Groups of regions as ascending rows, every region in one: the free region of highest priority starts a group, and
+    those whose mean overlap with the group's exceeds `min_overlap` join it."""
+    free, groups = np.ones(len(priority), np.bool_), []
     while free.any():
-        first = np.array([np.argmax(np.where(free, agreement, -1.0))])
+        first = np.array([np.argmax(np.where(free, priority, -1.0))])
         members = np.flatnonzero(free & (overlaps.mean_with(first) > min_overlap))
         joined = np.flatnonzero(free & (overlaps.mean_with(members) > min_overlap))
         members = joined if first[0] in joined else members
         free[members] = False
-        groups.append(tuple(regions[row] for row in members))
+        groups.append(members)
     return groups
 
 
 @dataclass(frozen=True)
-class _Overlaps:
-    """Overlaps of P regions of V views on G Gaussians.
+class Overlaps:
+    """Overlaps of P regions of V views on G Gaussians, see `overlaps_of`.
 
     Attributes:
         weights: CSR float32 [P, G]: the pixels that a Gaussian of the region fills.
@@ -71,6 +118,8 @@ class _Overlaps:
         seen_by: [P, V]: weight of a region's Gaussians that a view sees.
         whole: [P]: weight of a region's Gaussians.
         owner: [P]: the region's view.
+        visible: bool [V, G]: which Gaussians a view sees.
+        size: float32 [G]: the pixels that each Gaussian fills, mean over the views.
     """
 
     weights: csr_array
@@ -78,6 +127,8 @@ class _Overlaps:
     seen_by: F32
     whole: F32
     owner: I64
+    visible: NDArray[np.bool_]
+    size: F32
 
     def mean_with(self, rows: I64) -> F64:
         """[P]: mean overlap of each region with those in `rows`."""
@@ -120,7 +171,7 @@ class _Piece:
     Attributes:
         rows: the few regions.
         places: of each overlap, index into `rows`.
-        columns: of each overlap, the other region. Regions of one view share none.
+        columns: of each overlap, the other region.
         overlap: 0 where one view sees too little of the other's region to tell.
     """
 
@@ -130,30 +181,38 @@ class _Piece:
     overlap: F64
 
 
-def _overlaps(sums: Iterable[LabelSums], counts: Sequence[int]) -> _Overlaps:
-    owner = np.repeat(np.arange(len(counts)), counts)
-    indices: list[NDArray[np.int32]] = []
+def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
+    """The overlaps of the regions of at least one view, numbered in the views' order; consumed one at a time."""
+    columns: list[NDArray[np.int32]] = []
     sizes: list[I64] = []
     visible: list[NDArray[np.bool_]] = []
     filled: F64 | None = None
-    for view_sums, count in zip(sums, counts, strict=True):
-        gaussians = len(view_sums.starts) - 1
-        rows = np.repeat(np.arange(gaussians), np.diff(view_sums.starts.numpy()))
-        labels, weights = view_sums.labels.numpy(), view_sums.sums.numpy()
-        pixels = np.bincount(rows, weights, gaussians).astype(np.float32)
-        filled = pixels.astype(np.float64) if filled is None else filled + pixels
-        visible.append(pixels > _SEEN_PX)
-        inside = (weights > _INSIDE * pixels[rows]) & (labels >= 1) & (labels <= count) & visible[-1][rows]
-        order = np.argsort(labels[inside], kind="stable")
-        indices.append(rows[inside][order].astype(np.int32))
-        sizes.append(np.bincount(labels[inside], minlength=count + 1)[1:].astype(np.int64))
+    for view in lifted:
+        filled = view.pixels.astype(np.float64) if filled is None else filled + view.pixels
+        visible.append(view.pixels > _SEEN_PX)
+        columns.append(view.rows)
+        sizes.append(np.diff(view.starts))
     assert filled is not None
-    size = (filled / len(counts)).astype(np.float32)
-    columns = np.concatenate(indices)
+    size = (filled / len(sizes)).astype(np.float32)
+    owner = np.repeat(np.arange(len(sizes)), [len(of_view) for of_view in sizes])
+    gaussians = np.concatenate(columns)
+    columns.clear()
     starts = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
+    starts = starts.astype(np.int32 if starts[-1] < 1 << 31 else np.int64)  # int64 would widen the indices, too
     shape = (len(owner), len(size))
-    inside_by_region = csr_array((np.ones(len(columns), np.float32), columns, starts), shape=shape)
-    weights_by_region = csr_array((size[columns], columns, starts), shape=shape)
-    seen_by = weights_by_region @ np.stack(visible).T.astype(np.float32)
+    inside_by_region = csr_array((np.ones(len(gaussians), np.float32), gaussians, starts), shape=shape)
+    weights_by_region = csr_array((size[gaussians], gaussians, starts), shape=shape)
+    seen = np.stack(visible)
+    seen_by = np.concatenate(
+        [weights_by_region @ seen[start : start + _ROWS].T.astype(np.float32) for start in range(0, len(seen), _ROWS)],
+        axis=1,
+    )
     whole = np.maximum(np.asarray(weights_by_region.sum(axis=1), np.float32), np.float32(1e-12))
-    return _Overlaps(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner)
+    return Overlaps(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner, seen, size)
+
+
+def one_piece_each(regions: int, sums: LabelSums) -> csr_array:
+    """The `members` of `lift_regions` for regions that are pieces: region r is piece r + 1; others are outside all."""
+    pieces = max(regions, int(sums.labels.max()) if len(sums.labels) else 0) + 1
+    entries = (np.ones(regions), (np.arange(regions) + 1, np.arange(regions)))
+    return csr_array(entries, shape=(pieces, regions))

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.scene import write_scene
+from fastsplat.service.scene import read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
@@ -52,6 +52,7 @@ def test_a_run_trains_scores_draws_and_its_scene_can_be_scored_again(run, tmp_pa
     assert result.exit_code == 0, result.output
     written = json.loads(json_file.read_text())
     assert set(KEYS) <= set(written)
+    assert written["things_recall_50"] is None and "nobody looked" in written["reasons"]["things_recall_50"]
     assert set(written["seconds"]) == {"capture", "perception", "training", "export", "scoring"}
     assert written["peak_mb"] > 50 and 0 < written["gaussians"] <= 500 and written["bytes"] > 0
     assert written["settings"]["max_gaussians"] == 500 and written["settings"]["held_out_every"] == 0
@@ -110,6 +111,23 @@ def test_detected_labels_leave_the_data_sets_own_maps_alone(run, tmp_path: Path)
     assert result.exit_code == 0, result.output
     written = json.loads((tmp_path / "figures.json").read_text())
     assert written["miou"] == 0 and written["miou_per_class"] == {"cup": 0, "spoon": 0, "bed": 0}  # balls are no cups
+
+
+def test_things_are_discovered_without_any_label(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FASTSPLAT_DISCOVERY__GRID", "4")
+    monkeypatch.setenv("FASTSPLAT_DISCOVERY__MIN_WEIGHT_PX", "4")
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__MIN_PIXELS", "8")
+    folder = made_data.nerfstudio(tmp_path / "made", 6, (1, 4))
+    keep, json_file = tmp_path / "scene", tmp_path / "figures.json"
+    result = run(folder, "--labels", "discovered", "--max-gaussians", 200, "--keep", keep, "--json", json_file)
+    assert result.exit_code == 0, result.output
+    scene = read_scene(keep)
+    assert scene.things is not None and len(scene.dictionary) == 0
+    assert all(thing.name == "" for thing in scene.things.table)
+    written = json.loads(json_file.read_text())
+    for name in ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou"):
+        assert (written[name] is None and written["reasons"][name]) or 0 <= written[name] <= 1
+    assert written["things_recall_50"] is not None or "which things" in written["reasons"]["things_recall_50"]
 
 
 def test_what_cannot_be_written_or_found_is_said_before_training(run, tmp_path: Path) -> None:

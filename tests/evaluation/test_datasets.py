@@ -266,3 +266,26 @@ def test_a_split_that_shares_a_view_or_has_none_is_no_data_set(tmp_path: Path) -
         Dataset(tmp_path, "colmap", Dictionary(()), ("a.png",), (seen,))
     with pytest.raises(InvalidInputError, match="no test views"):
         Dataset(tmp_path, "colmap", Dictionary(()), ("a.png",), ())
+
+
+def test_things_of_one_label_are_told_apart_where_the_folder_does(tmp_path: Path) -> None:
+    folder = made_data.nerfstudio(tmp_path / "d")
+    assert read_dataset(folder, CaptureSettings()).test[0].instances is None
+    document = json.loads((folder / "transforms.json").read_text())
+    document["instances"] = ["red mug", "red mug", "blue bed"]
+    ids = np.random.default_rng(0).integers(0, 4, (48, 64)).astype(np.uint8)
+    for frame in document["frames"]:
+        frame["instance_path"] = "instances/all.png"
+    made_data.save(ids, folder / "instances/all.png")
+    (folder / "transforms.json").write_text(json.dumps(document))
+    dataset = read_dataset(folder, CaptureSettings())
+    assert dataset.instances == ("red mug", "red mug", "blue bed")
+    assert all((view.instances == ids).all() for view in dataset.test)
+    document["instances"] = ["red mug"]
+    (folder / "transforms.json").write_text(json.dumps(document))
+    with pytest.raises(InvalidInputError, match="the thing 3 of 1"):
+        read_dataset(folder, CaptureSettings())
+    document["instances"] = "red mug"
+    (folder / "transforms.json").write_text(json.dumps(document))
+    with pytest.raises(InvalidInputError, match="no list"):
+        read_dataset(folder, CaptureSettings())

@@ -37,6 +37,8 @@ class Layout:
         depths: depth map by image path.
         depth_unit: scene units of one step of the depth maps.
         listed_train: names that the folder sets apart for training; None if it does not say.
+        instances: the label of each thing, from 1; empty if the folder does not tell things of one label apart.
+        instance_maps: map of things by image path.
     """
 
     root: Path
@@ -49,6 +51,8 @@ class Layout:
     depths: Mapping[str, str] = field(default_factory=dict)
     depth_unit: float = 1.0
     listed_train: frozenset[str] | None = None
+    instances: tuple[str, ...] = ()
+    instance_maps: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layout:
@@ -91,9 +95,11 @@ def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layou
         label_maps=maps if table is not None else {},
         binary=bool(mask_label),
         masks=masks,
-        depths=_depths(root, contents.poses, document, poses.images),
+        depths=_paths(root, contents.poses, document, poses.images, ("depth_path", "depth_file_path"), "depth path"),
         depth_unit=_depth_unit(document, contents.poses),
         listed_train=_listed_train(document, contents.poses, poses),
+        instances=_instances(document, contents.poses),
+        instance_maps=_paths(root, contents.poses, document, poses.images, ("instance_path",), "instance path"),
     )
 
 
@@ -121,17 +127,31 @@ def _masks_beside(root: Path, photos: tuple[PosedImage, ...]) -> dict[str, str]:
     return by_path
 
 
-def _depths(root: Path, name: str, document: Any, photos: tuple[PosedImage, ...]) -> dict[str, str]:
+def _paths(
+    root: Path, name: str, document: Any, photos: tuple[PosedImage, ...], keys: tuple[str, ...], what: str
+) -> dict[str, str]:
+    """The file that each frame names under the first of these keys that it has, by image path."""
     by_path = {}
     for path, frame in frames_by_path(document, name, photos).items():
-        stated = frame.get("depth_path", frame.get("depth_file_path"))
+        stated = next((frame[key] for key in keys if frame.get(key) is not None), None)
         if stated is None:
             continue
         where = f"{name}: {path}"
         if not isinstance(stated, str):
-            raise InvalidInputError(f"{where}: the depth path is no text", field=where, hint="Name a file.")
+            raise InvalidInputError(f"{where}: the {what} is no text", field=where, hint="Name a file.")
         by_path[path] = resolve_file(root, PurePosixPath(name).parent.as_posix(), stated, where)
     return by_path
+
+
+def _instances(document: Any, name: str) -> tuple[str, ...]:
+    stated = document.get("instances", [])
+    if not isinstance(stated, list) or not all(isinstance(label, str) for label in stated):
+        raise InvalidInputError(
+            f"{name}: the instances are no list of names",
+            field=f"{name}: instances",
+            hint="Give the label of each thing, in the order of the ids in the instance maps.",
+        )
+    return tuple(stated)
 
 
 def _depth_unit(document: Any, name: str) -> float:

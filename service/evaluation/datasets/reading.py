@@ -70,6 +70,7 @@ def read_dataset(
         training_labels=any(photos[name].path in layout.label_maps for name in train),
         mask_label=mask_label,
         notes=_notes(layout, test),
+        instances=layout.instances,
     )
 
 
@@ -137,6 +138,16 @@ def _true_view(layout: Layout, posed_image: PosedImage, settings: CaptureSetting
             labels = layout.labels.translate(upright(name)).astype(np.int32)
     if posed_image.path in layout.depths:
         depth = (upright(layout.depths[posed_image.path]) * layout.depth_unit).astype(np.float32)
+    instances = None
+    if posed_image.path in layout.instance_maps and layout.instances:
+        name = layout.instance_maps[posed_image.path]
+        instances = upright(name).astype(np.int32)
+        if int(instances.max(initial=0)) > len(layout.instances):
+            raise InvalidInputError(
+                f"{name} has the thing {int(instances.max())} of {len(layout.instances)}",
+                field=name,
+                hint="Name every thing in the list of instances.",
+            )
     return TrueView(
         name=posed_image.name,
         posed=PosedCamera(way.camera, placed.world_from_camera, posed_image.name),
@@ -144,6 +155,7 @@ def _true_view(layout: Layout, posed_image: PosedImage, settings: CaptureSetting
         valid=valid,
         labels=labels,
         depth=depth,
+        instances=instances,
     )
 
 

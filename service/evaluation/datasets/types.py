@@ -45,6 +45,8 @@ class TrueView:
         labels: int32 [H, W] ids of the data set's dictionary, 0 where no label is; None without a label map.
         depth: float32 [H, W] camera z in scene units, 0 where unknown; None without a depth map.
         queries: annotated texts; a text that is not among them was not annotated in this view.
+        instances: int32 [H, W] the thing that each pixel shows, 1 the first, 0 where none is; None where the data set
+            does not tell things of one label apart.
     """
 
     name: str
@@ -54,6 +56,7 @@ class TrueView:
     labels: NDArray[np.int32] | None = None
     depth: NDArray[np.float32] | None = None
     queries: tuple[QueryTruth, ...] = ()
+    instances: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class Dataset:
         training_labels: whether the training views have label maps.
         mask_label: the name of what binary masks show, or "".
         notes: what was left aside or made up for, as sentences for people.
+        instances: the label of each thing of the views' `instances`, from 1; empty without.
 
     Raises:
         InvalidInputError: no test views, or a view in both splits.
@@ -82,6 +86,7 @@ class Dataset:
     training_labels: bool = False
     mask_label: str = ""
     notes: tuple[str, ...] = ()
+    instances: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.test:

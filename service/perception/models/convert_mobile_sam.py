@@ -49,6 +49,37 @@ class _Encoder(nn.Module):
         return self.image_encoder((image - self.mean) / self.deviation)
 
 
+class _BatchDecoder(nn.Module):
+    """Many prompts against one image, answered on the mask grid: no mask input, no picture size, and the dense
+    encoding of an absent mask is a constant."""
+
+    positions: torch.Tensor
+
+    def __init__(self, sam: Any, wrapper: Any) -> None:
+        super().__init__()
+        self.wrapper = wrapper(sam, return_single_mask=False)
+        self.sam = sam
+        self.register_buffer("positions", sam.prompt_encoder.get_dense_pe())
+
+    def forward(self, embeddings: torch.Tensor, points: torch.Tensor, kinds: torch.Tensor) -> tuple[Any, Any]:
+        decoder = self.sam.mask_decoder
+        sparse = self.wrapper._embed_points(points, kinds)
+        count = sparse.shape[0]
+        own = torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).unsqueeze(0).expand(count, -1, -1)
+        absent = self.sam.prompt_encoder.no_mask_embed.weight.reshape(1, -1, 1, 1)
+        image = (embeddings + absent).expand(count, -1, -1, -1)
+        tokens, image = decoder.transformer(
+            image, self.positions.expand(count, -1, -1, -1), torch.cat([own, sparse], dim=1)
+        )
+        masks = decoder.num_mask_tokens
+        upscaled = decoder.output_upscaling(image.transpose(1, 2).reshape(-1, 256, 64, 64))
+        kernels = torch.stack(
+            [decoder.output_hypernetworks_mlps[index](tokens[:, 1 + index]) for index in range(masks)], dim=1
+        )
+        logits = (kernels @ upscaled.reshape(-1, 32, 256 * 256)).reshape(-1, masks, 256, 256)
+        return logits, decoder.iou_prediction_head(tokens[:, 0])
+
+
 def _pretend(name: str, **members: Any) -> None:
     module = types.ModuleType(name)
     module.__path__ = []
@@ -109,6 +140,21 @@ def _main(carriers: Path, target: Path, packages: Path) -> None:
             input_names=list(inputs),
             output_names=["masks", "iou_predictions", "low_res_masks"],
             dynamic_axes={"point_coords": {1: "num_points"}, "point_labels": {1: "num_points"}},
+            **options,
+        )
+        prompts = {0: "prompts", 1: "num_points"}
+        torch.onnx.export(
+            _BatchDecoder(sam, wrapper).eval(),
+            (torch.randn(1, 256, 64, 64), torch.rand(3, 2, 2) * _SIDE, torch.ones(3, 2)),
+            str(target / "mobile_sam_decoder_batch.onnx"),
+            input_names=["image_embeddings", "point_coords", "point_labels"],
+            output_names=["low_res_masks", "iou_predictions"],
+            dynamic_axes={
+                "point_coords": prompts,
+                "point_labels": prompts,
+                "low_res_masks": {0: "prompts"},
+                "iou_predictions": {0: "prompts"},
+            },
             **options,
         )
 

@@ -22,10 +22,16 @@ def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
     Raises:
         ModelUnavailableError: not exactly one of each.
     """
-    networks = _networks(folder)
+    networks = [path for path in _networks(folder) if path != batch_decoder(folder)]
     decoders = [path for path in networks if "decoder" in path.name]
     encoders = [path for path in networks if path not in decoders]
     return _only(encoders, folder, name, "encoder"), _only(decoders, folder, name, "decoder")
+
+
+def batch_decoder(folder: Path) -> Path | None:
+    """The decoder of a segmenter that takes many prompts at once, known by "decoder_batch" in the file's name; None
+    where a model has none."""
+    return next((path for path in _networks(folder) if "decoder_batch" in path.name), None)
 
 
 def only_table(folder: Path, *, name: str) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from fastsplat.service.perception.models.model_files import encoder_and_decoder
+from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat.service.perception.segmenters.sam2 import Sam2
@@ -23,6 +23,8 @@ def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
     adapter, inside = find_model(name, "segmenter")
     encoder, decoder = encoder_and_decoder(models / inside, name=name)
     segmenter = select_adapter(SEGMENTERS, adapter, name, "segmenter")
+    if segmenter is Sam1:
+        return Sam1(encoder, decoder, name=name, threads=settings.threads, batch=batch_decoder(models / inside))
     return segmenter(encoder, decoder, name=name, threads=settings.threads)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.segmenters.mask_selection import select_mask
-from fastsplat.service.perception.types import Image
+from fastsplat.service.perception.types import Image, MaskLogits, Prompts, box_prompts
 
 _SIDE = 1024
 _FEATURES = ("high_res_feats_0", "high_res_feats_1", "image_embed")
@@ -62,21 +62,32 @@ class Sam2:
     def masks(self, embedding: _Embedding, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
         """bool [K, H, W] for float32 [K, 4] boxes in pixels of the image."""
         height, width = embedding.height, embedding.width
-        stretch = np.array([_SIDE / width, _SIDE / height], np.float32)
         result = np.zeros((len(boxes), height, width), np.bool_)
         for row, box in enumerate(boxes):
+            answer = self.mask_logits(embedding, box_prompts(box[None]))
+            layers = answer.logits[0]
+            layer = layers[select_mask(layers, answer.quality[0], box * np.array(answer.scale * 2, np.float32))]
+            result[row] = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR) > 0
+        return result
+
+    def mask_logits(self, embedding: _Embedding, prompts: Prompts) -> MaskLogits:
+        """See `Segmenter`."""
+        height, width = embedding.height, embedding.width
+        stretch = np.array([_SIDE / width, _SIDE / height], np.float32)
+        parts = []
+        for row in range(len(prompts)):
             feed = {
                 **embedding.features,
-                "point_coords": (box.reshape(1, 2, 2) * stretch).astype(np.float32),
-                "point_labels": np.array([[2, 3]], np.float32),
+                "point_coords": prompts.points[row : row + 1] * stretch,
+                "point_labels": prompts.kinds[row : row + 1],
                 "mask_input": np.zeros((1, 1, 256, 256), np.float32),
                 "has_mask_input": np.zeros(1, np.float32),
             }
             if self._sized:
                 feed["orig_im_size"] = np.array([height, width], np.int32)
-            logits, quality = self._decoder.run(["masks", "iou_predictions"], feed)
-            layers = logits[0]
-            grid = np.array([layers.shape[2] / width, layers.shape[1] / height] * 2, np.float32)
-            layer = layers[select_mask(layers, quality[0], box * grid)]
-            result[row] = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR) > 0
-        return result
+            parts.append(self._decoder.run(["masks", "iou_predictions"], feed))
+        if not parts:
+            return MaskLogits(np.zeros((0, 3, 256, 256), np.float32), np.zeros((0, 3), np.float32), (1.0, 1.0))
+        logits = np.concatenate([part[0] for part in parts])
+        scale = (logits.shape[3] / width, logits.shape[2] / height)
+        return MaskLogits(logits, np.concatenate([part[1] for part in parts]), scale)

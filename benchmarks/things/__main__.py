@@ -1,0 +1,170 @@
+"""Everything in the room is a thing: what discovery without a vocabulary reaches, and what it costs.
+
+    python -m benchmarks.things [NAME ...] [--iterations 2500] [--gaussians 30000] [--keep FOLDER]
+
+NAME is `sample` (the demo's), or a folder of FASTSPLAT_TEST_DATA: `tabletop`, `skull` (masks of one thing), and
+`kitchen` and `plush`, which have no truth: of these a contact sheet alone is drawn. Scenes are trained on the training
+views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene that lies
+in `--keep` is not trained again. Each is discovered twice: `guided` prompts most views where the dense ones leave off
+(the default), `dense` prompts every view on the grid. Every row replaces itself in benchmarks/results/things.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.provenance import RESULTS, ROOT, Start, begin, provenance, write_json
+from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.contact_sheets import label_colors
+from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
+from fastsplat.service.instances.discovery import Discovery, discover_things
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.pipeline import build_scene, capture_folder
+from fastsplat.service.planning.presets import override_training
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.splatting.blending import thing_map
+
+_OUT = RESULTS / "things.json"
+_MASK_LABELS = {"skull": "skull"}
+_WITHOUT_TRUTH = ("kitchen", "plush")
+_NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
+_FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou")
+_SHEET_VIEWS = 4
+_PANEL = (480, 360)
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[*_NAMES, []], default=[])
+    parser.add_argument("--iterations", type=int, default=2500)
+    parser.add_argument("--gaussians", type=int, default=30_000)
+    parser.add_argument("--keep", type=Path)
+    options = parser.parse_args()
+    settings = override_training(
+        load_settings(),
+        iterations=options.iterations,
+        time_budget_s=None,
+        max_gaussians=options.gaussians,
+        held_out_every=0,
+    )
+    for name in options.names or _NAMES:
+        with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
+            _measure(name, settings, options.keep or Path(work) / "scenes", Path(work))
+
+
+def _measure(name: str, settings: Settings, keep: Path, work: Path) -> None:
+    start = begin()
+    dataset, capture = _data(name, work, keep, settings.capture)
+    scene = _trained(keep / name, capture, settings)
+    for mode in ("guided", "dense"):
+        asked = (
+            settings.discovery if mode == "guided" else settings.discovery.model_copy(update={"dense_views": 10_000})
+        )
+        discovery, seconds = _discovered(scene, capture, settings, asked)
+        with_things = replace(scene, things=discovery.things)
+        row: dict[str, Any] = {
+            "views": discovery.views,
+            "prompts": discovery.prompts,
+            "proposals": discovery.proposals,
+            "things": len(discovery.things.table),
+            "gaussians": len(scene.gaussians),
+            **seconds,
+            **(_figures(with_things, dataset, settings) if dataset is not None else {}),
+        }
+        _write(name, mode, row, start)
+        if dataset is None and mode == "guided":
+            _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
+
+
+def _data(name: str, work: Path, keep: Path, settings: CaptureSettings) -> tuple[Dataset | None, Capture]:
+    folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
+    if name in _WITHOUT_TRUTH:
+        stored = keep / f"{name}-capture"
+        if not stored.is_dir():
+            raw = work / "raw"
+            (raw / "images").mkdir(parents=True)
+            for path in sorted((folder / "images").iterdir()):
+                (raw / "images" / path.name).write_bytes(path.read_bytes())
+            keep.mkdir(parents=True, exist_ok=True)
+            capture_folder(raw, stored, settings)
+        return None, load_capture(stored)
+    dataset = read_dataset(folder, settings, mask_label=_MASK_LABELS.get(name, ""))
+    (work / "capture").mkdir()
+    return dataset, training_capture(dataset, work / "capture", settings, silent)
+
+
+def _trained(folder: Path, capture: Capture, settings: Settings) -> Scene:
+    if not folder.is_dir():
+        built = build_scene(replace(capture, given_labels=None), settings, labelling=Labelling(Dictionary(()), ()))
+        write_scene(built.scene, folder)
+    return read_scene(folder)
+
+
+def _discovered(
+    scene: Scene, capture: Capture, settings: Settings, asked: DiscoverySettings
+) -> tuple[Discovery, dict[str, float]]:
+    segmenter = open_segmenter(settings.perception, settings.models)
+    wall, cpu = time.perf_counter(), time.process_time()
+    discovery = discover_things(scene.gaussians, capture.views, segmenter, asked, settings.perception)
+    seconds = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
+    return discovery, {key: round(value, 1) for key, value in seconds.items()}
+
+
+def _figures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, Any]:
+    encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+    report = evaluate_scene(SceneIndex(scene, encoder, settings.query), dataset, samples=0)
+    figures = {name: report.value(name) for name in _FIGURES}
+    told = {key: value for key, value in report.details.items() if key.startswith(("things_", "click"))}
+    return {
+        key: round(value, 4) if isinstance(value, float) else value
+        for key, value in (figures | told).items()
+        if key != "clicks_miou_after"
+    }
+
+
+def _draw(scene: Scene, capture: Capture, path: Path) -> None:
+    """Photos beside the things that the scene shows there, each in a color of its own."""
+    assert scene.things is not None
+    colors = label_colors(max((thing.id for thing in scene.things.table), default=0))
+    rows = []
+    for position in np.linspace(0, len(capture.views) - 1, _SHEET_VIEWS).round().astype(int):
+        view = capture.views[position]
+        photo = load_rgb(view.image_path)
+        shown = thing_map(scene, view.posed)
+        mixed = (0.4 * photo + 0.6 * colors[shown]).astype(np.uint8)
+        panels = [np.asarray(Image.fromarray(panel).resize(_PANEL)) for panel in (photo, mixed)]
+        rows.append(np.hstack(panels))
+    Image.fromarray(np.vstack(rows)).save(path, quality=85)
+
+
+def _write(name: str, mode: str, row: Mapping[str, Any], start: Start) -> None:
+    document = json.loads(_OUT.read_text()) if _OUT.is_file() else {"rows": {}}
+    document["rows"][f"{name} {mode}"] = {**row, "provenance": provenance(start)}
+    write_json(_OUT, document)
+    print(f"{name} {mode}: {json.dumps(row)}", flush=True)
+
+
+if __name__ == "__main__":
+    _main()

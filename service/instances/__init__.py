@@ -1,0 +1,1 @@
+"""Proposals of all views and a splat to things: lifting, grouping, hierarchy, surfaces, names."""

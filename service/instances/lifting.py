@@ -1,0 +1,89 @@
+"""Overlapping masks of a view as sets of Gaussians, in one pass of the rasterizer."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.sparse import csr_array  # type: ignore[import-untyped]
+from torch import Tensor
+
+from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, label_sums
+from fastsplat.service.splatting.region_groups import LiftedRegions, lift_regions, one_piece_each
+from fastsplat_contract.camera import Camera
+
+
+def image_pieces(masks: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """The pieces that masks cut an image into: pixels that lie in the same masks are one piece.
+
+    Args:
+        masks: bool [P, H, W].
+
+    Returns:
+        int32 [H, W], the piece of each pixel, 0..A − 1; and bool [A, P], which masks a piece is part of.
+    """
+    count, height, width = masks.shape
+    if not count:
+        return np.zeros((height, width), np.int32), np.zeros((1, 0), np.bool_)
+    bits = np.ascontiguousarray(np.packbits(masks.reshape(count, -1), axis=0).T)
+    keys = bits.view(np.dtype((np.void, bits.shape[1])))[:, 0]
+    _, first, piece = np.unique(keys, return_index=True, return_inverse=True)
+    return piece.reshape(height, width).astype(np.int32), np.ascontiguousarray(masks.reshape(count, -1)[:, first].T)
+
+
+def lift_masks(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    masks: NDArray[np.bool_],
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    backend: Backend = "cpu",
+) -> LiftedRegions:
+    """Each mask as the Gaussians more than half of whose weight in the view lies in it.
+
+    Masks overlap, and the rasterizer's label sums know one label a pixel: so sums are taken over the pieces that the
+    masks cut the image into, and added up for every mask.
+
+    Args:
+        splats: G activated Gaussians.
+        viewmat: [4, 4], camera from world.
+        camera: of the masks' size.
+        masks: bool [P, H, W].
+        valid: bool [H, W]; pixels that are False count for nothing.
+        backend: which rasterizer.
+    """
+    pieces, members = image_pieces(masks)
+    sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)
+    return lift_regions(sums, csr_array(members.astype(np.float64)))
+
+
+def lift_regions_of(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    ids: NDArray[np.integer],
+    count: int,
+    *,
+    valid: NDArray[np.bool_] | None = None,
+    backend: Backend = "cpu",
+) -> LiftedRegions:
+    """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
+    none."""
+    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, valid, backend)
+    return lift_regions(sums, one_piece_each(count, sums))
+
+
+def _sums(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    pieces: NDArray[np.int32],
+    count: int,
+    valid: NDArray[np.bool_] | None,
+    backend: Backend,
+) -> LabelSums:
+    image = torch.from_numpy(pieces if valid is None else np.where(valid, pieces, np.int32(-1)))
+    device = splats.means.device
+    sums = label_sums(splats, viewmat.to(device), camera, image.to(device), count, backend=backend)
+    return LabelSums(sums.starts.cpu(), sums.labels.cpu(), sums.sums.cpu())

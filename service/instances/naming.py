@@ -1,0 +1,112 @@
+"""Names for things: what a detector, or label maps, call their regions, counted over all views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.types import Regions
+from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.types import NameSource, Thing, Things
+from fastsplat.service.splatting.region_groups import LiftedRegions
+
+F64 = NDArray[np.float64]
+
+_SEEN_PX = 0.05
+_MOST_SEEN = 0.5
+"""Share of a thing that a view must see for its silence to count."""
+_SUGGESTIONS = 3
+_LEAST_SUGGESTED = 0.05
+
+
+@dataclass(frozen=True)
+class NameVotes:
+    """What the views call T things.
+
+    Attributes:
+        scores: float64 [T, N + 1]: sum over views of the score that a label got for a thing, 0..1 a view.
+        able: float64 [T]: number of views that see most of the thing, and so could have named it.
+    """
+
+    scores: F64
+    able: F64
+
+
+def count_votes(
+    things: Things, lifted: Iterable[LiftedRegions], regions: Sequence[Regions], labels: int, *, min_overlap: float
+) -> NameVotes:
+    """The votes of the regions of all views.
+
+    In every view a region votes for the one thing that it overlaps most, by the intersection over union of the
+    Gaussians that the view sees, if by at least `min_overlap`. For each label the best score of a view counts.
+
+    Args:
+        things: T of them.
+        lifted: the regions of each view, in order; consumed one at a time.
+        regions: the same regions with their votes.
+        labels: N.
+        min_overlap: 0..1.
+    """
+    place = np.zeros(max((thing.id for thing in things.table), default=0) + 1, np.int64)
+    place[[thing.id for thing in things.table]] = np.arange(1, len(things.table) + 1)
+    owner = place[thing_rows(things)]
+    count = len(things.table)
+    whole = np.bincount(owner, minlength=count + 1)[1:]
+    scores, able = np.zeros((count, labels + 1)), np.zeros(count)
+    for view, own in zip(lifted, regions, strict=True):
+        sees = view.pixels > _SEEN_PX
+        visible = np.bincount(owner[sees], minlength=count + 1)[1:]
+        able += visible > _MOST_SEEN * np.maximum(whole, 1)
+        best = np.zeros((count, labels + 1))
+        for region in range(len(view)):
+            rows = view.rows[view.starts[region] : view.starts[region + 1]]
+            common = np.bincount(owner[rows], minlength=count + 1)[1:]
+            overlap = common / np.maximum(visible + len(rows) - common, 1)
+            thing = int(overlap.argmax()) if count else 0
+            if count and overlap[thing] >= min_overlap:
+                for label, score in own.votes[region]:
+                    best[thing, label] = max(best[thing, label], score)
+        scores += best
+    return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)))
+
+
+def name_things(
+    things: Things, votes: NameVotes, names: Sequence[str], source: NameSource, settings: DiscoverySettings
+) -> Things:
+    """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
+
+    A name's probability is its mean score over the views that could have named the thing, the views that are silent
+    counting as 0. It is stated from `name_probability`, and if no other has more than `name_rivals` of it; otherwise it
+    is suggested.
+
+    Args:
+        things: T of them.
+        votes: see `count_votes`.
+        names: of labels 1..N.
+        source: who votes.
+        settings: the bounds.
+    """
+    probability = np.minimum(votes.scores / np.maximum(votes.able, 1)[:, None], 1.0)
+    probability[:, 0] = 0
+    table = tuple(
+        thing if thing.source == "person" else _named(thing, row, names, source, settings)
+        for thing, row in zip(things.table, probability, strict=True)
+    )
+    return replace(things, table=table)
+
+
+def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource, settings: DiscoverySettings) -> Thing:
+    order = np.argsort(-row, kind="stable")
+    order = order[row[order] >= _LEAST_SUGGESTED][:_SUGGESTIONS]
+    suggestions = tuple((names[label - 1], float(row[label])) for label in order)
+    if not suggestions:
+        return replace(thing, name="", source=None, probability=0.0, suggestions=())
+    (best, sure), rivals = suggestions[0], suggestions[1:]
+    clear = sure >= settings.name_probability and all(other <= settings.name_rivals * sure for _, other in rivals)
+    if not clear:
+        return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
+    return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)

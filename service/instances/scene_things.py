@@ -1,0 +1,92 @@
+"""The things of a trained scene: discovered without a vocabulary, then named by what labels there are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.instances.discovery import OnView, discover_things
+from fastsplat.service.instances.lifting import lift_regions_of
+from fastsplat.service.instances.naming import count_votes, name_things
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Labelling, Regions, Segmenter
+from fastsplat.service.scene.types import Gaussians, Things
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.region_groups import LiftedRegions
+from fastsplat.service.splatting.training_views import training_size
+
+_SPECK_PX = 16
+
+
+@torch.no_grad()
+def find_scene_things(
+    gaussians: Gaussians,
+    capture: Capture,
+    labelling: Labelling,
+    segmenter: Segmenter,
+    settings: DiscoverySettings,
+    perception: PerceptionSettings,
+    on_view: OnView = lambda done, total: None,
+    *,
+    backend: Backend = "cpu",
+) -> Things:
+    """Every thing of a scene, named where its labels say so clearly.
+
+    Args:
+        gaussians: G of them, trained on the capture.
+        capture: its views.
+        labelling: what was detected in the views, or came with them; an empty dictionary names nothing.
+        segmenter: answers prompts.
+        settings: see `DiscoverySettings`.
+        perception: which masks count.
+        on_view: hears of every view that is looked at.
+        backend: which rasterizer.
+    """
+    things = discover_things(gaussians, capture.views, segmenter, settings, perception, on_view, backend=backend).things
+    names = [entry.label for entry in labelling.dictionary.entries]
+    if not names or not things.table:
+        return things
+    regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
+    used = [(view, own) for view, own in zip(capture.views, regions, strict=True) if own.votes]
+    votes = count_votes(
+        things,
+        _lifted(gaussians, used, settings, backend),
+        [own for _, own in used],
+        len(names),
+        min_overlap=settings.name_overlap,
+    )
+    return name_things(things, votes, names, "given" if labelling.exact else "detected", settings)
+
+
+def regions_of_label_map(label_map: NDArray[np.uint16]) -> Regions:
+    """The connected areas of each label as regions that vote for it with a score of 1; specks are left out."""
+    ids = np.zeros(label_map.shape, np.uint16)
+    votes: list[tuple[tuple[int, float], ...]] = []
+    for label in np.unique(label_map[label_map > 0]).tolist():
+        mask = (label_map == label).astype(np.uint8)
+        count, areas, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        large = stats[:, cv2.CC_STAT_AREA] >= _SPECK_PX
+        large[0] = False
+        number = np.zeros(count, np.uint16)
+        number[large] = np.arange(len(votes) + 1, len(votes) + 1 + large.sum())
+        ids += number[areas]
+        votes += [((label, 1.0),)] * int(large.sum())
+    return Regions(ids, tuple(votes))
+
+
+def _lifted(
+    gaussians: Gaussians, used: Sequence[tuple[View, Regions]], settings: DiscoverySettings, backend: Backend
+) -> Iterator[LiftedRegions]:
+    splats = splats_of(gaussians, device=device_of(backend))
+    for view, regions in used:
+        camera = training_size(view.posed.camera, settings.max_side)
+        viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
+        ids = regions.resized(camera.width, camera.height)
+        yield lift_regions_of(splats, viewmat, camera, ids, len(regions.votes), backend=backend)

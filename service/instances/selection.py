@@ -1,0 +1,102 @@
+"""Candidates to things: hierarchy, owners, what nothing else explains, and surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fastsplat.service.instances.candidates import F32, Candidate
+from fastsplat.service.instances.hierarchy import find_hierarchy
+from fastsplat.service.instances.ownership import NOBODY, Owners, assign_owners, without_strays
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.surfaces import (
+    Plane,
+    find_surfaces,
+    grow_surfaces,
+    lies_in,
+    merge_pieces,
+)
+from fastsplat.service.scene.types import Gaussians
+
+_GROWN_SHARE = 0.6
+"""Share of votes of a Gaussian that joined a surface by its place alone."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The things of a scene before they are described.
+
+    Attributes:
+        things: T candidates.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none.
+        shares: float32 [G], how sure that is: share of the views that say so; 0 where nobody owns.
+        surfaces: the planes of things that are surfaces.
+    """
+
+    things: tuple[Candidate, ...]
+    owners: Owners
+    shares: F32
+    surfaces: Mapping[int, Plane]
+
+
+def select_things(
+    candidates: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
+) -> Selection:
+    """The things among candidates, each Gaussian with one of them at most.
+
+    In this order: things by the hierarchy; candidates that few views propose, the largest first, where nothing else
+    explains their Gaussians and they are no part of a surface's plane; surfaces grow over what nobody owns in their
+    planes; pieces of surfaces join them; strays are left out.
+
+    Args:
+        candidates: see `find_candidates`.
+        gaussians: G of them.
+        size: float32 [G], see `Overlaps`.
+        settings: the bounds.
+    """
+    things = [candidates[row] for row in find_hierarchy(candidates, size, settings).things]
+    owners, shares = assign_owners(things, len(gaussians))
+    surfaces = find_surfaces(things, gaussians, size, settings)
+    for candidate in sorted(candidates, key=lambda one: -one.weight):
+        free = candidate.rows[owners[candidate.rows] == NOBODY]
+        if (
+            candidate.consensus >= settings.unexplained_consensus
+            and candidate.weight >= settings.min_weight_px
+            and size[free].sum() > settings.unexplained_share * candidate.weight
+            and not any(lies_in(plane, free, gaussians, size) for plane in surfaces.values())
+        ):
+            owners[free] = len(things)
+            shares[free] = candidate.shares[np.isin(candidate.rows, free)]
+            things.append(candidate)
+    owners = grow_surfaces(owners, surfaces, gaussians, size, settings.stray_share)
+    for piece, surface in merge_pieces(owners, things, surfaces, gaussians, size, settings).items():
+        owners[owners == piece] = surface
+        surfaces.pop(piece, None)
+    owners = without_strays(owners, gaussians, size, settings.stray_share)
+    shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
+    return _numbered(things, owners, shares, surfaces, size, settings)
+
+
+def _numbered(
+    things: Sequence[Candidate],
+    owners: Owners,
+    shares: F32,
+    surfaces: Mapping[int, Plane],
+    size: F32,
+    settings: DiscoverySettings,
+) -> Selection:
+    """Without things that have lost their Gaussians to others, the largest first."""
+    owned = owners != NOBODY
+    weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(things))
+    order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
+    number = np.full(len(things) + 1, NOBODY, np.int32)  # the last entry is for -1
+    number[order] = np.arange(len(order), dtype=np.int32)
+    renumbered = number[owners]
+    return Selection(
+        things=tuple(things[n] for n in order),
+        owners=renumbered,
+        shares=np.where(renumbered == NOBODY, np.float32(0), shares),
+        surfaces={int(number[n]): plane for n, plane in surfaces.items() if number[n] != NOBODY},
+    )

@@ -1,0 +1,60 @@
+"""Settings of discovery: things without a vocabulary."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from fastsplat.service.common.settings import SettingGroup
+
+
+class DiscoverySettings(SettingGroup, section="discovery"):
+    """How things are discovered without a vocabulary, and when they count."""
+
+    things: Literal["off", "on"] = "off"
+    """Whether a scene gets things: everything in it, with or without a name."""
+    max_side: int = Field(640, ge=64)
+    """Masks are lifted at this many pixels on the image's longer side."""
+    max_views: int = Field(64, ge=0)
+    """Views that are looked at, evenly spread; 0: all."""
+    dense_views: int = Field(6, ge=1)
+    """Views that are prompted on a dense grid; the others are prompted on what these have shown."""
+    grid: int = Field(16, ge=2, le=64)
+    """Prompts along the longer side of a densely prompted view."""
+    max_unexplained: int = Field(12, ge=0)
+    """Prompts in each of the other views where no thing explains the pixels."""
+
+    min_overlap: float = Field(0.5, gt=0, lt=1)
+    """Proposals of two views that overlap more are the same thing."""
+    min_views: int = Field(2, ge=1)
+    """Views that must propose a thing; never more than there are."""
+    min_view_share: float = Field(0.1, ge=0, le=1)
+    """As `min_views`, as a share of all views."""
+    min_consensus: float = Field(0.6, ge=0, le=1)
+    """Share of the views that see a thing that must propose it."""
+    nested_score: float = Field(0.77, ge=0, le=1)
+    """What lies inside a larger thing is a thing of its own from this consensus times quality, and its part below."""
+    min_weight_px: float = Field(100.0, ge=0)
+    """Things that fill fewer pixels of a view on average are none."""
+
+    surface_share: float = Field(0.015, ge=0, le=1)
+    """Flat things that fill this share of what is visible are surfaces."""
+    surface_flatness: float = Field(0.25, gt=0)
+    """The tolerance of a surface's plane is at most this share of its extent."""
+    piece_consensus: float = Field(0.8, ge=0, le=1)
+    """What lies in the plane of a surface and is proposed by fewer of the views is a piece of the surface."""
+
+    unexplained_consensus: float = Field(0.25, ge=0, le=1)
+    """A candidate whose Gaussians no thing owns is a thing from this consensus."""
+    unexplained_share: float = Field(0.7, ge=0, le=1)
+    """Share of a candidate's weight that no thing owns, for that."""
+    stray_share: float = Field(0.1, ge=0, le=1)
+    """Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
+
+    name_overlap: float = Field(0.5, gt=0, le=1)
+    """A region names the thing that it overlaps this much in its view."""
+    name_probability: float = Field(0.3, ge=0, le=1)
+    """A name is stated from this mean score over the views that see the thing; below, it is a suggestion."""
+    name_rivals: float = Field(0.5, ge=0, le=1)
+    """A name is stated only where no other has more than this share of its score."""

@@ -1,0 +1,235 @@
+"""Surfaces: things that are flat, what lies in their plane beside them, and what they are with respect to gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.instances.candidates import F32, Candidate
+from fastsplat.service.instances.ownership import NOBODY, Owners
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.scene.connectivity import components
+from fastsplat.service.scene.types import Gaussians, SurfaceKind
+
+F64 = NDArray[np.float64]
+
+_TRIALS = 256
+_REFITS = 4
+_DEVIATIONS = 3.0
+_MAD_TO_DEVIATION = 1.4826  # of a normal distribution
+_LEVEL = 0.9
+_UPRIGHT = 0.25
+_SAMPLE = 4096
+_CORE = 0.5
+"""Share of a thing's weight that must lie in a plane for the thing to lie in it."""
+_TIGHT = 0.5
+_OFFSET = 0.3
+"""Share of a plane's tolerance, 0.9 standard deviations of single centers, that the middle of a piece may be off."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The points x with normal · x = offset.
+
+    Attributes:
+        normal: float64 [3], unit length, world frame.
+        offset: scene units.
+        tolerance: distance, scene units, within which a Gaussian's center lies in the plane: three standard deviations
+            of the centers that it was fitted to.
+    """
+
+    normal: F64
+    offset: float
+    tolerance: float
+
+    def distance(self, points: NDArray[np.floating]) -> F64:
+        """float64 [K] of points [K, 3], never negative."""
+        return np.asarray(np.abs(points @ self.normal - self.offset))
+
+
+def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
+    """The plane of least weighted median distance to points [K, 3], K ≥ 3: random triples first (least median of
+    squares, Rousseeuw 1984), then least squares over what is near.
+
+    Its tolerance comes from the median absolute deviation, so that up to half of the points may lie elsewhere.
+    """
+    rng = np.random.default_rng(seed)
+    some = rng.choice(len(points), min(len(points), _SAMPLE), p=weights / weights.sum())
+    triples = points[rng.choice(some, (_TRIALS, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals = normals[lengths > 0] / lengths[lengths > 0, None]
+    offsets = np.einsum("ij,ij->i", normals, triples[lengths > 0, 0])
+    sample = points[some]  # drawn by weight, so that its plain median is the weighted one
+    if not len(normals):
+        return Plane(np.array([0.0, 0.0, 1.0]), float(points[0, 2]), 0.0)
+    medians = np.median(np.abs(sample @ normals.T - offsets), axis=0)
+    best = int(medians.argmin())
+    plane = Plane(normals[best], float(offsets[best]), _DEVIATIONS * _MAD_TO_DEVIATION * float(medians[best]))
+    for _ in range(_REFITS):
+        near = plane.distance(points) <= plane.tolerance
+        if near.sum() < 3:
+            break
+        center = np.average(points[near], axis=0, weights=weights[near])
+        spread = points[near] - center
+        normal = np.linalg.eigh((spread * weights[near, None]).T @ spread)[1][:, 0]
+        median = float(np.median(np.abs(sample @ normal - center @ normal)))
+        plane = Plane(normal, float(center @ normal), _DEVIATIONS * _MAD_TO_DEVIATION * median)
+    return plane
+
+
+def find_surfaces(
+    things: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
+) -> dict[int, Plane]:
+    """The planes of those things that are surfaces: large and flat.
+
+    Args:
+        things: see `Candidate`.
+        gaussians: G of them.
+        size: float32 [G], see `Overlaps`.
+        settings: `surface_share`, the least share of what is visible, and `surface_flatness`, the most that a surface's
+            tolerance may be of its extent.
+    """
+    surfaces = {}
+    visible = float(size.sum())
+    for number, thing in enumerate(things):
+        if thing.weight < settings.surface_share * visible or len(thing.rows) < 3:
+            continue
+        points, weights = gaussians.means[thing.rows].astype(np.float64), size[thing.rows].astype(np.float64)
+        plane = fit_plane(points, weights)
+        center = np.average(points, axis=0, weights=weights)
+        extent = np.sqrt(np.average(((points - center) ** 2).sum(axis=1), weights=weights))
+        if plane.tolerance <= settings.surface_flatness * extent:
+            surfaces[number] = plane
+    return surfaces
+
+
+def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
+    """Whether what Gaussians `rows` show lies in the plane: most of it within half the tolerance, and as a whole, by
+    the median of signed distances, nearer than that. What lies on a table is higher than the table, if only by the
+    thickness of a knife; a print on its cloth is not."""
+    weights = size[rows].astype(np.float64)
+    signed = gaussians.means[rows].astype(np.float64) @ plane.normal - plane.offset
+    order = np.argsort(signed)
+    reached = np.cumsum(weights[order])
+    if not len(rows) or reached[-1] <= 0:
+        return False
+    median = float(signed[order[np.searchsorted(reached, 0.5 * reached[-1])]])
+    inside = np.abs(signed) <= _TIGHT * plane.tolerance
+    return bool(weights[inside].sum() > _CORE * reached[-1]) and abs(median) <= _OFFSET * plane.tolerance
+
+
+def merge_pieces(
+    owners: Owners,
+    things: Sequence[Candidate],
+    surfaces: dict[int, Plane],
+    gaussians: Gaussians,
+    size: F32,
+    settings: DiscoverySettings,
+) -> dict[int, int]:
+    """For each thing that is a piece of a surface, the surface: it lies in the plane of a larger one that it touches,
+    and views agree on it less than on things that are there (`piece_consensus`). Prints on a cloth and lit patches of a
+    wall are such pieces; a picture on the wall, which every view proposes, is none.
+
+    Args:
+        owners: of G Gaussians, the surfaces grown already.
+        things, surfaces, gaussians, size, settings: as for `find_surfaces`.
+    """
+    merged: dict[int, int] = {}
+    for number, thing in sorted(enumerate(things), key=lambda item: item[1].weight):
+        own = np.flatnonzero(owners == number)
+        if thing.consensus >= settings.piece_consensus or not len(own):
+            continue
+        larger = (n for n in surfaces if things[n].weight > thing.weight and n not in merged)
+        for other in sorted(larger, key=lambda n: -things[n].weight):
+            in_plane = lies_in(surfaces[other], own.astype(np.int32), gaussians, size)
+            if in_plane and _touch(gaussians, own, np.flatnonzero(owners == other)):
+                merged[number] = other
+                break
+    return merged
+
+
+def grow_surfaces(
+    owners: Owners, surfaces: dict[int, Plane], gaussians: Gaussians, size: F32, min_share: float
+) -> Owners:
+    """The same owners, where Gaussians that nobody owns belong to the surface whose plane they lie in, as far as they
+    are connected with it; the surface of the nearest plane where there are several. A surface that lies in the plane of
+    a larger one, as a plate on a table, does not grow.
+
+    Args:
+        owners: of G Gaussians.
+        surfaces: planes by the number of the thing.
+        gaussians: G of them.
+        size: float32 [G], see `Overlaps`.
+        min_share: pieces join that touch a piece of the surface with at least this share of its weight.
+    """
+    result = owners.copy()
+    distances = np.full(len(owners), np.inf)
+    weight = {number: float(size[owners == number].sum()) for number in surfaces}
+    for number, plane in surfaces.items():
+        larger = [other for other in surfaces if weight[other] > weight[number]]
+        rows = np.flatnonzero(owners == number).astype(np.int32)
+        if any(
+            lies_in(replace(surfaces[other], tolerance=2 * surfaces[other].tolerance), rows, gaussians, size)
+            for other in larger
+        ):
+            continue
+        distance = plane.distance(gaussians.means)
+        free = (owners == NOBODY) & (distance <= plane.tolerance) & (size > 0)
+        members = np.flatnonzero(free | (owners == number))
+        piece = components(gaussians, members)
+        own = owners[members] == number
+        weights = np.bincount(
+            piece[own], size[members[own]].astype(np.float64), minlength=int(piece.max(initial=0)) + 1
+        )
+        solid = weights >= min_share * max(weights.sum(), 1e-12)
+        joins = members[solid[piece] & ~own]
+        joins = joins[distance[joins] < distances[joins]]
+        result[joins], distances[joins] = number, distance[joins]
+    return result
+
+
+def surface_kinds(
+    surfaces: dict[int, Plane], centers: dict[int, F64], cameras: F64, up: F64 | None
+) -> dict[int, SurfaceKind]:
+    """What each surface is: the lowest level one below all cameras is the floor, level ones above all cameras are
+    ceilings, upright ones walls.
+
+    The lowest counts as a floor only when another level surface lies above it and below the cameras: in a close-up of a
+    table the table is the lowest, and no floor.
+
+    Args:
+        surfaces: planes by number.
+        centers: float64 [3] of each.
+        cameras: float64 [V, 3], where the photos were taken.
+        up: unit vector, or None where the cameras do not tell: then a surface is just that.
+    """
+    if up is None:
+        return dict.fromkeys(surfaces, "surface")
+    kinds: dict[int, SurfaceKind] = {}
+    heights = cameras @ up
+    level = {n: float(centers[n] @ up) for n, plane in surfaces.items() if abs(plane.normal @ up) > _LEVEL}
+    lower = sorted((height, n) for n, height in level.items() if height < heights.min())
+    for number, plane in surfaces.items():
+        if number in level:
+            above = level[number] > heights.max()
+            kinds[number] = "ceiling" if above else "horizontal surface"
+        else:
+            kinds[number] = "wall" if abs(plane.normal @ up) < _UPRIGHT else "surface"
+    if len(lower) > 1:
+        kinds[lower[0][1]] = "floor"
+    return kinds
+
+
+def _touch(gaussians: Gaussians, some: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
+    """Whether a connected piece has Gaussians of both; those of `others` near `some` are looked at."""
+    low, high = gaussians.means[some].min(axis=0), gaussians.means[some].max(axis=0)
+    margin = (high - low).max()
+    means = gaussians.means[others]
+    near = others[((means >= low - margin) & (means <= high + margin)).all(axis=1)]
+    members = np.concatenate([some, near])
+    piece = components(gaussians, members)
+    return bool(np.isin(piece[: len(some)], piece[len(some) :]).any())

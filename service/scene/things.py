@@ -1,0 +1,153 @@
+"""Things: every physical object and surface of a scene, with or without a name.
+
+Gaussians belong to things, and names belong to things: naming one is a row in a table, so it is instant and exact.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
+from fastsplat.service.scene.types import NameSource, Scene, Thing, Things
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+
+if TYPE_CHECKING:
+    from fastsplat_contract.scenes import Box
+
+MAX_NAME_CHARS = 200
+"""Of a thing's name."""
+
+
+def thing_rows(things: Things) -> NDArray[np.int32]:
+    """int32 [G]: id of the thing that each Gaussian most probably belongs to, 0 for none."""
+    return posterior(things.membership, len(things.table) + 1).classes
+
+
+def thing_of(things: Things, thing_id: int) -> Thing:
+    """The thing with this id.
+
+    Raises:
+        NotFoundError: there is none.
+    """
+    for thing in things.table:
+        if thing.id == thing_id:
+            return thing
+    raise NotFoundError(
+        f"there is no thing {str(thing_id)[:40]} in this scene", field="thing", hint="List the scene's things."
+    )
+
+
+def things_named(things: Things, name: str) -> tuple[Thing, ...]:
+    """The things that bear a name; case, plural and spelling variants count as the same."""
+    key = label_key(name)
+    return tuple(thing for thing in things.table if thing.name and label_key(thing.name) == key)
+
+
+def thing_boxes(scene: Scene) -> dict[int, Box]:
+    """The oriented box of each thing that has Gaussians, by id; see `oriented_box`. Computed from the Gaussians as they
+    are, so that it is right after every edit."""
+    if scene.things is None:
+        return {}
+    owner = thing_rows(scene.things)
+    up = vertical_axis(scene.cameras)
+    boxes = {}
+    for thing in scene.things.table:
+        rows = np.flatnonzero(owner == thing.id)
+        if len(rows):
+            opacities = 1.0 / (1.0 + np.exp(-scene.gaussians.logit_opacities[rows].astype(np.float64)))
+            boxes[thing.id] = oriented_box(scene.gaussians.means[rows].astype(np.float64), opacities, up)
+    return boxes
+
+
+def rename_thing(
+    scene: Scene, thing_id: int, name: str, *, source: NameSource = "person", probability: float = 1.0
+) -> Scene:
+    """The scene in which a thing bears `name`; nothing else changes, and other things may bear the name as well.
+
+    Args:
+        scene: as it is.
+        thing_id: which thing.
+        name: one line of 1 to `MAX_NAME_CHARS` characters, kept as it is but for white space at its ends; "" takes the
+            thing's name away.
+        source: who says so.
+        probability: that the name is right, 0..1.
+
+    Raises:
+        NotFoundError: no such thing, or a scene without things.
+        InvalidInputError: a name that is too long or has control characters; a probability outside 0..1.
+    """
+    things = _things_of(scene)
+    old = thing_of(things, thing_id)
+    text = _checked_name(name)
+    if not 0 <= probability <= 1:
+        raise InvalidInputError(f"a probability of {probability}", field="probability", limit="0 to 1")
+    new = replace(old, name=text, source=source if text else None, probability=float(probability) if text else 0.0)
+    table = tuple(new if thing.id == thing_id else thing for thing in things.table)
+    return replace(scene, things=replace(things, table=table))
+
+
+def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
+    """The scene in which several things are one, under the id and the name of the first.
+
+    Raises:
+        NotFoundError: no such thing, or a scene without things.
+        InvalidInputError: fewer than two different things.
+    """
+    things = _things_of(scene)
+    first, *others = (thing_of(things, thing_id).id for thing_id in dict.fromkeys(thing_ids))
+    if not others:
+        raise InvalidInputError(f"{len(thing_ids)} thing to merge", field="things", hint="Name two or more.")
+    return replace(scene, things=_relabeled(things, others, first))
+
+
+def discard_thing(scene: Scene, thing_id: int) -> Scene:
+    """The scene without this thing: its Gaussians stay and belong to none.
+
+    Raises:
+        NotFoundError: no such thing, or a scene without things.
+    """
+    things = _things_of(scene)
+    return replace(scene, things=_relabeled(things, [thing_of(things, thing_id).id], 0))
+
+
+def things_of_rows(things: Things | None, rows: NDArray[np.integer]) -> Things | None:
+    """The things of the Gaussians `rows`, in that order; a row may be named twice. Ids stay, also of things that have
+    lost all their Gaussians."""
+    return None if things is None else replace(things, membership=rows_of(things.membership, rows))
+
+
+def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
+    membership = things.membership
+    rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    labels = np.where(np.isin(membership.labels, before), after, membership.labels)
+    table = tuple(thing for thing in things.table if thing.id not in before)
+    return Things(table, evidence_of(rows, labels, membership.counts, len(membership)))
+
+
+def _things_of(scene: Scene) -> Things:
+    if scene.things is None:
+        raise NotFoundError(
+            "this scene has no things", field="things", hint="Train it with FASTSPLAT_DISCOVERY__THINGS=on."
+        )
+    return scene.things
+
+
+def _checked_name(name: str) -> str:
+    text = name.strip()
+    if len(text) > MAX_NAME_CHARS:
+        raise InvalidInputError(
+            f"a name of {len(text)} characters", field="name", limit=f"{MAX_NAME_CHARS} characters", hint="Shorten it."
+        )
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in text):
+        raise InvalidInputError(
+            "the name has control characters", field="name", hint="Write the name on one line, in plain text."
+        )
+    return text

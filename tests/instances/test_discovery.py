@@ -1,0 +1,195 @@
+"""Things of a made room are discovered without a word, and named by whoever has words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.instances.discovery import Discovery, discover_things
+from fastsplat.service.instances.naming import NameVotes, name_things
+from fastsplat.service.instances.prompting import dense_views, guided_points
+from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.scene.label_evidence import no_evidence
+from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.types import Thing, Things
+from fastsplat_contract.errors import CancelledError
+from tests.instances.made_room import NAMES, ColorSegmenter, Room, make_room
+
+SETTINGS = DiscoverySettings(dense_views=3, grid=12, min_weight_px=5)
+PERCEPTION = PerceptionSettings(min_pixels=8)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
+    return make_room(tmp_path_factory.mktemp("room"))
+
+
+@pytest.fixture(scope="module")
+def discovery(room: Room) -> Discovery:
+    return discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION)
+
+
+def _overlaps(things: Things, owner: np.ndarray) -> dict[int, tuple[int, float]]:
+    """Of each true thing, the thing that overlaps it most, and by how much."""
+    rows = thing_rows(things)
+    best = {}
+    for true in range(4):
+        inside = owner == true
+        shares = {
+            thing.id: (inside & (rows == thing.id)).sum() / (inside | (rows == thing.id)).sum()
+            for thing in things.table
+        }
+        best[true] = max(shares.items(), key=lambda item: item[1])
+    return best
+
+
+def test_every_thing_is_discovered_once(room: Room, discovery: Discovery) -> None:
+    best = _overlaps(discovery.things, room.owner)
+    assert len(discovery.things.table) == 4 and len({thing for thing, _ in best.values()}) == 4
+    # Half of each ball's points look down or lie within; of those no view says anything.
+    assert all(overlap > 0.6 for _, overlap in best.values())
+    assert all(not thing.name and thing.source is None for thing in discovery.things.table)
+    assert [thing.id for thing in discovery.things.table] == [1, 2, 3, 4]
+    assert all(thing.consensus > 0.8 for thing in discovery.things.table)
+
+
+def test_the_floor_is_a_surface_and_balls_are_none(room: Room, discovery: Discovery) -> None:
+    best = _overlaps(discovery.things, room.owner)
+    kinds = {thing.id: thing.surface for thing in discovery.things.table}
+    assert kinds[best[0][0]] == "horizontal surface"
+    assert all(kinds[best[ball][0]] == "" for ball in (1, 2, 3))
+
+
+def test_views_after_the_dense_ones_are_prompted_little(room: Room) -> None:
+    segmenter = ColorSegmenter()
+    discovery = discover_things(room.gaussians, room.capture.views, segmenter, SETTINGS, PERCEPTION)
+    assert segmenter.prompts[:3] == [12 * 9] * 3
+    assert len(segmenter.prompts) == 8 and all(count <= 4 + SETTINGS.max_unexplained for count in segmenter.prompts[3:])
+    assert discovery.prompts == sum(segmenter.prompts) and discovery.views == 8
+    assert segmenter.most_at_once <= 32
+
+
+def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery) -> None:
+    again = discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION)
+    assert again.things.table == discovery.things.table
+    assert (thing_rows(again.things) == thing_rows(discovery.things)).all()
+
+
+def test_it_ends_when_asked_to(room: Room) -> None:
+    def stop(done: int, total: int) -> None:
+        assert 1 <= done <= total == 8
+        if done == 2:
+            raise CancelledError("enough")
+
+    with pytest.raises(CancelledError):
+        discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION, stop)
+
+
+def test_no_views_no_things(room: Room) -> None:
+    discovery = discover_things(room.gaussians, (), ColorSegmenter(), SETTINGS, PERCEPTION)
+    assert discovery.things.table == () and discovery.prompts == 0
+    assert (thing_rows(discovery.things) == 0).all()
+
+
+def test_given_label_maps_name_what_they_show(room: Room) -> None:
+    labelling = Labelling(dictionary_of(NAMES), room.maps, exact=True)
+    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    names = {thing.id: (thing.name, thing.source) for thing in things.table}
+    for true, (thing, _) in _overlaps(things, room.owner).items():
+        assert names[thing] == (NAMES[true], "given")
+
+
+def test_without_labels_things_have_no_names(room: Room) -> None:
+    labelling = Labelling(Dictionary(()), ())
+    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    assert len(things.table) == 4 and not any(thing.name for thing in things.table)
+
+
+def test_a_detector_that_is_of_two_minds_only_suggests(room: Room) -> None:
+    """Of the red ball every other view says "ball" and the rest "apple"; of the blue one all say "orange"."""
+    regions = []
+    for number, label_map in enumerate(room.maps):
+        ids = np.zeros(label_map.shape, np.uint16)
+        ids[label_map == 2], ids[label_map == 4] = 1, 2
+        regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
+    maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
+    labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
+    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    by_id = {thing.id: thing for thing in things.table}
+    best = _overlaps(things, room.owner)
+    red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
+    assert red.name == "" and {name for name, _ in red.suggestions} == {"ball", "apple"}
+    assert blue.name == "orange" and blue.source == "detected" and blue.probability == pytest.approx(0.8, abs=0.15)
+    assert green.name == "" and green.suggestions == ()
+
+
+def test_a_name_by_a_person_outlives_votes() -> None:
+    things = Things((Thing(1, "Fritz", "person", 1.0), Thing(2)), no_evidence(3))
+    votes = NameVotes(np.array([[0.0, 5.0], [0.0, 5.0]]), np.array([5.0, 5.0]))
+    named = name_things(things, votes, ("cup",), "detected", SETTINGS)
+    assert [thing.name for thing in named.table] == ["Fritz", "cup"]
+
+
+@settings(max_examples=50)
+@given(st.lists(st.floats(0, 10), min_size=4, max_size=4), st.floats(1, 10))
+def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], able: float) -> None:
+    votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
+    things = Things((Thing(1),), no_evidence(3))
+    (thing,) = name_things(things, votes, ("a", "b", "c", "d"), "detected", SETTINGS).table
+    mean = np.minimum(np.array(scores) / able, 1)
+    first, second = np.sort(mean)[::-1][:2]
+    assert bool(thing.name) == (first >= SETTINGS.name_probability and second <= SETTINGS.name_rivals * first)
+    if thing.name:
+        assert thing.probability == pytest.approx(first)
+    shares = [share for _, share in thing.suggestions]
+    assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30))
+def test_guided_points_are_inside_their_things_or_where_nothing_is(seed: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    owners = np.kron(rng.integers(0, 4, (6, 8)), np.ones((10, 10), int))
+    points = guided_points(owners, 16, most, 50)
+    shown = owners[points[:, 1].astype(int), points[:, 0].astype(int)]
+    present = np.unique(owners[owners > 0])
+    assert shown[: len(present)].tolist() == present.tolist()
+    assert (shown[len(present) :] == 0).all() and len(points) - len(present) <= most
+
+
+@given(st.integers(0, 500), st.integers(1, 40))
+def test_dense_views_are_spread(count: int, dense: int) -> None:
+    views = dense_views(count, dense)
+    assert len(views) == min(count, dense) and views == sorted(set(views))
+    assert all(0 <= view < count for view in views)
+
+
+def test_regions_of_a_label_map_are_its_connected_areas() -> None:
+    label_map = np.zeros((30, 30), np.uint16)
+    label_map[2:8, 2:8], label_map[20:28, 20:28], label_map[2:8, 20:26], label_map[15, 15] = 3, 3, 1, 1
+    regions = regions_of_label_map(label_map)
+    assert sorted(vote[0][0] for vote in regions.votes) == [1, 3, 3]
+    for number, votes in enumerate(regions.votes, start=1):
+        assert (label_map[regions.ids == number] == votes[0][0]).all()
+    assert (regions.ids > 0).sum() == (label_map > 0).sum() - 1  # the speck
+
+
+def test_undistorted_margins_say_nothing(room: Room, tmp_path: Path) -> None:
+    """Pixels without content count for no mask: a view that is all margin changes nothing."""
+    import cv2
+
+    blank = tmp_path / "valid.png"
+    cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
+    views = list(room.capture.views)
+    views[0] = replace(views[0], valid_path=blank)
+    without = discover_things(room.gaussians, views[1:], ColorSegmenter(), SETTINGS, PERCEPTION)
+    margin = discover_things(room.gaussians, views, ColorSegmenter(), SETTINGS, PERCEPTION)
+    assert len(margin.things.table) == len(without.things.table) == 4

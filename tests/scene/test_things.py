@@ -1,0 +1,230 @@
+"""Things: written with the scene and read back, named without touching anything else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fastsplat.service.scene import Scene, Thing, Things, read_scene, write_scene
+from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.things import (
+    MAX_NAME_CHARS,
+    discard_thing,
+    merge_things,
+    rename_thing,
+    thing_boxes,
+    thing_of,
+    thing_rows,
+    things_named,
+    things_of_rows,
+)
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
+
+IDS = (2, 5, 9)
+
+
+def _things(count: int) -> Things:
+    """Gaussian g belongs to the thing g mod 4 of none and `IDS`, 60 % sure; every third says a little of another."""
+    rows = np.arange(count)
+    owner = np.array([0, *IDS])[rows % 4]
+    other = np.arange(0, count, 3)
+    membership = evidence_of(
+        np.concatenate([rows, other]),
+        np.concatenate([owner, np.full(len(other), IDS[1])]),
+        np.concatenate([np.full(count, 600), np.full(len(other), 90)]),
+        count,
+    )
+    table = (
+        Thing(2, "Tasse ☕", "person", 1.0, 0.9),
+        Thing(5, consensus=0.7, surface="wall", suggestions=(("bottle", 0.4), ("vase", 0.3))),
+        Thing(9, "mug", "detected", 0.8, 0.6),
+    )
+    return Things(table, membership)
+
+
+@pytest.fixture
+def scene(make_scene: Callable[..., Scene]) -> Scene:
+    return replace(make_scene(count=80), things=_things(80))
+
+
+def test_things_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
+    write_scene(scene, tmp_path / "v1")
+    read = read_scene(tmp_path / "v1").things
+    assert scene.things is not None and read is not None
+    assert read.table == scene.things.table
+    for name in ("starts", "labels", "counts"):
+        assert (getattr(read.membership, name) == getattr(scene.things.membership, name)).all()
+
+
+def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(), tmp_path / "v1")
+    assert read_scene(tmp_path / "v1").things is None
+    assert not (tmp_path / "v1" / "things.safetensors").exists()
+
+
+def test_a_scene_of_the_third_schema_has_no_things(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+    write_scene(make_scene(evidence=True), tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = {**json.loads(path.read_text()), "schema": 3}
+    del body["things"]
+    path.write_text(_sealed(body))
+    read = read_scene(tmp_path / "v1")
+    assert read.things is None and read.evidence is not None
+
+
+def test_a_table_that_lacks_a_thing_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:
+    assert scene.things is not None
+    torn = replace(scene, things=replace(scene.things, table=scene.things.table[:2]))
+    with pytest.raises(InvalidInputError, match="thing 9"):
+        write_scene(torn, tmp_path / "torn")
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = json.loads(path.read_text())
+    body["things"]["table"].pop()
+    path.write_text(_sealed(body))
+    with pytest.raises(SceneFileError, match="thing 9"):
+        read_scene(tmp_path / "v1")
+
+
+@pytest.mark.parametrize(
+    "change", [{"id": 0}, {"id": 5}, {"probability": 2.0}, {"source": None}, {"surface": "roof"}, {"name": 7}]
+)
+def test_a_damaged_row_says_so(scene: Scene, tmp_path: Path, change: dict[str, object]) -> None:
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = json.loads(path.read_text())
+    body["things"]["table"][0] |= change
+    path.write_text(_sealed(body))
+    with pytest.raises(SceneFileError, match="malformed"):
+        read_scene(tmp_path / "v1")
+
+
+def test_a_changed_membership_says_so(scene: Scene, tmp_path: Path) -> None:
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "things.safetensors"
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(SceneFileError, match="things"):
+        read_scene(tmp_path / "v1")
+
+
+@settings(max_examples=50)
+@given(st.sampled_from(IDS), st.text(st.characters(exclude_categories=["Cc", "Cs"]), max_size=MAX_NAME_CHARS))
+def test_naming_changes_the_name_of_one_thing_and_nothing_else(thing_id: int, name: str) -> None:
+    things = _things(40)
+    before = _bare(things)
+    after = rename_thing(before, thing_id, name)
+    assert after.things is not None
+    assert after.things.membership is things.membership and after.gaussians is before.gaussians
+    for old, new in zip(things.table, after.things.table, strict=True):
+        if old.id != thing_id:
+            assert new == old
+        else:
+            assert (new.name, new.source) == (name.strip(), "person" if name.strip() else None)
+            assert (new.consensus, new.surface, new.suggestions) == (old.consensus, old.surface, old.suggestions)
+    back = rename_thing(
+        after,
+        thing_id,
+        (old := thing_of(things, thing_id)).name,
+        source=old.source or "person",
+        probability=old.probability,
+    )
+    assert back.things == things
+
+
+@pytest.mark.parametrize("name", ["x" * (MAX_NAME_CHARS + 1), "two\nlines", "bell\x07", "\ud800"])
+def test_names_that_are_none_are_refused(scene: Scene, name: str) -> None:
+    with pytest.raises(InvalidInputError):
+        rename_thing(scene, 2, name)
+
+
+def test_who_is_not_there_cannot_be_named(scene: Scene, make_scene: Callable[..., Scene]) -> None:
+    with pytest.raises(NotFoundError, match="thing 3"):
+        rename_thing(scene, 3, "cup")
+    with pytest.raises(NotFoundError, match="no things"):
+        rename_thing(make_scene(), 2, "cup")
+    with pytest.raises(InvalidInputError, match="probability"):
+        rename_thing(scene, 2, "cup", probability=1.5)
+
+
+def test_a_label_is_the_set_of_things_that_bear_it(scene: Scene) -> None:
+    both = rename_thing(scene, 5, "Mugs")
+    assert both.things is not None
+    assert [thing.id for thing in things_named(both.things, "mug")] == [5, 9]
+    assert things_named(both.things, "teapot") == () and things_named(both.things, "") == ()
+
+
+def test_merged_things_have_all_gaussians_of_both_and_the_first_one_name(scene: Scene) -> None:
+    assert scene.things is not None
+    before = thing_rows(scene.things)
+    merged = merge_things(scene, [9, 2]).things
+    assert merged is not None
+    assert (thing_rows(merged) == np.where(before == 2, 9, before)).all()
+    assert [thing.id for thing in merged.table] == [5, 9] and thing_of(merged, 9).name == "mug"
+    assert merged.membership.counts.sum() == scene.things.membership.counts.sum()
+    with pytest.raises(InvalidInputError):
+        merge_things(scene, [9, 9])
+    with pytest.raises(NotFoundError):
+        merge_things(scene, [9, 3])
+
+
+def test_a_discarded_thing_leaves_its_gaussians_to_nobody(scene: Scene) -> None:
+    assert scene.things is not None
+    before = thing_rows(scene.things)
+    without = discard_thing(scene, 2).things
+    assert without is not None
+    assert (thing_rows(without) == np.where(before == 2, 0, before)).all()
+    assert [thing.id for thing in without.table] == [5, 9]
+
+
+def test_things_follow_the_rows(scene: Scene) -> None:
+    assert scene.things is not None
+    rows = np.array([7, 3, 3, 50])
+    taken = things_of_rows(scene.things, rows)
+    assert taken is not None and taken.table == scene.things.table
+    assert (thing_rows(taken) == thing_rows(scene.things)[rows]).all()
+    assert things_of_rows(None, rows) is None
+
+
+def test_boxes_are_those_of_the_gaussians_as_they_are(scene: Scene) -> None:
+    assert scene.things is not None
+    boxes = thing_boxes(scene)
+    assert set(boxes) == set(IDS)
+    moved = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means + np.float32(10)))
+    for thing_id, box in thing_boxes(moved).items():
+        assert box.center.position.x == pytest.approx(boxes[thing_id].center.position.x + 10, abs=1e-3)
+        assert box.size.x == pytest.approx(boxes[thing_id].size.x, rel=1e-3)
+
+
+def _bare(things: Things) -> Scene:
+    """A scene of as many Gaussians, without labels."""
+    from fastsplat.service.common.dictionary import Dictionary
+    from fastsplat.service.scene import Gaussians, SemanticHead
+
+    count = len(things.membership)
+    zeros = {name: np.zeros((count, width), np.float32) for name, width in (("means", 3), ("quats", 4))}
+    gaussians = Gaussians(
+        **zeros,
+        log_scales=np.zeros((count, 3), np.float32),
+        logit_opacities=np.zeros(count, np.float32),
+        sh=np.zeros((count, 1, 3), np.float32),
+        codes=np.zeros((count, 0), np.float32),
+    )
+    head = SemanticHead(np.zeros((1, 0), np.float32), np.zeros(1, np.float32))
+    embeddings = np.zeros((0, 8), np.float32)
+    return Scene(gaussians, head, Dictionary(()), embeddings, ("none", ""), (), "ARBITRARY", things=things)
+
+
+def _sealed(body: dict[str, object]) -> str:
+    """`scene.json` with a digest that fits it."""
+    body.pop("sha256", None)
+    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
