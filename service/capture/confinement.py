@@ -21,6 +21,7 @@ import os
 import platform
 import resource
 import struct
+import subprocess
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -98,20 +99,19 @@ def confine(limits: ResourceLimits, readable: Iterable[Path], writable: Iterable
 
 @cache
 def missing_protections() -> tuple[str, ...]:
-    """What `confine` would return here, tried in a child process."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if not child:
-        try:
-            missing = confine(ResourceLimits(1 << 40, 60, 1 << 30), (), ())
-            os.write(writing, "\n".join(missing).encode())
-        finally:
-            os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, "rb") as stream:
-        lines = stream.read().decode().splitlines()
-    os.waitpid(child, 0)
-    return tuple(lines)
+    """What `confine` would return here, tried in a process of its own.
+
+    A fork would not do: libraries of a server start threads in their forks, and a process with threads cannot have
+    namespaces of its own.
+    """
+    code = (
+        f"from {__name__} import ResourceLimits, confine\n"
+        "print('\\n'.join(confine(ResourceLimits(1 << 40, 60, 1 << 30), (), ())))"
+    )
+    tried = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
+    if tried.returncode:
+        return (f"confinement: {tried.stderr.strip().rpartition(chr(10))[2]}",)
+    return tuple(tried.stdout.split("\n")[:-1]) if tried.stdout.strip() else ()
 
 
 def _problem(attempt: Callable[[], None]) -> str:

@@ -164,7 +164,7 @@ def test_work_slots_go_by_key() -> None:
         threads = Threads(LimitSettings(threads=2))
         threads._calls = Recording(2, "recorded")
         for key in ("one", "two"):
-            current_principal.set(Principal(key, True))
+            current_principal.set(Principal(key, "default", "editor"))
             await threads.answer(lambda: None)
         await asyncio.to_thread(threads.close)
 

@@ -41,7 +41,7 @@ _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "list_labels": lambda service, scene: service.list_labels(scene),
     "list_objects": lambda service, scene: service.answers.list_objects(scene),
     "list_versions": lambda service, scene: service.versions.all(scene),
-    "current_version": lambda service, scene: service.versions.current(scene),
+    "current_version": lambda service, scene: service.versions.resolve(scene),
     "camera_file": lambda service, scene: service.camera_file(scene, "json"),
     "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
     "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
