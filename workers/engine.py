@@ -22,6 +22,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, NoReturn
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, _workflow_commands
+from sqlalchemy import Engine, event
 
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import Settings
@@ -91,6 +92,7 @@ def start(worker: Worker) -> None:
         "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
         "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
     }
+    provide_milliseconds(sqlite3.sqlite_version_info)
     slow_down_housekeeping(DBOS(config=config))
     _adopt_engine_log()
     DBOS.launch()
@@ -202,6 +204,26 @@ def _enqueue_waiting(worker: Worker) -> None:
         with SetWorkflowID(job.run_id), SetEnqueueOptions(priority=_MIDDLE_PRIORITY - job.priority):
             DBOS.enqueue_workflow(_QUEUE, make_scene, job.id, job.retries)
         worker.store.jobs.mark_enqueued(job.id, job.retries)
+
+
+def provide_milliseconds(sqlite_version: tuple[int, ...]) -> None:
+    """Teach an older SQLite `unixepoch('subsec')`, to be called before the engine opens its database.
+
+    From Python 3.12 on the engine takes its times from it; SQLite knows it from 3.42 on, Debian 12 has 3.40, and any
+    Python may have been built against either.
+    """
+    if sqlite_version >= (3, 42):
+        return
+
+    def unixepoch(modifier: str) -> float:
+        if modifier != "subsec":
+            raise ValueError(f"unixepoch of {modifier!r} is not provided")
+        return round(time.time(), 3)
+
+    @event.listens_for(Engine, "connect")
+    def on_connect(connection: object, record: object) -> None:
+        if isinstance(connection, sqlite3.Connection):
+            connection.create_function("unixepoch", 1, unixepoch)
 
 
 def slow_down_housekeeping(engine: DBOS) -> None:

@@ -170,3 +170,26 @@ def test_work_slots_go_by_key() -> None:
 
     asyncio.run(main())
     assert callers == ["one", "two"]
+
+
+def test_a_caller_has_a_smaller_share_while_another_calls() -> None:
+    now = [0.0]
+    pool = FairPool(8, "share", lambda: now[0])
+    release, begun = threading.Event(), threading.Semaphore(0)
+
+    def work() -> None:
+        begun.release()
+        assert release.wait(60)
+
+    def begin(count: int) -> int:
+        return sum(begun.acquire(timeout=5.0 if number < count else 0.2) for number in range(count + 1))
+
+    pool.submit("quiet", lambda: None).result(60)
+    for _ in range(16):
+        pool.submit("loud", work)
+    assert begin(2) == 2  # of 8 threads, with two callers
+    now[0] = 60.0  # nobody else has called for a while
+    pool.submit("loud", work)
+    assert begin(5) == 5  # all but one, those two included
+    release.set()
+    pool.close()
