@@ -93,7 +93,7 @@ async def serve(
         metrics.watch_jobs(admin.figures)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
-    threads = Threads(settings.limits, metrics, settings.uploads)
+    threads = Threads(settings.limits, metrics, settings.uploads, settings.capture.concurrent_validations)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
         listener = _listen(settings.host, settings.http_port)

@@ -1,49 +1,43 @@
 """Where blocking work runs: never on the event loop, and never on more threads than this.
 
-Both faces share one event loop and these two pools, so that the number of calls at work is one number, and an idle
+Both faces share one event loop and these pools, so that the number of calls at work is one number, and an idle
 stream (a robot that watches an operation for an hour) costs no thread.
 """
 
 from __future__ import annotations
 
 import asyncio
-import concurrent.futures
 import contextvars
 import os
-import threading
-import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from collections.abc import AsyncIterator, Callable
+from typing import TypeVar
 
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.metrics import Metrics
+from fastsplat.api.receiving import Sink, UploadReceiver
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import LimitSettings, UploadSettings
-from fastsplat_contract.errors import CancelledError, DeadlineExceededError, OverloadedError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
-_STALL_S = 60.0
-
 
 class Threads:
-    """Two bounded pools: one for calls, one for uploads, so that slow uploads never starve questions."""
+    """Bounded pools: one for calls, others for uploads, so that uploads never starve questions."""
 
     def __init__(
         self,
         limits: LimitSettings | None = None,
         metrics: Metrics | None = None,
         uploads: UploadSettings | None = None,
+        validations: int = 1,
     ) -> None:
-        """Threads as `limits` say, for uploads as slow as `uploads` say; `metrics` learns what waits and runs."""
+        """Threads as `limits` say, for uploads as slow as `uploads` say, of which so many are validated at a time;
+        `metrics` learns what waits and runs."""
         self._limits = limits or LimitSettings()
-        self._upload_settings = uploads or UploadSettings()
         self._calls = FairPool(self._limits.threads or max(4, 2 * (os.cpu_count() or 1)), "call")
-        self._uploads = ThreadPoolExecutor(self._limits.all_uploads, thread_name_prefix="upload")
-        self._receiving = 0
+        self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
         self._metrics = metrics or Metrics()
 
     async def answer(self, function: Callable[[], _R]) -> _R:
@@ -80,126 +74,11 @@ class Threads:
             cancellation.cancel()
             raise
 
-    async def consume(
-        self, stream: AsyncIterator[_T], function: Callable[[Iterator[_T]], _R], size: Callable[[_T], int]
-    ) -> _R:
-        """Run `function` on a thread over `stream` as a plain iterator.
-
-        Items are fetched one by one as the thread asks for them, so a slow disk slows the sender down through the
-        transport's own flow control and nothing piles up in memory. If the sender goes away, or this coroutine is
-        cancelled, the thread's next fetch or `check_cancelled` raises.
-
-        Args:
-            stream: what the sender sends.
-            function: what takes it.
-            size: bytes of an item.
-
-        Raises:
-            OverloadedError: as many uploads as the server takes are under way.
-            DeadlineExceededError: the sender is too slow.
-        """
-        if self._receiving >= self._limits.all_uploads:
-            raise OverloadedError(
-                "as many uploads as the server takes are under way",
-                limit=f"{self._limits.all_uploads} uploads of all keys at a time (FASTSPLAT_LIMITS__ALL_UPLOADS)",
-                hint="Wait a moment, then send it again.",
-            )
-        feed = _Feed(asyncio.get_running_loop(), stream, size, self._upload_settings)
-        context = contextvars.copy_context()  # the thread knows who calls
-        cancellation = Cancellation()
-
-        def received() -> _R:
-            with cancellable(cancellation):
-                return function(feed)
-
-        self._receiving += 1
-        future = asyncio.get_running_loop().run_in_executor(self._uploads, lambda: context.run(received))
-        future.add_done_callback(self._received)
-        try:
-            return await asyncio.shield(future)
-        except asyncio.CancelledError:
-            cancellation.cancel()
-            feed.cut()
-            future.add_done_callback(_silence)
-            raise
-
-    def _received(self, future: asyncio.Future[Any]) -> None:
-        self._receiving -= 1
+    async def receive(self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int]) -> _R:
+        """See `UploadReceiver.receive`."""
+        return await self._uploads.receive(stream, sink, size)
 
     def close(self) -> None:
         """Wait for what runs, drop what waits."""
+        self._uploads.close()
         self._calls.close()
-        self._uploads.shutdown(cancel_futures=True)
-
-
-class _Feed(Iterator[_T]):
-    """An asynchronous stream as an iterator for another thread."""
-
-    def __init__(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        stream: AsyncIterator[_T],
-        size: Callable[[_T], int],
-        settings: UploadSettings,
-    ) -> None:
-        self._loop = loop
-        self._stream = stream
-        self._size = size
-        self._settings = settings
-        self._bytes = 0
-        self._waited_s = 0.0  # for the sender; what our own disk takes is not its fault
-        self._gone = threading.Event()
-        self._pending: concurrent.futures.Future[tuple[_T] | None] | None = None
-
-    def cut(self) -> None:
-        """The sender is gone: the thread's fetch, this one or the next, raises."""
-        self._gone.set()
-        if self._pending is not None:
-            self._pending.cancel()
-
-    def __next__(self) -> _T:
-        began = time.monotonic()
-        self._pending = asyncio.run_coroutine_threadsafe(self._fetch(), self._loop)
-        try:
-            item = self._pending.result(max(0.0, self._patience_s()))
-        except concurrent.futures.CancelledError:
-            raise CancelledError("the sender went away") from None
-        except TimeoutError:
-            self._pending.cancel()
-            raise self._too_slow() from None
-        self._waited_s += time.monotonic() - began
-        # An end that comes with a cancellation is no end: what has arrived must not pass for the whole.
-        if self._gone.is_set():
-            raise CancelledError("the sender went away")
-        if item is None:
-            raise StopIteration
-        self._bytes += self._size(item[0])
-        return item[0]
-
-    def _patience_s(self) -> float:
-        """How long the sender may now be silent."""
-        settings = self._settings
-        behind = settings.slow_start_s + self._bytes / settings.min_bytes_per_s - self._waited_s
-        return min(behind, _STALL_S, settings.deadline_s - self._waited_s)
-
-    def _too_slow(self) -> DeadlineExceededError:
-        settings = self._settings
-        return DeadlineExceededError(
-            f"the upload is too slow: {self._bytes} bytes so far",
-            limit=f"{settings.min_bytes_per_s:g} bytes a second, {_STALL_S:g} s between two chunks, "
-            f"{settings.deadline_s:g} s in all",
-            hint="Send it again over a better connection, or in pieces (tus, /v1/uploads).",
-        )
-
-    async def _fetch(self) -> tuple[_T] | None:
-        if self._gone.is_set():
-            raise CancelledError("the sender went away")
-        try:
-            return (await anext(self._stream),)
-        except StopAsyncIteration:
-            return None
-
-
-def _silence(future: asyncio.Future[_R]) -> None:
-    if not future.cancelled():
-        future.exception()

@@ -103,7 +103,7 @@ class LimitSettings(BaseModel):
     burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
     in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
     uploads: int = Field(4, ge=1, description="uploads of one key under way")
-    all_uploads: int = Field(64, ge=1, description="uploads of all keys under way; more are refused at once")
+    all_uploads: int = Field(1_024, ge=1, description="uploads of all keys under way; more are refused at once")
     admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
     connections: int = Field(8_192, ge=1, description="HTTP connections, and as many gRPC calls under way")
     head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")

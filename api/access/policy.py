@@ -19,7 +19,7 @@ class Rule(NamedTuple):
     Attributes:
         role: the least one that will do; None: no key is needed.
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
-        upload: it occupies one of the threads that take uploads for as long as its sender likes.
+        upload: it brings files, for as long as its sender takes.
     """
 
     role: Role | None

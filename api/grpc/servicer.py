@@ -11,7 +11,7 @@ from google.protobuf import empty_pb2
 
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
-from fastsplat.api.grpc.upload import receive_scene
+from fastsplat.api.grpc.upload import StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -41,10 +41,8 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     ) -> pb.Operation:
         """Upload a capture and queue its training."""
         async with guarded(context, "CreateScene"):
-            operation = await self._threads.consume(
-                _whole(request_iterator, context),
-                lambda messages: receive_scene(self._service, messages),
-                size=pb.CreateSceneRequest.ByteSize,
+            operation = await self._threads.receive(
+                _whole(request_iterator, context), StreamSink(self._service), size=pb.CreateSceneRequest.ByteSize
             )
             return _as(pb.Operation, operation)
 

@@ -2,69 +2,100 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 from fastsplat.api.uploads import scene_options
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.uploads import UploadFile, UploadSession
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
-def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneRequest]) -> Operation:
-    """Take the files and queue their job; anything refused leaves nothing behind.
+class StreamSink:
+    """Takes the stream's messages, see `api.receiving.Sink`; what is refused leaves nothing behind.
 
-    Raises:
-        FastSplatError: what the order of the messages, the files or the service's limits have against it.
+    What the order of the messages, the files or the service's limits have against the upload comes out of its methods
+    as a `FastSplatError`.
     """
-    first = next(messages, None)
-    if first is None or first.WhichOneof("part") != "header":
-        raise InvalidInputError(
-            "the first message is not a header", field="header", hint="Send a CreateSceneHeader, then the files."
-        )
-    header = first.header
-    options = scene_options(
-        header.labels,
-        header.time_budget_s if header.HasField("time_budget_s") else None,
-        header.max_gaussians if header.HasField("max_gaussians") else None,
-        header.preset,
-        header.priority,
-    )
-    with service.new_upload() as upload:
-        files = _Files(messages)
-        while (file := files.next()) is not None:
-            size = upload.write(file.name, files.chunks())
-            if file.HasField("size_bytes") and size != file.size_bytes:
+
+    slow_finish = True  # validation
+
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+        self._session: UploadSession | None = None
+        self._header: pb.CreateSceneHeader | None = None
+        self._options = SceneOptions()
+        self._announced: pb.FileHeader | None = None
+        self._file: UploadFile | None = None
+
+    def open(self) -> None:
+        """See `Sink`."""
+        self._session = self._service.new_upload()
+
+    def write(self, items: Sequence[pb.CreateSceneRequest]) -> None:
+        """See `Sink`."""
+        for message in items:
+            part = message.WhichOneof("part")
+            if self._header is None:
+                self._take_header(message)
+            elif part == "file":
+                self._end_file()
+                self._announced, self._file = message.file, self._open_session().begin(message.file.name)
+            elif part == "chunk" and self._file is not None:
+                self._file.write(message.chunk)
+            else:
                 raise InvalidInputError(
-                    f"{size} bytes came, {file.size_bytes} were announced", field=file.name, hint="Send it again."
+                    f"a {part or 'message without content'} where a file should begin",
+                    field="file",
+                    hint="Send a FileHeader before its chunks, and the header only once.",
                 )
-        return service.create_scene(upload, header.name, header.request_id, options)
 
+    def finish(self) -> Operation:
+        """See `Sink`."""
+        if self._header is None:
+            raise _no_header()
+        self._end_file()
+        return self._service.create_scene(
+            self._open_session(), self._header.name, self._header.request_id, self._options
+        )
 
-class _Files:
-    """Groups the messages behind the header by file."""
+    def close(self) -> None:
+        """See `Sink`."""
+        if self._session is not None:
+            self._session.abort()
 
-    def __init__(self, messages: Iterator[pb.CreateSceneRequest]) -> None:
-        self._messages = messages
-        self._ahead = next(messages, None)
+    def _take_header(self, message: pb.CreateSceneRequest) -> None:
+        if message.WhichOneof("part") != "header":
+            raise _no_header()
+        header = message.header
+        self._options = scene_options(
+            header.labels,
+            header.time_budget_s if header.HasField("time_budget_s") else None,
+            header.max_gaussians if header.HasField("max_gaussians") else None,
+            header.preset,
+            header.priority,
+        )
+        self._header = header
 
-    def next(self) -> pb.FileHeader | None:
-        """The next file, or None at the end of the stream."""
-        if self._ahead is None:
-            return None
-        if self._ahead.WhichOneof("part") != "file":
+    def _end_file(self) -> None:
+        if self._file is None or self._announced is None:
+            return
+        size = self._file.end()
+        if self._announced.HasField("size_bytes") and size != self._announced.size_bytes:
             raise InvalidInputError(
-                f"a {self._ahead.WhichOneof('part') or 'message without content'} where a file should begin",
-                field="file",
-                hint="Send a FileHeader before its chunks, and the header only once.",
+                f"{size} bytes came, {self._announced.size_bytes} were announced",
+                field=self._announced.name,
+                hint="Send it again.",
             )
-        return self._ahead.file
+        self._file = None
 
-    def chunks(self) -> Iterator[bytes]:
-        """The bytes of the file that has just begun."""
-        for message in self._messages:
-            if message.WhichOneof("part") != "chunk":
-                self._ahead = message
-                return
-            yield message.chunk
-        self._ahead = None
+    def _open_session(self) -> UploadSession:
+        assert self._session is not None
+        return self._session
+
+
+def _no_header() -> InvalidInputError:
+    return InvalidInputError(
+        "the first message is not a header", field="header", hint="Send a CreateSceneHeader, then the files."
+    )

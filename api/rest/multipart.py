@@ -1,131 +1,104 @@
-"""multipart/form-data (RFC 7578) as a plain iterator of parts, never more than one chunk in memory."""
+"""multipart/form-data (RFC 7578), parsed as it arrives: bytes go in, parts come out, and nothing is kept."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Protocol
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
-
-@dataclass(frozen=True)
-class Part:
-    """One part of the form.
-
-    Attributes:
-        field: the form field's name.
-        filename: the file's name as the client gave it; None for a plain field.
-        chunks: the bytes, to be read before the next part is asked for; what is left unread is skipped.
-    """
-
-    field: str
-    filename: str | None
-    chunks: Iterator[bytes]
+_MAX_EPILOGUE_BYTES = 2**20
 
 
-_END = object()
+class PartReceiver(Protocol):
+    """What takes the parts of a form, one after the other."""
+
+    def begin_part(self, field: str, filename: str | None) -> None:
+        """A part begins: the form field's name, and the file's name as the client says it; None for a plain field."""
+
+    def part_data(self, data: bytes) -> None:
+        """Some more of the part."""
+
+    def end_part(self) -> None:
+        """The part is complete."""
 
 
-def read_parts(content_type: str, body: Iterator[bytes], max_parts: int) -> Iterator[Part]:
-    """Iterate over the parts of a form while it arrives.
+class FormParser:
+    """Takes a form in pieces of any size and passes its parts on.
 
     Args:
         content_type: the request's header, with the boundary.
-        body: the request's chunks.
+        receiver: what takes the parts; what it raises comes out of `write`.
         max_parts: how many parts are accepted.
 
     Raises:
-        InvalidInputError: no multipart form, no boundary, a malformed or truncated form.
-        LimitExceededError: more than `max_parts`.
+        InvalidInputError: it is no multipart form, or has no boundary.
     """
-    kind, options = parse_options_header(content_type)
-    boundary = options.get(b"boundary", b"")
-    if kind != b"multipart/form-data" or not boundary:
-        raise InvalidInputError(
-            f"the body has type {content_type[:80]!r}",
-            field="Content-Type",
-            hint="Send multipart/form-data with a boundary, e.g. curl -F images=@photo.jpg",
-        )
-    events = _Events(boundary, body)
-    count = 0
-    while (event := events.next()) is not _END:
-        if not isinstance(event, dict):
-            continue  # left over from a part that nobody read to its end
-        count += 1
-        if count > max_parts:
-            raise LimitExceededError(
-                "the form has too many parts",
-                field="images",
-                limit=f"{max_parts} parts (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
-                hint="Send one archive instead of single images.",
+
+    def __init__(self, content_type: str, receiver: PartReceiver, max_parts: int) -> None:
+        kind, options = parse_options_header(content_type)
+        boundary = options.get(b"boundary", b"")
+        if kind != b"multipart/form-data" or not boundary:
+            raise InvalidInputError(
+                f"the body has type {content_type[:80]!r}",
+                field="Content-Type",
+                hint="Send multipart/form-data with a boundary, e.g. curl -F images=@photo.jpg",
             )
-        yield _part(event, events)
-
-
-def _part(headers: dict[str, bytes], events: _Events) -> Part:
-    kind, options = parse_options_header(headers.get("content-disposition", b""))
-    if kind != b"form-data" or b"name" not in options:
-        raise InvalidInputError("a part of the form has no name", field="Content-Disposition")
-    try:
-        field = options[b"name"].decode()
-        filename = options[b"filename"].decode() if b"filename" in options else None
-    except UnicodeDecodeError:
-        raise InvalidInputError("a name in the form is not UTF-8", field="Content-Disposition") from None
-    return Part(field, filename, events.data())
-
-
-class _Events:
-    """The parser's callbacks as a queue: a dict of headers begins a part, bytes are data, None ends a part."""
-
-    def __init__(self, boundary: bytes, body: Iterator[bytes]) -> None:
-        self._body = body
-        self._queue: deque[dict[str, bytes] | bytes | None] = deque()
-        self._finished = False
+        self._receiver = receiver
+        self._max_parts = max_parts
+        self._parts = 0
+        self._epilogue = 0
+        self._complete = False
         self._name = self._value = b""
         self._headers: dict[str, bytes] = {}
         try:
             self._parser = MultipartParser(
                 boundary,
                 {
-                    "on_part_begin": self._headers_begin,
+                    "on_part_begin": self._begin_headers,
                     "on_header_field": self._header_name,
                     "on_header_value": self._header_value,
-                    "on_header_end": self._header_end,
-                    "on_headers_finished": lambda: self._queue.append(self._headers),
-                    "on_part_data": lambda data, start, end: self._queue.append(bytes(data[start:end])),
-                    "on_part_end": lambda: self._queue.append(None),
+                    "on_header_end": self._end_header,
+                    "on_headers_finished": self._begin_part,
+                    "on_part_data": lambda data, start, end: receiver.part_data(bytes(data[start:end])),
+                    "on_part_end": receiver.end_part,
                     "on_end": self._end,
                 },
             )
         except FormParserError as error:
             raise InvalidInputError(f"the form's boundary is unusable: {error}", field="Content-Type") from None
 
-    def next(self) -> object:
-        """The next event, or `_END` after the closing boundary."""
-        while not self._queue:
-            if self._finished:
-                return _END
-            chunk = next(self._body, None)
-            if chunk is None:
-                raise InvalidInputError(
-                    "the form ends before its closing boundary", field="body", hint="Send the whole form again."
-                )
-            try:
-                self._parser.write(chunk)
-            except FormParserError as error:
-                raise InvalidInputError(f"the form is malformed: {error}", field="body") from None
-        return self._queue.popleft()
+    def write(self, data: bytes) -> None:
+        """Parse the next piece of the body.
 
-    def data(self) -> Iterator[bytes]:
-        """The bytes up to the end of the part that has just begun."""
-        while isinstance(event := self.next(), bytes):
-            yield event
+        Raises:
+            InvalidInputError: the form is malformed, or goes on behind its end.
+            LimitExceededError: it has more than `max_parts`.
+        """
+        if self._complete:  # a few bytes more say nothing (RFC 2046)
+            self._epilogue += len(data)
+            if self._epilogue > _MAX_EPILOGUE_BYTES:
+                raise InvalidInputError("the form goes on behind its closing boundary", field="body")
+            return
+        try:
+            self._parser.write(data)
+        except FormParserError as error:
+            raise InvalidInputError(f"the form is malformed: {error}", field="body") from None
 
-    def _headers_begin(self) -> None:
+    def finish(self) -> None:
+        """Check that the form is complete; called at the body's end.
+
+        Raises:
+            InvalidInputError: its closing boundary has not come.
+        """
+        if not self._complete:
+            raise InvalidInputError(
+                "the form ends before its closing boundary", field="body", hint="Send the whole form again."
+            )
+
+    def _begin_headers(self) -> None:
         self._headers, self._name, self._value = {}, b"", b""
 
     def _header_name(self, data: bytes, start: int, end: int) -> None:
@@ -134,9 +107,28 @@ class _Events:
     def _header_value(self, data: bytes, start: int, end: int) -> None:
         self._value += data[start:end]
 
-    def _header_end(self) -> None:
+    def _end_header(self) -> None:
         self._headers[self._name.decode("latin-1").lower()] = self._value
         self._name = self._value = b""
 
+    def _begin_part(self) -> None:
+        self._parts += 1
+        if self._parts > self._max_parts:
+            raise LimitExceededError(
+                "the form has too many parts",
+                field="images",
+                limit=f"{self._max_parts} parts (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+                hint="Send one archive instead of single images.",
+            )
+        kind, options = parse_options_header(self._headers.get("content-disposition", b""))
+        if kind != b"form-data" or b"name" not in options:
+            raise InvalidInputError("a part of the form has no name", field="Content-Disposition")
+        try:
+            field = options[b"name"].decode()
+            filename = options[b"filename"].decode() if b"filename" in options else None
+        except UnicodeDecodeError:
+            raise InvalidInputError("a name in the form is not UTF-8", field="Content-Disposition") from None
+        self._receiver.begin_part(field, filename)
+
     def _end(self) -> None:
-        self._finished = True
+        self._complete = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from email.utils import formatdate
 from functools import wraps
 from typing import Any
@@ -16,7 +16,7 @@ from starlette.responses import Response
 from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Resumable, ResumableUploads
+from fastsplat.service.application.resumable import ALGORITHMS, Algorithm, Piece, Resumable, ResumableUploads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import (
     FastSplatError,
@@ -65,8 +65,8 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
         checksum = _checksum(request)
         made = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
         if with_bytes:
-            made = await threads.consume(
-                aiter(request.stream()), lambda chunks: uploads.append(project, made.id, 0, chunks, checksum), size=len
+            made = await threads.receive(
+                aiter(request.stream()), _PieceSink(uploads, project, made.id, 0, checksum), size=len
             )
         return _told(201, made, Location=f"/v1/uploads/{made.id}")
 
@@ -85,15 +85,8 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
         """The bytes from Upload-Offset on; what the answer's Upload-Offset counts is durable."""
         _check_type(request)
         project, offset, checksum = caller_project(), _number(request, "Upload-Offset"), _checksum(request)
-        uploads = _uploads(service)
-        return _told(
-            204,
-            await threads.consume(
-                aiter(request.stream()),
-                lambda chunks: uploads.append(project, upload_id, offset, chunks, checksum),
-                size=len,
-            ),
-        )
+        sink = _PieceSink(_uploads(service), project, upload_id, offset, checksum)
+        return _told(204, await threads.receive(aiter(request.stream()), sink, size=len))
 
     @router.delete("/{upload_id}", status_code=204, response_class=Response)
     @_spoken
@@ -108,6 +101,45 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
 
 def _uploads(service: SceneService) -> ResumableUploads:
     return service.resumable
+
+
+class _PieceSink:
+    """Takes the bytes of one piece."""
+
+    slow_finish = False
+
+    def __init__(
+        self,
+        uploads: ResumableUploads,
+        project: str,
+        upload_id: str,
+        offset: int,
+        checksum: tuple[Algorithm, bytes] | None,
+    ) -> None:
+        self._uploads, self._project, self._upload_id = uploads, project, upload_id
+        self._offset, self._checksum = offset, checksum
+        self._piece: Piece | None = None
+
+    def open(self) -> None:
+        """See `Sink`."""
+        self._piece = self._uploads.begin_piece(self._project, self._upload_id, self._offset, self._checksum)
+
+    def write(self, items: Sequence[bytes]) -> None:
+        """See `Sink`."""
+        assert self._piece is not None
+        self._piece.write(b"".join(items))
+
+    def finish(self) -> Resumable:
+        """See `Sink`."""
+        assert self._piece is not None
+        self._piece.finish()
+        self._piece.close()
+        return self._uploads.get(self._project, self._upload_id)
+
+    def close(self) -> None:
+        """See `Sink`."""
+        if self._piece is not None:
+            self._piece.close()
 
 
 def _spoken(handler: _Handler) -> _Handler:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
-from itertools import islice
+from collections.abc import AsyncIterator, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 
 from fastsplat.api.access.caller import caller_project
-from fastsplat.api.rest.multipart import Part, read_parts
+from fastsplat.api.rest.multipart import FormParser
 from fastsplat.api.rest.responses import while_connected
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import check_announced, scene_options
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.uploads import UploadFile, UploadSession
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import json_schema_of
@@ -24,7 +24,6 @@ from fastsplat_contract.operations import Operation, SceneOptions
 _FILE_FIELDS = ("capture", "images", "files")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
-_MAX_EPILOGUE_CHUNKS = 64
 
 
 def _options() -> dict[str, Any]:
@@ -101,24 +100,17 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
     Raises:
         FastSplatError: what the form, the files or the service's limits have against it.
     """
-    stream, body_read = aiter(request.stream()), asyncio.Event()
-    project = caller_project()
-    content_type = request.headers.get("content-type", "")
+    body_read = asyncio.Event()
     try:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
+        form = _FormSink(service, settings, caller_project(), request.headers.get("content-type", ""))
         return await while_connected(
-            request,
-            threads.consume(
-                _noting_end(stream, body_read),
-                lambda body: _receive(service, settings, project, content_type, body),
-                size=len,
-            ),
-            body_read,
+            request, threads.receive(_noting_end(request.stream(), body_read), form, size=len), body_read
         )
     except FastSplatError:
-        if "expect" not in request.headers:
-            await _drain(stream)
+        if "expect" not in request.headers and not body_read.is_set():
+            await _drain(request)
         raise
 
 
@@ -128,65 +120,105 @@ async def _noting_end(stream: AsyncIterator[bytes], end: asyncio.Event) -> Async
     end.set()
 
 
-async def _drain(stream: AsyncIterator[bytes]) -> None:
+async def _drain(request: Request) -> None:
     """Read on for a moment: closing on a sender that is still writing resets the connection, and our answer is lost."""
-    total = 0
+    total, more = 0, True
     try:
         async with asyncio.timeout(2.0):
-            while total < 2**25:
-                total += len(await anext(stream))
-    except (StopAsyncIteration, TimeoutError, ClientDisconnect):
+            while more and total < 2**25:
+                message = await request.receive()
+                total += len(message.get("body", b""))
+                more = message.get("more_body", False)
+    except TimeoutError:
         pass
 
 
-def _receive(
-    service: SceneService, settings: Settings, project: str, content_type: str, body: Iterator[bytes]
-) -> Operation:
-    texts: dict[str, list[str]] = {}
-    text_bytes = 0
-    captures = 0
-    with service.new_upload() as upload:
-        for part in read_parts(content_type, body, settings.capture.max_entries + _MAX_TEXT_PARTS):
-            if part.filename is None:
-                value = _text(part, _MAX_TEXT_BYTES - text_bytes)
-                text_bytes += len(value)
-                texts.setdefault(part.field, []).append(value.decode(errors="replace"))
-            elif part.field not in _FILE_FIELDS:
-                raise InvalidInputError(
-                    f"files are not accepted under {part.field[:80]!r}",
-                    field=part.field[:80],
-                    hint='Send one archive or video as "capture", photos as "images", or a folder as "files".',
-                )
-            elif part.filename:  # a browser sends an empty name when nothing was chosen
-                captures += part.field == "capture"
-                if captures > 1:
-                    raise InvalidInputError(
-                        "more than one capture", field="capture", hint='Send single photos as "images".'
-                    )
-                upload.write(part.filename, part.chunks)
-        _read_to_end(body)
-        form = _form(texts)
+class _FormSink:
+    """Takes the form's parts: files into an upload session, texts into memory."""
+
+    slow_finish = True  # validation
+
+    def __init__(self, service: SceneService, settings: Settings, project: str, content_type: str) -> None:
+        self._service = service
+        self._project = project
+        self._parser = FormParser(content_type, self, settings.capture.max_entries + _MAX_TEXT_PARTS)
+        self._session: UploadSession | None = None
+        self._file: UploadFile | None = None
+        self._texts: dict[str, list[str]] = {}
+        self._text_bytes = 0
+        self._captures = 0
+        self._field = ""
+        self._text: bytearray | None = None
+
+    def open(self) -> None:
+        """See `Sink`."""
+        self._session = self._service.new_upload()
+
+    def write(self, items: Sequence[bytes]) -> None:
+        """See `Sink`."""
+        for chunk in items:
+            self._parser.write(chunk)
+
+    def finish(self) -> Operation:
+        """See `Sink`."""
+        self._parser.finish()
+        session = self._open_session()
+        form = _form(self._texts)
         for upload_id in form.uploads:
-            upload.adopt(*service.resumable.complete(project, upload_id))
+            session.adopt(*self._service.resumable.complete(self._project, upload_id))
         options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
-        return service.create_scene(upload, form.name, form.request_id, options)
+        return self._service.create_scene(session, form.name, form.request_id, options)
 
+    def close(self) -> None:
+        """See `Sink`."""
+        if self._session is not None:
+            self._session.abort()
 
-def _read_to_end(body: Iterator[bytes]) -> None:
-    """Behind the closing boundary there may be a few bytes more, which say nothing (RFC 2046)."""
-    if sum(map(len, islice(body, _MAX_EPILOGUE_CHUNKS))) > _MAX_TEXT_BYTES or next(body, None) is not None:
-        raise InvalidInputError("the form goes on behind its closing boundary", field="body")
-
-
-def _text(part: Part, room: int) -> bytes:
-    value = b""
-    for chunk in part.chunks:
-        value += chunk
-        if len(value) > room:
-            raise LimitExceededError(
-                "the form's text fields are too long", field=part.field[:80], limit=f"{_MAX_TEXT_BYTES} bytes together"
+    def begin_part(self, field: str, filename: str | None) -> None:
+        """See `PartReceiver`."""
+        self._field = field
+        if filename is None:
+            self._text = bytearray()
+            return
+        if field not in _FILE_FIELDS:
+            raise InvalidInputError(
+                f"files are not accepted under {field[:80]!r}",
+                field=field[:80],
+                hint='Send one archive or video as "capture", photos as "images", or a folder as "files".',
             )
-    return value
+        if filename:  # a browser sends an empty name when nothing was chosen
+            self._captures += field == "capture"
+            if self._captures > 1:
+                raise InvalidInputError(
+                    "more than one capture", field="capture", hint='Send single photos as "images".'
+                )
+            self._file = self._open_session().begin(filename)
+
+    def part_data(self, data: bytes) -> None:
+        """See `PartReceiver`."""
+        if self._file is not None:
+            self._file.write(data)
+        elif self._text is not None:
+            self._text_bytes += len(data)
+            if self._text_bytes > _MAX_TEXT_BYTES:
+                raise LimitExceededError(
+                    "the form's text fields are too long",
+                    field=self._field[:80],
+                    limit=f"{_MAX_TEXT_BYTES} bytes together",
+                )
+            self._text += data
+
+    def end_part(self) -> None:
+        """See `PartReceiver`."""
+        if self._file is not None:
+            self._file.end()
+        elif self._text is not None:
+            self._texts.setdefault(self._field, []).append(self._text.decode(errors="replace"))
+        self._file = self._text = None
+
+    def _open_session(self) -> UploadSession:
+        assert self._session is not None
+        return self._session
 
 
 def _form(texts: dict[str, list[str]]) -> _Texts:

@@ -1,7 +1,8 @@
 """Uploads that survive cuts: files that grow by acknowledged pieces until a scene is made of them.
 
 uploads/<id>/resumable.json   what was announced
-uploads/<id>/offset           how many bytes are durable: written only after the bytes themselves
+uploads/<id>/offset           how many bytes are durable: written only after the bytes themselves; when it was changed
+                              says how old the upload is, by `ActivityClock`
 uploads/<id>/data             the bytes; what lies behind the offset was never acknowledged and is cut off
 
 Any number of processes may serve one folder: who appends holds a lock on `data`, which the kernel takes back from a
@@ -17,16 +18,18 @@ import json
 import os
 import time
 import uuid
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
+from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.blobs import Blobs, remove
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.reserve import check_free_space
@@ -79,10 +82,18 @@ class ResumableUploads:
     """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
 
     def __init__(
-        self, blobs: Blobs, max_bytes: int, lifetime_s: float, quotas: Quotas | None = None, min_free_bytes: int = 0
+        self,
+        blobs: Blobs,
+        max_bytes: int,
+        lifetime_s: float,
+        quotas: Quotas | None = None,
+        min_free_bytes: int = 0,
+        wall: Callable[[], float] = time.time,
     ) -> None:
         self._min_free_bytes = min_free_bytes
         self._blobs = blobs
+        self._wall = wall
+        self._clock = ActivityClock(blobs.root, wall)
         self._quotas = quotas
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
@@ -123,6 +134,7 @@ class ResumableUploads:
             _write_durably(folder / _OFFSET, _digits(0))
             # Last: a folder without it is no upload.
             _write_durably(folder / _INFO, json.dumps(asdict(_Info(project, name, length, metadata))))
+            _mark_activity(folder, self._clock.now())
             sync_directory(folder)
             sync_directory(folder.parent)
         except OSError as error:
@@ -138,7 +150,7 @@ class ResumableUploads:
         """
         folder, info = self._find(project, upload_id)
         offset = int((folder / _OFFSET).read_text())
-        expires_at = _changed_at(folder) + self._lifetime_s
+        expires_at = self._wall() + self._lifetime_s - self._age(folder)
         return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
 
     def append(
@@ -161,8 +173,28 @@ class ResumableUploads:
             LimitExceededError: more bytes than announced; those announced stay.
             ResourceError: the disk is full.
         """
+        piece = self.begin_piece(project, upload_id, offset, checksum)
+        try:
+            for chunk in chunks:
+                piece.write(chunk)
+            piece.finish()
+        except OSError as error:
+            raise disk_error(error, "upload") from error
+        finally:
+            piece.close()
+        return self.get(project, upload_id)
+
+    def begin_piece(
+        self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
+    ) -> Piece:
+        """The same, to be written step by step; until its `close`, no other piece of this upload comes in.
+
+        Raises:
+            NotFoundError, OffsetConflictError, UploadLockedError: as `append`.
+        """
         folder, info = self._find(project, upload_id)
-        with _locked(folder) as data:
+        data = _locked(folder)
+        try:
             reached = int((folder / _OFFSET).read_text())
             if offset != reached:
                 raise OffsetConflictError(
@@ -170,18 +202,10 @@ class ResumableUploads:
                     field="Upload-Offset",
                     hint="Ask for the offset with HEAD, then go on from there.",
                 )
-            piece = _Piece(folder, data, reached, info.length, checksum)
-            try:
-                for chunk in chunks:
-                    piece.write(chunk)
-            except OSError as error:
-                piece.keep()
-                raise disk_error(error, info.name) from error
-            except BaseException:
-                piece.keep()
-                raise
-            piece.finish()
-        return self.get(project, upload_id)
+            return Piece(folder, data, reached, info.length, checksum, self._clock.now)
+        except BaseException:
+            data.close()
+            raise
 
     def delete(self, project: str, upload_id: str) -> None:
         """Forget an upload.
@@ -190,7 +214,7 @@ class ResumableUploads:
             NotFoundError, UploadLockedError: as `append`.
         """
         folder, _ = self._find(project, upload_id)
-        with _locked(folder):
+        with closing(_locked(folder)):
             remove(folder)
 
     def complete(self, project: str, upload_id: str) -> tuple[str, Path]:
@@ -219,11 +243,15 @@ class ResumableUploads:
                 continue
         return total
 
+    def _age(self, folder: Path) -> float:
+        """Seconds since the last piece."""
+        return self._clock.now() - (folder / _OFFSET).stat().st_mtime
+
     def _find(self, project: str, upload_id: str) -> tuple[Path, _Info]:
         try:
             folder = self._blobs.upload(upload_id)
             info = _read_info(folder / _INFO)
-            if info.project == project and _changed_at(folder) + self._lifetime_s > time.time():
+            if info.project == project and self._age(folder) < self._lifetime_s:
                 return folder, info
         except (OSError, ValueError):
             pass
@@ -232,19 +260,32 @@ class ResumableUploads:
         )
 
 
-class _Piece:
-    """Bytes on their way to the end of `data`."""
+class Piece:
+    """Bytes on their way to the end of an upload, see `ResumableUploads.begin_piece`. One thread at a time."""
 
     def __init__(
-        self, folder: Path, data: BinaryIO, offset: int, length: int, checksum: tuple[Algorithm, bytes] | None
+        self,
+        folder: Path,
+        data: FileIO,
+        offset: int,
+        length: int,
+        checksum: tuple[Algorithm, bytes] | None,
+        now: Callable[[], float],
     ) -> None:
-        self._folder, self._data, self._length, self._checksum = folder, data, length, checksum
+        self._folder, self._data, self._length, self._checksum, self._now = folder, data, length, checksum, now
         self._begin = self._end = self._durable = offset
         self._hash = hashlib.new(checksum[0]) if checksum is not None else None
+        self._finished = False
         data.truncate(offset)
         data.seek(offset)
 
     def write(self, chunk: bytes) -> None:
+        """Take some more bytes.
+
+        Raises:
+            LimitExceededError: they reach over the announced end.
+            ResourceError: the disk is full.
+        """
         if self._end + len(chunk) > self._length:
             raise LimitExceededError(
                 "the piece reaches over the announced end",
@@ -252,56 +293,79 @@ class _Piece:
                 limit=f"{self._length} bytes (Upload-Length)",
                 hint="Send as many bytes as were announced.",
             )
-        self._data.write(chunk)
-        self._end += len(chunk)
-        if self._hash is not None:
-            self._hash.update(chunk)
-        elif self._end - self._durable >= _DURABLE_BYTES:
-            self.keep()
-
-    def keep(self) -> None:
-        """Make what has come durable; a piece that has yet to meet its checksum is no piece."""
-        if self._hash is None:
-            self._commit(self._end)
+        try:
+            rest = memoryview(chunk)
+            while rest:
+                written = self._data.write(rest)
+                self._end += written
+                rest = rest[written:]
+            if self._hash is not None:
+                self._hash.update(chunk)
+            elif self._end - self._durable >= _DURABLE_BYTES:
+                self._commit()
+        except OSError as error:
+            raise disk_error(error, "upload") from error
 
     def finish(self) -> None:
+        """Make the piece durable: all of it has come.
+
+        Raises:
+            ChecksumMismatchError: it is not what its checksum says.
+            ResourceError: the disk is full.
+        """
         if self._hash is not None and not self._fits(self._hash.digest()):
             raise ChecksumMismatchError(
                 "the piece is not what its checksum says",
                 field="Upload-Checksum",
                 hint=f"Send it again from {self._begin}.",
             )
-        self._commit(self._end)
+        try:
+            self._commit()
+        except OSError as error:
+            raise disk_error(error, "upload") from error
+        self._finished = True
+
+    def close(self) -> None:
+        """Let others go on. What has come stays, unless the piece has yet to meet its checksum."""
+        if self._data.closed:
+            return
+        try:
+            if not self._finished and self._hash is None:
+                self._commit()
+        except OSError:
+            pass  # what is not durable was not acknowledged
+        finally:
+            self._data.close()
 
     def _fits(self, digest: bytes) -> bool:
         return self._checksum is not None and hmac.compare_digest(digest, self._checksum[1])
 
-    def _commit(self, offset: int) -> None:
-        self._data.flush()
+    def _commit(self) -> None:
         os.fsync(self._data.fileno())
         with (self._folder / _OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change at once
-            file.write(_digits(offset))
+            file.write(_digits(self._end))
             file.flush()
             os.fsync(file.fileno())
-        self._durable = offset
+        _mark_activity(self._folder, self._now())
+        self._durable = self._end
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[BinaryIO]:
+def _locked(folder: Path) -> FileIO:
+    """The open `data`, locked until it is closed."""
     try:
-        data = (folder / _DATA).open("r+b")
+        data = (folder / _DATA).open("r+b", buffering=0)
     except OSError:
         raise NotFoundError(f"no upload {folder.name!r}", field="upload") from None
-    with data:
-        try:
-            fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise UploadLockedError(
-                "another piece of this upload is coming in",
-                field="upload",
-                hint="Wait until it has ended, ask for the offset, then go on.",
-            ) from None
-        yield data
+    try:
+        fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        data.close()
+        raise UploadLockedError(
+            "another piece of this upload is coming in",
+            field="upload",
+            hint="Wait until it has ended, ask for the offset, then go on.",
+        ) from None
+    return data
 
 
 def _read_info(path: Path) -> _Info:
@@ -312,8 +376,9 @@ def _read_info(path: Path) -> _Info:
     return _Info(**content)
 
 
-def _changed_at(folder: Path) -> float:
-    return (folder / _OFFSET).stat().st_mtime
+def _mark_activity(folder: Path, now: float) -> None:
+    """Let an upload's age count from `now`, whatever the wall clock says."""
+    os.utime(folder / _OFFSET, (now, now))
 
 
 def _digits(offset: int) -> str:

@@ -6,8 +6,8 @@ import errno
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -41,6 +41,7 @@ class UploadSession:
         self._digests: dict[str, str] = {}
         self._bytes = 0
         self._open = True
+        self._file: UploadFile | None = None
         try:
             self.raw.mkdir(parents=True)
         except OSError as error:
@@ -66,27 +67,34 @@ class UploadSession:
             LimitExceededError: too many bytes or files; nothing more can be written, so call `abort`.
             ResourceError: the disk is full.
         """
-        self._check_open()
-        path = self._place(name)
-        digest = hashlib.sha256()
-        size = 0
+        file = self.begin(name)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("xb") as file:
-                for chunk in _chunks(stream):
-                    size += len(chunk)
-                    self._check_bytes(name, size)
-                    digest.update(chunk)
-                    file.write(chunk)
+            for chunk in _chunks(stream):
+                file.write(chunk)
         except OSError as error:
-            path.unlink(missing_ok=True)
+            file.discard()
             raise disk_error(error, name) from error
         except BaseException:
-            path.unlink(missing_ok=True)
+            file.discard()
             raise
+        return file.end()
+
+    def begin(self, name: str) -> UploadFile:
+        """A file to write to in pieces, one at a time; until its `end` it is none of the upload's.
+
+        Args:
+            name: as in `write`.
+
+        Raises:
+            InvalidInputError, LimitExceededError, ResourceError: as `write`.
+        """
+        self._check_open()
+        self._file = UploadFile(name, self._place(name), self._check_bytes, self._ended)
+        return self._file
+
+    def _ended(self, name: str, size: int, digest: str) -> None:
         self._bytes += size
-        self._digests[name] = digest.hexdigest()
-        return size
+        self._digests[name] = digest
 
     def adopt(self, name: str, source: Path) -> int:
         """Take a file that lies in the data folder already, without a copy. Returns its size in bytes.
@@ -165,6 +173,8 @@ class UploadSession:
         """Forget all that came. Does nothing once the files are a scene's."""
         if self._open:
             self._open = False
+            if self._file is not None:
+                self._file.discard()
             remove(self.folder)
 
     def digest(self, name: str, options: SceneOptions) -> str:
@@ -192,6 +202,60 @@ class UploadSession:
                 f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
             )
         return path
+
+
+class UploadFile:
+    """A file of an upload that is being written, see `UploadSession.begin`."""
+
+    def __init__(
+        self, name: str, path: Path, check_bytes: Callable[[str, int], None], ended: Callable[[str, int, str], None]
+    ) -> None:
+        self._name = name
+        self._path = path
+        self._check_bytes = check_bytes
+        self._ended = ended
+        self._digest = hashlib.sha256()
+        self._size = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("xb")
+        except OSError as error:
+            raise disk_error(error, name) from error
+
+    def write(self, chunk: bytes) -> None:
+        """Take some more bytes.
+
+        Raises:
+            LimitExceededError: the upload becomes too large.
+            ResourceError: the disk is full.
+        """
+        self._size += len(chunk)
+        self._check_bytes(self._name, self._size)
+        self._digest.update(chunk)
+        try:
+            self._file.write(chunk)
+        except OSError as error:
+            raise disk_error(error, self._name) from error
+
+    def end(self) -> int:
+        """Make it a file of the upload. Returns its size in bytes.
+
+        Raises:
+            ResourceError: the disk is full.
+        """
+        try:
+            self._file.close()
+        except OSError as error:
+            self.discard()
+            raise disk_error(error, self._name) from error
+        self._ended(self._name, self._size, self._digest.hexdigest())
+        return self._size
+
+    def discard(self) -> None:
+        """Remove it. Does nothing once the upload's folder is gone."""
+        with suppress(OSError):  # what was buffered may find no room
+            self._file.close()
+        self._path.unlink(missing_ok=True)
 
 
 def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.store.activity_clock import ActivityClock
 
 _LOCK_POLL_S = 0.02
 
@@ -70,10 +71,12 @@ class Blobs:
         self._discard(self.upload(upload_id))
 
     def upload_age(self, upload_id: str) -> float:
-        """Seconds since anything of an upload changed; 0 if somebody is changing it right now."""
+        """Seconds since anything of an upload changed, 0 if somebody is changing it right now; by both clocks: one that
+        was set forward makes nothing old."""
         folder = self.upload(upload_id)
+        now = min(time.time(), ActivityClock(self.root).now())
         try:
-            return time.time() - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
+            return now - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
         except OSError:
             return 0.0
 

@@ -1,0 +1,258 @@
+"""Uploads come in on the event loop: what a sender takes its time for costs a connection, and no thread.
+
+Bytes gather in batches; each batch is a short call on a thread that writes it. At most one batch of an upload waits or
+is written, and nothing more is read meanwhile, so that a slow disk slows the sender down through the transport's own
+flow control and nothing piles up in memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextvars
+import logging
+import os
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, Generic, Protocol, TypeVar
+
+from fastsplat.api.access.caller import caller_id, current_principal
+from fastsplat.api.fair_pool import FairPool
+from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.settings import LimitSettings, UploadSettings
+from fastsplat_contract.errors import DeadlineExceededError, OverloadedError
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+_Item = TypeVar("_Item", contravariant=True)
+_Result = TypeVar("_Result", covariant=True)
+
+_log = logging.getLogger(__name__)
+_BATCH_BYTES = 1 << 16
+_PAUSE_S = 1.0
+"""What has come is written so long after the batch began, if it is less than a batch."""
+_STALL_S = 60.0
+_CLOSE_S = 30.0
+_CLOSERS = 2
+
+
+class Sink(Protocol[_Item, _Result]):
+    """What takes one upload. Its methods run on threads, one at a time, with the caller's context."""
+
+    @property
+    def slow_finish(self) -> bool:
+        """Whether `finish` may take long; it then runs on other threads than those that write."""
+
+    def open(self) -> None:
+        """Prepare to take bytes; called before the first is read from the network, so that a refusal comes early."""
+
+    def write(self, items: Sequence[_Item]) -> None:
+        """Take what has come next."""
+
+    def finish(self) -> _Result:
+        """What the upload has become; called once all of it was written."""
+
+    def close(self) -> None:
+        """The upload ends without a result: forget it, or keep what may be gone on with. Called last, and only if
+        `finish` has not returned; must not raise."""
+
+
+class UploadReceiver:
+    """All uploads under way in one process.
+
+    Args:
+        limits: how many there may be.
+        settings: how slow they may be.
+        finishes: how many uploads may be finished at a time.
+    """
+
+    def __init__(self, limits: LimitSettings, settings: UploadSettings, finishes: int) -> None:
+        self._limits = limits
+        self._settings = settings
+        self._writers = FairPool(max(4, os.cpu_count() or 1), "upload")
+        self._finishers = FairPool(finishes, "finish")
+        self._closers = ThreadPoolExecutor(_CLOSERS, thread_name_prefix="close")
+        self._changed = threading.Condition()
+        self._count = 0
+
+    async def receive(self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int]) -> _R:
+        """What `sink` makes of `stream`. If the sender leaves, or this coroutine is cancelled, the sink is closed.
+
+        Args:
+            stream: what the sender sends.
+            sink: what takes it.
+            size: bytes of an item.
+
+        Raises:
+            OverloadedError: as many uploads as the server takes are under way.
+            DeadlineExceededError: the sender is too slow.
+        """
+        self._enter()
+        upload = _Upload(sink, self._closers, self._leave)
+        sender = _Sender(stream, size, self._settings)
+        key, project = caller_id(), _project()
+        try:
+            await upload.run(self._writers, key, sink.open)
+            while items := await sender.batch():
+                await upload.run(self._writers, key, partial(sink.write, items))
+            # Validations have places by project.
+            pool, owner = (self._finishers, project) if sink.slow_finish else (self._writers, key)
+            result = await upload.run(pool, owner, sink.finish)
+        except asyncio.CancelledError:
+            sender.cut()
+            upload.cancel()
+            raise
+        except BaseException:
+            await sender.stop()
+            await asyncio.shield(asyncio.wrap_future(upload.close()))  # before the refusal is told, nothing is left
+            raise
+        self._leave()
+        return result
+
+    def close(self) -> None:
+        """Wait until no upload is under way; their senders must have been cut off."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: not self._count, _CLOSE_S):
+                _log.error("%d uploads are still under way", self._count)
+        self._writers.close()
+        self._finishers.close()
+        self._closers.shutdown()
+
+    def _enter(self) -> None:
+        with self._changed:
+            if self._count >= self._limits.all_uploads:
+                raise OverloadedError(
+                    "as many uploads as the server takes are under way",
+                    limit=f"{self._limits.all_uploads} uploads of all keys at a time (FASTSPLAT_LIMITS__ALL_UPLOADS)",
+                    hint="Wait a moment, then send it again.",
+                )
+            self._count += 1
+
+    def _leave(self) -> None:
+        with self._changed:
+            self._count -= 1
+            self._changed.notify_all()
+
+
+def _project() -> str:
+    principal = current_principal.get()
+    return principal.project if principal is not None else ""
+
+
+class _Upload:
+    """One upload's calls on threads: one after the other, the closing one last."""
+
+    def __init__(self, sink: Sink[Any, Any], closers: ThreadPoolExecutor, leave: Callable[[], None]) -> None:
+        self._sink = sink
+        self._closers = closers
+        self._leave = leave
+        self._context = contextvars.copy_context()  # the threads know who calls
+        self._cancellation = Cancellation()
+        self._last: concurrent.futures.Future[Any] | None = None
+
+    async def run(self, pool: FairPool, owner: str, function: Callable[[], _R]) -> _R:
+        def watched() -> _R:
+            with cancellable(self._cancellation):
+                return function()
+
+        future = pool.submit(owner, lambda: self._context.run(watched))
+        self._last = future
+        return await asyncio.wrap_future(future)
+
+    def cancel(self) -> None:
+        self._cancellation.cancel()
+        self.close()
+
+    def close(self) -> concurrent.futures.Future[None]:
+        """Close the sink once its last call has ended, or will never begin."""
+        closed: concurrent.futures.Future[None] = concurrent.futures.Future()
+
+        def close() -> None:
+            try:
+                self._context.run(self._sink.close)
+            except Exception:
+                _log.exception("an upload could not be closed")
+            finally:
+                self._leave()
+                closed.set_result(None)
+
+        if self._last is None:
+            self._closers.submit(close)
+        else:
+            self._last.add_done_callback(lambda _: self._closers.submit(close))
+        return closed
+
+
+class _Sender(Generic[_T]):
+    """A stream in batches, and how long its sender may take."""
+
+    def __init__(self, stream: AsyncIterator[_T], size: Callable[[_T], int], settings: UploadSettings) -> None:
+        self._stream = stream
+        self._size = size
+        self._settings = settings
+        self._bytes = 0
+        self._waited_s = 0.0  # for the sender; what our own disk takes is not its fault
+        self._next: asyncio.Future[tuple[_T] | None] | None = None
+
+    async def batch(self) -> list[_T]:
+        """What has come next: about as much as makes up a batch, or what came before a pause; nothing at the end.
+
+        Raises:
+            DeadlineExceededError: the sender is too slow.
+        """
+        items: list[_T] = []
+        enough = self._bytes + _BATCH_BYTES
+        pause_at = 0.0
+        while self._bytes < enough:
+            began, patience = time.monotonic(), self._patience_s()
+            next_item = self._next = self._next or asyncio.ensure_future(self._fetch())
+            wait_s = min(patience, pause_at - began) if items else patience
+            await asyncio.wait((next_item,), timeout=max(0.0, wait_s))
+            self._waited_s += time.monotonic() - began
+            if not next_item.done():
+                if not items:
+                    raise self._too_slow()
+                break
+            self._next = None
+            if (result := next_item.result()) is None:
+                break
+            if not items:
+                pause_at = time.monotonic() + _PAUSE_S
+            items.append(result[0])
+            self._bytes += self._size(result[0])
+        return items
+
+    def cut(self) -> None:
+        """Read nothing more."""
+        if self._next is not None:
+            self._next.cancel()
+
+    async def stop(self) -> None:
+        """The same; on return the stream is no longer read from."""
+        self.cut()
+        if self._next is not None:
+            await asyncio.wait((self._next,))
+
+    async def _fetch(self) -> tuple[_T] | None:
+        try:
+            return (await anext(self._stream),)
+        except StopAsyncIteration:
+            return None
+
+    def _patience_s(self) -> float:
+        """How long the sender may now be silent."""
+        settings = self._settings
+        behind = settings.slow_start_s + self._bytes / settings.min_bytes_per_s - self._waited_s
+        return min(behind, _STALL_S, settings.deadline_s - self._waited_s)
+
+    def _too_slow(self) -> DeadlineExceededError:
+        settings = self._settings
+        return DeadlineExceededError(
+            f"the upload is too slow: {self._bytes} bytes so far",
+            limit=f"{settings.min_bytes_per_s:g} bytes a second, {_STALL_S:g} s between two chunks, "
+            f"{settings.deadline_s:g} s in all",
+            hint="Send it again over a better connection, or in pieces (tus, /v1/uploads).",
+        )
