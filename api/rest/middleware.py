@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
 import time
@@ -14,6 +15,7 @@ from fastsplat.api.access.access_log import log_request
 from fastsplat.api.errors import accepted_request_id
 from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
 from fastsplat.api.rest.request_heads import check_header_count, find_ambiguity
+from fastsplat_contract.errors import NotReadyNowError
 
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")
@@ -60,6 +62,11 @@ class OuterLayer:
                 raise ambiguity
             check_header_count(headers)
             await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
+        except asyncio.CancelledError:  # by the server, which stops and has waited long enough
+            if status:
+                raise
+            stopping = NotReadyNowError("the server stops", hint="Wait a moment, then send it again.")
+            await problem_response(request_id, stopping)(scope, receive, tagged_send)
         except ClientDisconnect:
             _log.info("request %s: the client went away", request_id)
         except Exception as error:

@@ -1,6 +1,6 @@
 """A clock for ages that no jump of the wall clock makes old at once.
 
-It goes with the wall clock, but by at most an hour from one look to the next, and never back. A wall clock that is set
+It goes with the wall clock, but by at most an hour from one look to the next, and not back. A wall clock that is set
 forward by a day, or a machine that was off for a week, so ages nothing by more than an hour; a worker looks once a
 minute. How far it has come is kept in the data folder, so that all processes on it, now and after a restart, have the
 same time.

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from fastsplat_contract.errors import (
     UploadLockedError,
 )
 
+_DAY = 24 * 3600.0
 _ROOT = Path(__file__).parents[2]
 
 
@@ -191,6 +193,27 @@ def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> 
     os.utime(offset, (0, offset.stat().st_mtime - 60))
     with pytest.raises(NotFoundError):
         uploads.get("k", made.id)
+
+
+@pytest.mark.parametrize("jumps", [(_DAY,), (-_DAY,), (-_DAY, _DAY), (_DAY, -_DAY), (20_000 * _DAY,)])
+def test_a_clock_that_is_set_expires_nothing(tmp_path: Path, jumps: tuple[float, ...]) -> None:
+    now = [1.8e9]
+    uploads = ResumableUploads(Blobs(tmp_path), 100, 24 * 3600.0, wall=lambda: now[0])
+    old = uploads.create("k", "old.bin", 4)
+    for number, jump in enumerate(jumps):
+        now[0] += jump
+        new = uploads.create("k", f"{number}.bin", 4)
+        for made in (old, new):
+            offset = uploads.get("k", made.id).offset
+            told = uploads.append("k", made.id, offset, [b"x"])
+            assert told.offset == offset + 1
+            assert now[0] + 22 * 3600.0 < told.expires_at <= now[0] + 24 * 3600.0 + 1.0
+    for _ in range(25):
+        now[0] += 3600.0
+        with suppress(NotFoundError):
+            uploads.get("k", old.id)
+    with pytest.raises(NotFoundError):  # but time that passes counts
+        uploads.get("k", old.id)
 
 
 def test_what_cannot_become_a_capture_is_refused_at_once(uploads: ResumableUploads, tmp_path: Path) -> None:

@@ -1,0 +1,98 @@
+"""Hundreds of slow uploads cost connections and no threads: an ordinary upload and a question pass beside them."""
+
+from __future__ import annotations
+
+import base64
+import resource
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import LimitSettings, Settings
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, served
+from tests.api.test_api_uploads import _messages, _photos, _post
+
+_FORMS, _PIECES = 450, 50
+_MOST_THREADS = 40
+_FORM_HEAD = (
+    "POST /v1/scenes HTTP/1.1\r\nHost: localhost\r\nContent-Type: multipart/form-data; boundary=x\r\n"
+    "Content-Length: 1000000\r\n\r\n"
+    '--x\r\nContent-Disposition: form-data; name="images"; filename="a.jpg"\r\n\r\nab'
+)
+
+
+@pytest.fixture
+def files() -> Iterator[None]:
+    """Enough open files for both ends of every connection."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8_192), hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def _wait_for(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120
+    while not what():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
+
+
+def _create_resumable(faces: Faces) -> str:
+    headers = {
+        "Tus-Resumable": "1.0.0",
+        "Upload-Length": "1000",
+        "Upload-Metadata": f"filename {base64.b64encode(b'a.jpg').decode()}",
+    }
+    return str(faces.rest.post("/v1/uploads", headers=headers).headers["location"])
+
+
+@pytest.mark.usefixtures("files")
+def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) -> None:
+    limits = LimitSettings(uploads=2_000, in_flight=2_000, all_uploads=2_000)
+    settings = api_settings.model_copy(update={"data_dir": tmp_path / "data", "limits": limits})
+    with open_service(settings) as service, served(service, settings) as faces, ExitStack() as connections:
+        scene_id = add_scene(service, settings)
+        address = ("127.0.0.1", faces.ports.http)
+        paths = [_create_resumable(faces) for _ in range(_PIECES)]
+        before = threading.active_count()
+        slow = [connections.enter_context(socket.create_connection(address)) for _ in range(_FORMS + _PIECES)]
+        for connection in slow[:_FORMS]:
+            connection.sendall(_FORM_HEAD.encode())
+        for connection, path in zip(slow[_FORMS:], paths, strict=True):
+            connection.sendall(
+                f"PATCH {path} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+                "Content-Type: application/offset+octet-stream\r\nContent-Length: 1000\r\n\r\nab".encode()
+            )
+        root = settings.data_dir / "uploads"
+        _wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == _FORMS)
+        _wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 2 * _PIECES)
+
+        assert threading.active_count() - before < _MOST_THREADS
+        answer = faces.rest.post(f"/v1/scenes/{scene_id}:query", json={"texts": ["mug"]})
+        assert answer.status_code == 200, answer.text
+        _posts_pass(faces, service)
+        assert threading.active_count() - before < _MOST_THREADS
+
+        for connection in slow:
+            connection.sendall(b"cd")  # all of them are still being received
+        _wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 4 * _PIECES)
+        for connection in slow:
+            connection.close()
+        _wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == 0)  # what was cut leaves nothing
+        offsets = {faces.rest.head(path, headers={"Tus-Resumable": "1.0.0"}).headers["upload-offset"] for path in paths}
+        assert offsets <= {"2", "4"}
+
+
+def _posts_pass(faces: Faces, service: SceneService) -> None:
+    over_rest = _post(faces, _photos(2), {"name": "ordinary"})
+    assert over_rest.status_code == 202, over_rest.text
+    over_grpc = faces.rpc.CreateScene(_messages(_photos(2), name="ordinary"))
+    for operation_id in (over_rest.json()["id"], over_grpc.id):
+        assert service.get_operation(operation_id).state == "QUEUED"

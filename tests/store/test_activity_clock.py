@@ -1,0 +1,91 @@
+"""The clock for ages: it goes with the wall clock, and no jump of that makes anything old."""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.store.activity_clock import ActivityClock
+from fastsplat.service.store.blobs import Blobs
+
+_DAY = 86_400.0
+_UNWRITTEN_S = 31.0  # it writes down how far it is about twice a minute
+
+
+class _Wall:
+    """A wall clock that somebody sets."""
+
+    def __init__(self, at: float = 1.8e9) -> None:
+        self.at = at
+
+    def __call__(self) -> float:
+        return self.at
+
+
+def test_it_goes_with_the_wall_clock_over_restarts(tmp_path: Path) -> None:
+    wall = _Wall()
+    assert ActivityClock(tmp_path, wall).now() == wall.at
+    for _ in range(100):
+        wall.at += 61.0
+        assert ActivityClock(tmp_path, wall).now() == pytest.approx(wall.at, abs=0.01)
+
+
+@pytest.mark.parametrize("jump", [_DAY, -_DAY, 50 * 365 * _DAY, -50 * 365 * _DAY])
+def test_a_jump_adds_at_most_an_hour_and_takes_nothing_back(tmp_path: Path, jump: float) -> None:
+    wall = _Wall()
+    clock = ActivityClock(tmp_path, wall)
+    before = clock.now()
+    for step in (jump, 10.0, -jump, 10.0, jump):
+        wall.at += step
+        now = clock.now()
+        assert before - _UNWRITTEN_S <= now <= before + 3_600.0 + _UNWRITTEN_S
+        before = now
+    for _ in range(60):
+        wall.at += 60.0
+        clock.now()
+    assert clock.now() == pytest.approx(before + 3_600.0, abs=_UNWRITTEN_S)  # and goes on
+
+
+def test_any_walk_of_the_wall_clock_keeps_the_laws(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    wall = _Wall()
+    clock = ActivityClock(tmp_path, wall)
+    before = clock.now()
+    for _ in range(500):
+        wall.at = max(0.0, wall.at + rng.choice([1.0, 60.0, 600.0, -30.0, -_DAY, _DAY, 7 * _DAY]) * rng.random())
+        now = clock.now()
+        assert before - _UNWRITTEN_S <= now <= before + 3_600.0 + _UNWRITTEN_S
+        before = now
+
+
+def test_a_damaged_file_is_begun_anew(tmp_path: Path) -> None:
+    wall = _Wall()
+    (tmp_path / ".clock").write_bytes(b"\0" * 17)
+    assert ActivityClock(tmp_path, wall).now() == wall.at
+    wall.at += _DAY
+    assert ActivityClock(tmp_path, wall).now() == pytest.approx(wall.at - _DAY + 3_600.0, abs=0.01)
+
+
+def test_without_a_folder_it_is_the_wall_clock(tmp_path: Path) -> None:
+    assert ActivityClock(tmp_path / "none", _Wall(5.0)).now() == 5.0
+
+
+@pytest.mark.parametrize("passed", [False, True])
+def test_the_janitor_takes_no_upload_for_old_after_a_jump(tmp_path: Path, passed: bool) -> None:
+    blobs = Blobs(tmp_path)
+    folder = blobs.upload("up")
+    folder.mkdir(parents=True)
+    wall = _Wall(time.time() - _DAY)
+    for path in (folder / "data", folder):
+        path.touch()
+        os.utime(path, (wall.at, wall.at))
+    clock = ActivityClock(tmp_path, wall)
+    for _ in range(25):
+        clock.now()
+        if passed:  # a day went by; otherwise the clock was just set to now
+            wall.at += 3_600.0
+    assert (blobs.upload_age("up") > 23 * 3_600.0) is passed
