@@ -30,7 +30,7 @@ from fastsplat.service.application.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.activity_clock import ActivityClock
-from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.blobs import RESUMABLE_MARK, Blobs, remove
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.errors import (
@@ -45,7 +45,7 @@ from fastsplat_contract.errors import (
 Algorithm = Literal["sha1", "sha256"]
 ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
 
-_INFO, _OFFSET, _DATA = "resumable.json", "offset", "data"
+_INFO, _OFFSET, _DATA = "resumable.json", RESUMABLE_MARK, "data"
 _DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
 
 
@@ -202,6 +202,7 @@ class ResumableUploads:
                     field="Upload-Offset",
                     hint="Ask for the offset with HEAD, then go on from there.",
                 )
+            _mark_activity(folder, self._clock.now())
             return Piece(folder, data, reached, info.length, checksum, self._clock.now)
         except BaseException:
             data.close()

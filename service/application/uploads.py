@@ -15,7 +15,7 @@ from typing import BinaryIO, Self
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.file_names import safe_parts
-from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.blobs import lock_of, remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
 from fastsplat_contract.operations import SceneOptions
 
@@ -44,6 +44,7 @@ class UploadSession:
         self._file: UploadFile | None = None
         try:
             self.raw.mkdir(parents=True)
+            self._lock = lock_of(folder)  # nobody takes it for abandoned
         except OSError as error:
             raise disk_error(error, "upload") from error
 
@@ -155,7 +156,13 @@ class UploadSession:
             remove(self.folder)
             raise
         finally:
-            self._open = False
+            self._end()
+
+    def _end(self) -> None:
+        self._open = False
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def replace_files(self, folder: Path) -> None:
         """Let `folder`, what was unpacked or laid out anew from `raw`, take the place of `raw`; the same one stays."""
@@ -172,7 +179,7 @@ class UploadSession:
     def abort(self) -> None:
         """Forget all that came. Does nothing once the files are a scene's."""
         if self._open:
-            self._open = False
+            self._end()
             if self._file is not None:
                 self._file.discard()
             remove(self.folder)

@@ -1,9 +1,9 @@
 """A clock for ages that no jump of the wall clock makes old at once.
 
 It goes with the wall clock, but by at most an hour from one look to the next, and not back. A wall clock that is set
-forward by a day, or a machine that was off for a week, so ages nothing by more than an hour; a worker looks once a
-minute. How far it has come is kept in the data folder, so that all processes on it, now and after a restart, have the
-same time.
+forward by a day, or a machine that was off for a week, so ages nothing by more than an hour; where there is something
+to age, a worker looks once a minute. How far it has come is kept in the data folder, so that all processes on it, now
+and after a restart, have the same time. What is compared with it must have been marked by it.
 
 data folder/.clock   two numbers of 20 digits: this clock's time, and the wall clock's at the last look; microseconds
 """

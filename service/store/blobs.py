@@ -14,6 +14,7 @@ object store instead, see `service.store.object_store`; then `scenes` here is a 
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 import time
 import uuid
@@ -25,6 +26,9 @@ from pathlib import Path
 from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.store.activity_clock import ActivityClock
+
+RESUMABLE_MARK = "offset"
+"""File of an unfinished resumable upload; when it was changed says how old the upload is, by `ActivityClock`."""
 
 _LOCK_POLL_S = 0.02
 
@@ -71,12 +75,17 @@ class Blobs:
         self._discard(self.upload(upload_id))
 
     def upload_age(self, upload_id: str) -> float:
-        """Seconds since anything of an upload changed, 0 if somebody is changing it right now; by both clocks: one that
-        was set forward makes nothing old."""
+        """Seconds since anything of an upload changed; 0 if somebody is changing it right now, whatever the clock says.
+
+        A resumable upload is as old as its last piece, by `ActivityClock`.
+        """
         folder = self.upload(upload_id)
-        now = min(time.time(), ActivityClock(self.root).now())
         try:
-            return now - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
+            if (mark := folder / RESUMABLE_MARK).exists():
+                return ActivityClock(self.root).now() - mark.stat().st_mtime
+            if _is_locked(folder):
+                return 0.0
+            return time.time() - max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
         except OSError:
             return 0.0
 
@@ -148,6 +157,31 @@ class Blobs:
             if not name or name.startswith(".") or "/" in name or "\\" in name or "\0" in name:
                 raise ValueError(f"not an id: {name!r}")
         return self.root.joinpath(*names)
+
+
+def lock_of(folder: Path) -> int | None:
+    """An open handle whose lock says that a folder is being written to; the kernel takes it back from a process that
+    dies. None where the file system has no locks."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _is_locked(folder: Path) -> bool:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # no locks here: the ages of the files must do
+    finally:
+        os.close(handle)
+    return False
 
 
 def remove(path: Path) -> None:

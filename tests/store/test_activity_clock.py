@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.application.uploads import UploadSession
+from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.store.activity_clock import ActivityClock
-from fastsplat.service.store.blobs import Blobs
+from fastsplat.service.store.blobs import RESUMABLE_MARK, Blobs
 
 _DAY = 86_400.0
 _UNWRITTEN_S = 31.0  # it writes down how far it is about twice a minute
@@ -75,17 +77,28 @@ def test_without_a_folder_it_is_the_wall_clock(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("passed", [False, True])
-def test_the_janitor_takes_no_upload_for_old_after_a_jump(tmp_path: Path, passed: bool) -> None:
+def test_the_janitor_takes_no_resumable_upload_for_old_after_a_jump(tmp_path: Path, passed: bool) -> None:
     blobs = Blobs(tmp_path)
     folder = blobs.upload("up")
     folder.mkdir(parents=True)
     wall = _Wall(time.time() - _DAY)
-    for path in (folder / "data", folder):
-        path.touch()
-        os.utime(path, (wall.at, wall.at))
     clock = ActivityClock(tmp_path, wall)
-    for _ in range(25):
+    clock.now()
+    (folder / RESUMABLE_MARK).touch()
+    os.utime(folder / RESUMABLE_MARK, (wall.at, wall.at))
+    for _ in range(24 if passed else 0):  # a day goes by; otherwise the clock is just set to now
+        wall.at += 3_600.0
         clock.now()
-        if passed:  # a day went by; otherwise the clock was just set to now
-            wall.at += 3_600.0
     assert (blobs.upload_age("up") > 23 * 3_600.0) is passed
+
+
+def test_the_janitor_takes_no_upload_for_old_that_is_coming_in(tmp_path: Path) -> None:
+    blobs = Blobs(tmp_path)
+    with UploadSession("up", blobs.upload("up"), CaptureSettings()) as upload:
+        upload.write("a.jpg", [b"x"])
+        for path in (upload.folder, *upload.folder.rglob("*")):  # the clock is set forward by a day
+            os.utime(path, (time.time() - _DAY,) * 2)
+        assert blobs.upload_age("up") == 0.0
+        upload._end()  # as if its process had died
+        assert blobs.upload_age("up") > 23 * 3_600.0
+        upload._open = True
