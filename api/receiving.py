@@ -229,6 +229,7 @@ class _Sender(Generic[_T]):
         """Read nothing more."""
         if self._next is not None:
             self._next.cancel()
+            self._next.add_done_callback(lambda item: item.cancelled() or item.exception())
 
     async def stop(self) -> None:
         """The same; on return the stream is no longer read from."""
