@@ -19,6 +19,7 @@ from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
+from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.query_routes import query_routes
@@ -68,6 +69,7 @@ class _App(FastAPI):
                 for method, operation in operations.items():
                     role = rule_of(f"{method.upper()} {path}").role
                     operation["security"] = [] if role is None else [{"key": []}]
+            add_examples(schema)
         return super().openapi()
 
 
