@@ -121,7 +121,9 @@ def create_app(
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
     app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
-    app.include_router(tus_routes(service, threads, settings.capture.max_upload_bytes), tags=["uploads"])
+    app.include_router(
+        tus_routes(service, threads, settings.capture.max_upload_bytes, settings.root_path), tags=["uploads"]
+    )
     app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
@@ -133,11 +135,11 @@ def create_app(
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
         page = get_swagger_ui_html(
-            openapi_url=f"{settings.root_path}/openapi.json",
+            openapi_url="openapi.json",  # relative, as all of the page's: a proxy may show it under any path
             title=app.title,
-            swagger_js_url=f"{settings.root_path}/docs-files/swagger-ui-bundle.js",
-            swagger_css_url=f"{settings.root_path}/docs-files/swagger-ui.css",
-            swagger_favicon_url=f"{settings.root_path}/web/icon.svg",
+            swagger_js_url="docs-files/swagger-ui-bundle.js",
+            swagger_css_url="docs-files/swagger-ui.css",
+            swagger_favicon_url="web/icon.svg",
         )
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page
