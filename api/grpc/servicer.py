@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from google.protobuf import empty_pb2
 
+from fastsplat.api.access.caller import caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import receive_scene
@@ -16,6 +17,7 @@ from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -215,6 +217,35 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             )
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
+
+    async def CreateKey(self, request: pb.CreateKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
+        """Make a key of the project."""
+        async with guarded(context, "CreateKey"):
+            role = caller_role()
+            return await self._message(pb.NewKey, lambda: self._service.keys.create(role, from_proto(KeyIn, request)))
+
+    async def ListKeys(self, request: pb.ListKeysRequest, context: Context) -> pb.ListKeysResponse:  # noqa: N802
+        """Keys of the project in pages."""
+        async with guarded(context, "ListKeys"):
+            role = caller_role()
+            return await self._message(
+                pb.ListKeysResponse, lambda: self._service.keys.list(role, request.page_size, request.page_token)
+            )
+
+    async def RevokeKey(self, request: pb.RevokeKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
+        """Take a key back."""
+        async with guarded(context, "RevokeKey"):
+            role = caller_role()
+            return await self._message(pb.AccessKey, lambda: self._service.keys.revoke(role, request.key_id))
+
+    async def ExpireKey(self, request: pb.ExpireKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
+        """Let a key expire at another time."""
+        async with guarded(context, "ExpireKey"):
+            role = caller_role()
+            lifetime_s = from_proto(LifetimeIn, request).lifetime_s
+            return await self._message(
+                pb.AccessKey, lambda: self._service.keys.expire(role, request.key_id, lifetime_s)
+            )
 
     async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
         """A service call's result as its message, both made on a thread."""

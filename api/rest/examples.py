@@ -16,6 +16,7 @@ from fastsplat.service.application.paging import write_page_token
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
 from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -42,6 +43,7 @@ IDS = {
     "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",
     "operation_id": "9a7d5c3b1f2e4d6c8b0a1f3e5d7c9b2a",
     "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
+    "key_id": "5d0c9a7e3b1f",
     "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
 }
 """Ids of things that are on no server: whoever tries an example puts their own in."""
@@ -131,6 +133,16 @@ _ANSWER = Answer(
     objects=(_OBJECT,),
     presence=0.99,
 )
+_KEY = AccessKey(
+    id=IDS["key_id"],
+    name="robot in the kitchen",
+    project="default",
+    role="reader",
+    state="VALID",
+    created_at=_POSTED,
+    expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
+    revoked_at=None,
+)
 
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
@@ -150,6 +162,9 @@ ANSWERS: Mapping[str, Any] = {
         ObjectList((_OBJECT,), "", "1"),
         _VERSION,
         VersionList((_VERSION,)),
+        _KEY,
+        NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
+        KeyList((_KEY,), _TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }
@@ -186,6 +201,11 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         ),
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
+    "KeyIn": {
+        "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
+        "person": ("a key that also creates and changes", KeyIn("Ada")),
+    },
+    "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
 }
 """By the name of the type: bodies that a route takes which takes that, with a summary each."""

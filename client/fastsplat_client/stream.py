@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,13 +61,13 @@ class Grpc:
 
     Attributes:
         target: "host:port".
-        key: an access key, or "".
+        headers: of every call, as metadata: who asks, about which project.
         secure: whether it speaks TLS.
         ca: PEM certificates to trust in place of the system's.
     """
 
     target: str
-    key: str
+    headers: Mapping[str, str]
     secure: bool
     ca: Path | None
 
@@ -85,7 +85,8 @@ class Grpc:
             channel = grpc.insecure_channel(self.target)
         with channel:
             try:
-                yield rpc.SceneServiceStub(channel), ((("authorization", f"Bearer {self.key}"),) if self.key else ())
+                metadata = tuple((name.lower(), value) for name, value in self.headers.items())
+                yield rpc.SceneServiceStub(channel), metadata
             except grpc.RpcError as error:
                 raise error_from(error) from error
 

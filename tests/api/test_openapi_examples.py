@@ -81,7 +81,8 @@ class _Place:
         edit = {"edits": [{"action": "recolor", "label": "mug", "color": color}]}
         made = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
         operation_id = self.service.get_scene(scene_id).operation_id
-        return {"scene_id": scene_id, "operation_id": operation_id, "version": made["version"]}
+        key_id = self.service.admin.keys.create("a key", "reader")[0].id
+        return {"scene_id": scene_id, "operation_id": operation_id, "version": made["version"], "key_id": key_id}
 
 
 @pytest.fixture(scope="module")
