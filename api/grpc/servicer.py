@@ -16,12 +16,12 @@ from fastsplat.api.grpc.upload import receive_scene
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.operations import ListOperations, OperationList
-from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of_query
+from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
@@ -157,8 +157,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
         """Ranked labels, masks and objects."""
 
+        reads_skipped = READS_SKIPPED in [tuple(entry) for entry in context.invocation_metadata() or ()]
+
         def asked() -> list[pb.QueryResponse]:
-            return list(messages_of_query(self._service.answers.ask(from_proto(QueryRequest, request))))
+            answered = self._service.answers.ask(from_proto(QueryRequest, request))
+            if answered.skipped and not answered.answers and not reads_skipped:
+                raise _all_skipped(answered)
+            return list(messages_of_query(answered))
 
         async with guarded(context, "Query"):
             for message in await self._threads.answer(asked):
@@ -262,6 +267,15 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 yield pb.Chunk(data=data)
         finally:
             file.close()
+
+
+def _all_skipped(answered: QueryOut) -> SceneFileError:
+    first = answered.skipped[0]
+    return SceneFileError(
+        f"none of {answered.skipped_count} scenes could be asked; scene {first.scene_id}: {first.detail}",
+        field="scene_id",
+        hint="Name a scene, or send the metadata x-fastsplat-reads: skipped to hear of all of them.",
+    )
 
 
 def _as(kind: type[M], value: object) -> M:

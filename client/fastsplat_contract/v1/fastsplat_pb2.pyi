@@ -1754,7 +1754,9 @@ class QueryResponse(_message.Message):
     """The answer to one text of one scene, or a piece of it. The first message of an answer carries `answer`; messages
     without it continue the one before: append their `matches`, `masks` and `objects`, and append their `mask3d` bytes.
     A very long mask comes in pieces, see ViewMask.continues. After the answers of a question to all scenes may come one
-    message with `skipped` and `skipped_count` alone.
+    message with `skipped` and `skipped_count` alone. Where there is no answer to come after, callers must have said in the
+    metadata `x-fastsplat-reads: skipped` that they can read that; others, clients of the first release among them, get the
+    error of the first scene that was not asked.
     """
 
     DESCRIPTOR: _descriptor.Descriptor
