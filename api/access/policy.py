@@ -83,7 +83,6 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "GET /": _OPEN,
     "GET /docs": _OPEN,
     "GET /openapi.json": _OPEN,
-    "HEAD /openapi.json": _OPEN,
     "MOUNT /docs-files": _OPEN,
     "MOUNT /web": _OPEN,
     "GET /livez": _OPEN,

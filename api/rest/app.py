@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import fastapi_offline
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 from fastsplat.api.access.caller import in_callers_project
@@ -24,8 +27,9 @@ from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.query_routes import query_routes
+from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
-from fastsplat.api.rest.standard_http import HeadLayer
+from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -75,6 +79,15 @@ class _App(FastAPI):
         return super().openapi()
 
 
+class _Files(StaticFiles):
+    """Files of this release. The next one has others under the same names, so a browser asks whether its copy holds."""
+
+    def file_response(self, *arguments: Any, **named: Any) -> Response:
+        response = super().file_response(*arguments, **named)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
 def create_app(
     service: SceneService,
     settings: Settings,
@@ -100,6 +113,7 @@ def create_app(
         version="v1",
         description=_DESCRIPTION,
         docs_url=None,
+        openapi_url=None,
         generate_unique_id_function=lambda route: route.name,
         redoc_url=None,
         servers=[{"url": settings.root_path or "/"}],
@@ -131,9 +145,28 @@ def create_app(
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
+    files = _Files(directory=_WEB)
+
+    @cache
+    def description() -> tuple[bytes, bytes]:
+        body = json.dumps(app.openapi(), ensure_ascii=False).encode()
+        return body, gzip.compress(body, mtime=0)
+
     @app.get("/", include_in_schema=False)
-    async def page() -> Response:
-        return FileResponse(_WEB / "index.html", headers={"Content-Security-Policy": _PAGE_POLICY})
+    async def page(request: Request) -> Response:
+        response = await files.get_response("index.html", request.scope)
+        response.headers["Content-Security-Policy"] = _PAGE_POLICY
+        return response
+
+    @app.get("/openapi.json", include_in_schema=False)
+    async def openapi(request: Request) -> Response:
+        body, compressed = description()
+        headers = {"ETag": etag_of(body), "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+        if (unchanged := not_modified(request, headers)) is not None:
+            return unchanged
+        if reads_gzip(request.headers):
+            return json_response(compressed, 200, {**headers, "Content-Encoding": "gzip"})
+        return json_response(body, 200, headers)
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
@@ -147,6 +180,6 @@ def create_app(
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page
 
-    app.mount("/docs-files", StaticFiles(directory=_SWAGGER), name="docs-files")
-    app.mount("/web", StaticFiles(directory=_WEB), name="web")
+    app.mount("/docs-files", _Files(directory=_SWAGGER), name="docs-files")
+    app.mount("/web", files, name="web")
     return app

@@ -92,7 +92,7 @@ def test_what_a_proxy_says_of_the_caller_counts_only_if_it_is_trusted(
 ) -> None:
     settings = api_settings.model_copy(update={"trusted_proxies": trusted})
     believed = trusted and trusted[0].startswith("127.")
-    with served(service, settings) as faces, proxied(faces.ports.http, "/p") as url, caplog.at_level(logging.INFO):
+    with caplog.at_level(logging.INFO), served(service, settings) as faces, proxied(faces.ports.http, "/p") as url:
         response = httpx.get(f"{url}/v1/server", headers={"X-Request-Id": "through-the-proxy"})
     assert response.status_code == 200
     (line,) = (record for record in caplog.records if getattr(record, "request_id", "") == "through-the-proxy")

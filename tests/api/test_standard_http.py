@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.api.rest import responses
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from tests.api.served import Faces, rest_refusal, served
@@ -59,6 +60,51 @@ def test_large_answers_are_compressed_for_those_who_can_read_it(faces: Faces, sc
         raw = b"".join(response.iter_raw())
     assert response.headers["content-encoding"] == "gzip" and len(raw) < len(plain.content)
     assert json.loads(gzip.decompress(raw)) == plain.json()
+
+
+@pytest.mark.parametrize("path", ["/query?text=mug&text=ball&text=moon&text=novel&max_matches=-1", "/openapi.json"])
+@pytest.mark.parametrize(
+    ("accepted", "compressed"),
+    [("gzip", True), ("br, GZip;q=0.5", True), ("gzip;q=0", False), ("br, gzip; q=0.0, *", False), ("br", False)],
+)
+def test_gzip_is_for_those_who_accept_it(
+    faces: Faces, scene_id: str, path: str, accepted: str, compressed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(responses, "_GZIP_FROM_BYTES", 100)
+    with faces.rest.stream("GET", path, headers={"Accept-Encoding": accepted}) as response:
+        raw = b"".join(response.iter_raw())
+    assert (response.headers.get("content-encoding") == "gzip") is compressed
+    assert "Accept-Encoding" in response.headers["vary"]
+    assert json.loads(gzip.decompress(raw) if compressed else raw)
+
+
+@pytest.mark.parametrize("path", ["/", "/web/app.js", "/docs-files/swagger-ui.css", "/openapi.json"])
+def test_a_browser_asks_whether_its_copy_of_the_page_holds(faces: Faces, path: str) -> None:
+    first = faces.rest.get(path)
+    assert first.status_code == 200 and first.headers["cache-control"] == "no-cache"
+    again = faces.rest.get(path, headers={"If-None-Match": first.headers["etag"]})
+    assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == first.headers["etag"]
+
+
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [
+        ("/v1/scenes", "GET, HEAD, POST"),
+        ("/v1/scenes/x", "GET, HEAD, DELETE"),
+        ("/v1/keys", "GET, HEAD, POST"),
+        ("/v1/uploads", "POST, OPTIONS"),
+        ("/v1/uploads/x", "HEAD, PATCH, DELETE"),
+    ],
+)
+def test_allow_names_every_method_that_is_possible(faces: Faces, path: str, allowed: str) -> None:
+    refused = faces.rest.put(path)
+    assert refused.status_code == 405 and refused.headers["allow"] == allowed
+
+
+def test_a_file_of_cameras_is_compressed_too(faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(responses, "_GZIP_FROM_BYTES", 100)
+    answer = faces.rest.get(f"/v1/scenes/{scene_id}/cameras", headers={"Accept-Encoding": "gzip"})
+    assert answer.headers["content-encoding"] == "gzip" and len(answer.json()["cameras"]) == 3
 
 
 def test_other_origins_may_call_only_by_setting(service: SceneService, api_settings: Settings, faces: Faces) -> None:
