@@ -1,4 +1,4 @@
-"""`fastsplat keys` and `fastsplat projects`: create, list and revoke access keys, and the projects they belong to."""
+"""`fastsplat keys` and `fastsplat projects`: access keys, and the projects they belong to."""
 
 from __future__ import annotations
 
@@ -12,19 +12,28 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from fastsplat.cli.remote import Ca, KeyFile, Server, connect
 from fastsplat.service.application.keys import Keys
+from fastsplat.service.application.project_keys import as_key
 from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
-from fastsplat.service.store.key_repository import Role
 from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.keys import Role
 
-keys_app = typer.Typer(name="keys", help="Access keys: create, list, revoke them.", no_args_is_help=True)
+keys_app = typer.Typer(
+    name="keys", help="Access keys: create, list, expire, revoke them, here or on a server.", no_args_is_help=True
+)
 projects_app = typer.Typer(
     name="projects", help="Projects: what is in one does not exist for the keys of another.", no_args_is_help=True
 )
 
 _DAY_S = 86_400.0
+
+_KeyId = Annotated[str, typer.Argument(help="The id from the list.")]
+_Project = Annotated[
+    str, typer.Option(help="Whose scenes it sees. Default: by --server your own key's project, else the default one.")
+]
 
 
 @keys_app.command()
@@ -33,42 +42,80 @@ def create(
     role: Annotated[
         Role,
         typer.Option(
-            help="reader: query and view; editor: also create and change; admin: also delete; operator: all that in "
-            "any project."
+            help="reader: query and view; editor: also create and change; admin: also delete, and keys of the project; "
+            "operator: all that in any project."
         ),
     ] = "editor",
-    project: Annotated[str, typer.Option(help="Whose scenes it sees.")] = DEFAULT_PROJECT,
+    project: _Project = "",
     days: Annotated[float | None, typer.Option(help="It expires after so many days. Default: never.")] = None,
+    server: Server = "",
+    key_file: KeyFile = None,
+    ca: Ca = None,
 ) -> None:
     """Create a key and print it, this once: the database stores its hash alone."""
-    with _keys() as keys:
-        record, key = keys.create(name, role, None if days is None else days * _DAY_S, project)
-    typer.echo(f"key {record.id} ({record.role} in {record.project}) for {name}; it is not shown again:", err=True)
-    typer.echo(key)
+    lifetime_s = None if days is None else days * _DAY_S
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            made = client.keys.create(name, role, lifetime_s)
+        key_id, where, secret = made.key.id, made.key.project, made.secret
+    else:
+        with _keys() as keys:
+            record, secret = keys.create(name, role, lifetime_s, project or DEFAULT_PROJECT)
+        key_id, where = record.id, record.project
+    typer.echo(f"key {key_id} ({role} in {where}) for {name}; it is not shown again:", err=True)
+    typer.echo(secret)
 
 
 @keys_app.command("list")
-def list_keys() -> None:
-    """Show every key ever made."""
-    with _keys() as keys:
-        records = keys.all()
+def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = None, ca: Ca = None) -> None:
+    """Show every key ever made; by --server, those of the project."""
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            records = sorted(client.keys.all(), key=lambda key: key.created_at)
+    else:
+        now = time.time()
+        with _keys() as keys:
+            records = [as_key(record, now) for record in keys.all() if project in ("", record.project)]
     table = Table(title="Access keys")
     for heading in ("id", "project", "role", "state", "created", "expires", "name"):
         table.add_column(heading)
-    now = time.time()
-    for record in records:
-        state = "valid" if record.valid(now) else "revoked" if record.revoked_at is not None else "expired"
-        expires = "never" if record.expires_at is None else _day(record.expires_at)
-        table.add_row(record.id, record.project, record.role, state, _day(record.created_at), expires, record.name)
+    for key in records:
+        expires = "never" if key.expires_at is None else _minute(key.expires_at)
+        table.add_row(key.id, key.project, key.role, key.state.lower(), _minute(key.created_at), expires, key.name)
     Console().print(table)
 
 
 @keys_app.command()
-def revoke(key_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
-    """Revoke a key; running servers refuse it within seconds."""
-    with _keys() as keys:
-        keys.revoke(key_id)
+def revoke(
+    key_id: _KeyId, project: _Project = "", server: Server = "", key_file: KeyFile = None, ca: Ca = None
+) -> None:
+    """Revoke a key for ever; running servers refuse it within seconds."""
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            client.keys.revoke(key_id)
+    else:
+        with _keys() as keys:
+            keys.revoke(key_id)
     typer.echo(f"key {key_id} is revoked", err=True)
+
+
+@keys_app.command()
+def expire(
+    key_id: _KeyId,
+    days: Annotated[float, typer.Option(help="It expires in so many days from now, sooner or later than it would.")],
+    project: _Project = "",
+    server: Server = "",
+    key_file: KeyFile = None,
+    ca: Ca = None,
+) -> None:
+    """Let a valid key expire at another time."""
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            client.keys.expire(key_id, days * _DAY_S)
+    else:
+        with _keys() as keys:
+            keys.expire(key_id, days * _DAY_S)
+    typer.echo(f"key {key_id} expires in {days:g} days", err=True)
 
 
 @projects_app.command("create")
@@ -90,7 +137,9 @@ def list_projects() -> None:
     for heading in ("name", "created", "scenes", "keys"):
         table.add_column(heading)
     for record in records:
-        table.add_row(record.name, _day(record.created_at), str(record.scenes), str(record.keys))
+        table.add_row(
+            record.name, _minute(datetime.fromtimestamp(record.created_at, UTC)), str(record.scenes), str(record.keys)
+        )
     Console().print(table)
 
 
@@ -110,5 +159,5 @@ def _opened_store() -> Iterator[Store]:
         store.close()
 
 
-def _day(moment: float) -> str:
-    return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%d %H:%M")
+def _minute(moment: datetime) -> str:
+    return moment.strftime("%Y-%m-%d %H:%M")

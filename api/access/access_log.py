@@ -11,7 +11,7 @@ _MAX_CHARS = 200
 
 
 def log_request(
-    log: logging.Logger, request_id: str, method: str, path: str, status: int | str, started: float
+    log: logging.Logger, request_id: str, method: str, path: str, status: int | str, started: float, peer: str
 ) -> None:
     """One record: who asked for what, the outcome, how long it took. Never a header, a query string or a body.
 
@@ -22,6 +22,7 @@ def log_request(
         path: without its query string, or the RPC.
         status: HTTP's number or gRPC's name.
         started: `time.perf_counter()` when the request came.
+        peer: address of the caller; of one behind a trusted proxy, what the proxy says.
     """
     milliseconds = round(1000 * (time.perf_counter() - started), 1)
     log.info(
@@ -36,5 +37,6 @@ def log_request(
             "status": status,
             "milliseconds": milliseconds,
             "key_id": caller_id(),
+            "peer": peer,
         },
     )

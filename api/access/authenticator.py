@@ -12,9 +12,9 @@ from typing import NamedTuple
 from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.policy import Rule
 from fastsplat.service.application.keys import KeyRing, key_id_of
-from fastsplat.service.store.key_repository import Role
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import FastSplatError, NotFoundError, PermissionDeniedError, UnauthenticatedError
+from fastsplat_contract.keys import Role
 
 _log = logging.getLogger(__name__)
 

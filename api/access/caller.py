@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.store.key_repository import Role
 from fastsplat_contract.errors import UnauthenticatedError
+from fastsplat_contract.keys import Role
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,16 @@ def caller_project() -> str:
     Raises:
         UnauthenticatedError: nobody was asked for a key. Such a call must not reach any project's scenes.
     """
-    principal = current_principal.get()
-    if principal is None:
-        raise UnauthenticatedError("this call has no caller", field="authorization")
-    return principal.project
+    return _caller().project
+
+
+def caller_role() -> Role:
+    """What the caller may do in that project.
+
+    Raises:
+        UnauthenticatedError: as `caller_project`.
+    """
+    return _caller().role
 
 
 def in_callers_project(service: SceneService) -> SceneService:
@@ -62,3 +68,10 @@ class _InCallersProject:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service.in_project(caller_project()), name)
+
+
+def _caller() -> Principal:
+    principal = current_principal.get()
+    if principal is None:
+        raise UnauthenticatedError("this call has no caller", field="authorization")
+    return principal

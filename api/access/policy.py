@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from fastsplat.service.store.key_repository import ROLES, Role
+from fastsplat.service.store.key_repository import ROLES
+from fastsplat_contract.keys import Role
 from fastsplat_contract.v1 import fastsplat_pb2
 
 
@@ -70,6 +71,10 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
         ),
     ),
     "DownloadScenePly": (_WATCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
+    "CreateKey": (_ADMIN, ("POST /v1/keys",)),
+    "ListKeys": (_ADMIN, ("GET /v1/keys",)),
+    "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
+    "ExpireKey": (_ADMIN, ("POST /v1/keys/{key_id}:expire",)),
     "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
 }
 
@@ -78,7 +83,6 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "GET /": _OPEN,
     "GET /docs": _OPEN,
     "GET /openapi.json": _OPEN,
-    "HEAD /openapi.json": _OPEN,
     "MOUNT /docs-files": _OPEN,
     "MOUNT /web": _OPEN,
     "GET /livez": _OPEN,

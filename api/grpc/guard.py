@@ -8,6 +8,7 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, TypeAlias
+from urllib.parse import unquote
 
 from grpc import aio
 from grpc_status import rpc_status
@@ -39,4 +40,9 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
         outcome = refusal.status.grpc.name
         await context.abort_with_status(rpc_status.to_status(refusal.as_rpc_status()))
     finally:
-        log_request(_log, request_id, "gRPC", rpc, outcome, started)
+        log_request(_log, request_id, "gRPC", rpc, outcome, started, _address(context.peer()))
+
+
+def _address(peer: str) -> str:
+    """The address in gRPC's "ipv4:127.0.0.1:4711" or "ipv6:%5B::1%5D:4711"."""
+    return unquote(peer.partition(":")[2].rpartition(":")[0]).strip("[]")

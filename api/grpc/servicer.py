@@ -9,17 +9,19 @@ from typing import TypeVar
 
 from google.protobuf import empty_pb2
 
+from fastsplat.api.access.caller import caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
+from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.operations import ListOperations, OperationList
-from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of_query
+from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
@@ -153,8 +155,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
         """Ranked labels, masks and objects."""
 
+        reads_skipped = READS_SKIPPED in [tuple(entry) for entry in context.invocation_metadata() or ()]
+
         def asked() -> list[pb.QueryResponse]:
-            return list(messages_of_query(self._service.answers.ask(from_proto(QueryRequest, request))))
+            answered = self._service.answers.ask(from_proto(QueryRequest, request))
+            if answered.skipped and not answered.answers and not reads_skipped:
+                raise _all_skipped(answered)
+            return list(messages_of_query(answered))
 
         async with guarded(context, "Query"):
             for message in await self._threads.answer(asked):
@@ -214,6 +221,35 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
 
+    async def CreateKey(self, request: pb.CreateKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
+        """Make a key of the project."""
+        async with guarded(context, "CreateKey"):
+            role = caller_role()
+            return await self._message(pb.NewKey, lambda: self._service.keys.create(role, from_proto(KeyIn, request)))
+
+    async def ListKeys(self, request: pb.ListKeysRequest, context: Context) -> pb.ListKeysResponse:  # noqa: N802
+        """Keys of the project in pages."""
+        async with guarded(context, "ListKeys"):
+            role = caller_role()
+            return await self._message(
+                pb.ListKeysResponse, lambda: self._service.keys.list(role, request.page_size, request.page_token)
+            )
+
+    async def RevokeKey(self, request: pb.RevokeKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
+        """Take a key back."""
+        async with guarded(context, "RevokeKey"):
+            role = caller_role()
+            return await self._message(pb.AccessKey, lambda: self._service.keys.revoke(role, request.key_id))
+
+    async def ExpireKey(self, request: pb.ExpireKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
+        """Let a key expire at another time."""
+        async with guarded(context, "ExpireKey"):
+            role = caller_role()
+            lifetime_s = from_proto(LifetimeIn, request).lifetime_s
+            return await self._message(
+                pb.AccessKey, lambda: self._service.keys.expire(role, request.key_id, lifetime_s)
+            )
+
     async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
         """A service call's result as its message, both made on a thread."""
         return await self._threads.call(lambda: _as(kind, function()))
@@ -229,6 +265,15 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 yield pb.Chunk(data=data)
         finally:
             file.close()
+
+
+def _all_skipped(answered: QueryOut) -> SceneFileError:
+    first = answered.skipped[0]
+    return SceneFileError(
+        f"none of {answered.skipped_count} scenes could be asked; scene {first.scene_id}: {first.detail}",
+        field="scene_id",
+        hint="Name a scene, or send the metadata x-fastsplat-reads: skipped to hear of all of them.",
+    )
 
 
 def _as(kind: type[M], value: object) -> M:

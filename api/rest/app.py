@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import fastapi_offline
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 from fastsplat.api.access.caller import in_callers_project
@@ -19,11 +22,14 @@ from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
+from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.health import health_routes
+from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.query_routes import query_routes
+from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
-from fastsplat.api.rest.standard_http import HeadLayer
+from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -43,6 +49,7 @@ _TAGS = (
     {"name": "uploads", "description": "Large files in pieces, by tus 1.0.0."},
     {"name": "operations", "description": "The jobs that train scenes: look, wait, watch, cancel, retry."},
     {"name": "queries", "description": "Questions in plain words; pictures and files of finished scenes."},
+    {"name": "keys", "description": "Who may call about the project: for its admins, and operators."},
     {"name": "health", "description": "For load balancers; needs no key."},
 )
 _DOCS_POLICY = (  # Swagger UI draws with inline styles, and its page starts with an inline script
@@ -68,7 +75,17 @@ class _App(FastAPI):
                 for method, operation in operations.items():
                     role = rule_of(f"{method.upper()} {path}").role
                     operation["security"] = [] if role is None else [{"key": []}]
+            add_examples(schema)
         return super().openapi()
+
+
+class _Files(StaticFiles):
+    """Files of this release. The next one has others under the same names, so a browser asks whether its copy holds."""
+
+    def file_response(self, *arguments: Any, **named: Any) -> Response:
+        response = super().file_response(*arguments, **named)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
 
 
 def create_app(
@@ -96,6 +113,7 @@ def create_app(
         version="v1",
         description=_DESCRIPTION,
         docs_url=None,
+        openapi_url=None,
         generate_unique_id_function=lambda route: route.name,
         redoc_url=None,
         servers=[{"url": settings.root_path or "/"}],
@@ -119,27 +137,49 @@ def create_app(
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
     app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
-    app.include_router(tus_routes(service, threads, settings.capture.max_upload_bytes), tags=["uploads"])
+    app.include_router(
+        tus_routes(service, threads, settings.capture.max_upload_bytes, settings.root_path), tags=["uploads"]
+    )
     app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
+    app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
+    files = _Files(directory=_WEB)
+
+    @cache
+    def description() -> tuple[bytes, bytes]:
+        body = json.dumps(app.openapi(), ensure_ascii=False).encode()
+        return body, gzip.compress(body, mtime=0)
+
     @app.get("/", include_in_schema=False)
-    async def page() -> Response:
-        return FileResponse(_WEB / "index.html", headers={"Content-Security-Policy": _PAGE_POLICY})
+    async def page(request: Request) -> Response:
+        response = await files.get_response("index.html", request.scope)
+        response.headers["Content-Security-Policy"] = _PAGE_POLICY
+        return response
+
+    @app.get("/openapi.json", include_in_schema=False)
+    async def openapi(request: Request) -> Response:
+        body, compressed = description()
+        headers = {"ETag": etag_of(body), "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+        if (unchanged := not_modified(request, headers)) is not None:
+            return unchanged
+        if reads_gzip(request.headers):
+            return json_response(compressed, 200, {**headers, "Content-Encoding": "gzip"})
+        return json_response(body, 200, headers)
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
         page = get_swagger_ui_html(
-            openapi_url=f"{settings.root_path}/openapi.json",
+            openapi_url="openapi.json",  # relative, as all of the page's: a proxy may show it under any path
             title=app.title,
-            swagger_js_url=f"{settings.root_path}/docs-files/swagger-ui-bundle.js",
-            swagger_css_url=f"{settings.root_path}/docs-files/swagger-ui.css",
-            swagger_favicon_url=f"{settings.root_path}/web/icon.svg",
+            swagger_js_url="docs-files/swagger-ui-bundle.js",
+            swagger_css_url="docs-files/swagger-ui.css",
+            swagger_favicon_url="web/icon.svg",
         )
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page
 
-    app.mount("/docs-files", StaticFiles(directory=_SWAGGER), name="docs-files")
-    app.mount("/web", StaticFiles(directory=_WEB), name="web")
+    app.mount("/docs-files", _Files(directory=_SWAGGER), name="docs-files")
+    app.mount("/web", files, name="web")
     return app

@@ -73,7 +73,8 @@ class OuterLayer:
             if status:
                 raise  # too late for another answer; the server closes the connection
             await problem_response(request_id, error)(scope, receive, tagged_send)
-        log_request(_log, request_id, scope["method"], scope["path"], status, started)
+        peer = (scope.get("client") or ("",))[0]
+        log_request(_log, request_id, scope["method"], scope["path"], status, started, peer)
 
 
 def _limited(receive: Receive) -> Receive:

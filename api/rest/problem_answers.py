@@ -98,6 +98,10 @@ async def _transport(request: Request, error: Exception) -> Response:
 def _allowed(request: Request) -> str:
     """Starlette names the methods of the first route that fits; a path may have several routes."""
     routes = request.app.router.routes
-    methods = ("GET", "POST", "DELETE")
-    fitting = (m for m in methods if any(r.matches({**request.scope, "method": m})[0] is Match.FULL for r in routes))
-    return ", ".join(fitting)
+    methods = ("GET", "HEAD", "POST", "PATCH", "DELETE", "OPTIONS")
+
+    def fits(method: str) -> bool:
+        return any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)
+
+    # A HEAD is answered wherever a GET is, though no route says so: see `standard_http`.
+    return ", ".join(method for method in methods if fits(method) or (method == "HEAD" and fits("GET")))

@@ -11,6 +11,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
+from fastsplat.api.rest.standard_http import reads_gzip
 from fastsplat_contract.json_codec import to_json
 
 _R = TypeVar("_R")
@@ -69,13 +70,22 @@ async def run_cancellable(request: Request, run: Run, function: Callable[[], _R]
     return await while_connected(request, run(function))
 
 
-async def json_of_call(request: Request, run: Run, function: Callable[[], object]) -> Response:
+async def json_of_call(
+    request: Request, run: Run, function: Callable[[], _R], encode: Callable[[_R], bytes] = to_json
+) -> Response:
     """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
-    event loop."""
-    compress = "gzip" in request.headers.get("accept-encoding", "")
+    event loop.
+
+    Args:
+        request: what is answered.
+        run: as `run_cancellable`.
+        function: the service call.
+        encode: makes JSON of its result.
+    """
+    compress = reads_gzip(request.headers)
 
     def answered() -> tuple[bytes, bool]:
-        body = to_json(function())
+        body = encode(function())
         if compress and len(body) >= _GZIP_FROM_BYTES:
             return gzip.compress(body, _GZIP_LEVEL, mtime=0), True
         return body, False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -114,6 +115,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         ] = "json",
     ) -> Response:
         """The scene's own cameras as a file."""
+        if MEDIA_TYPES[format] == "application/json":
+            file = partial(service.camera_file, scene_id, format)
+            return await json_of_call(request, threads.call, file, encode=lambda content: content)
         content = await run_cancellable(request, threads.call, lambda: service.camera_file(scene_id, format))
         return Response(content, media_type=MEDIA_TYPES[format])
 

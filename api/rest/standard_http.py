@@ -1,4 +1,4 @@
-"""HTTP as people expect it: HEAD wherever there is GET, and ETags of what is computed."""
+"""HTTP as people expect it: HEAD wherever there is GET, ETags of what is computed, gzip for those who read it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import hashlib
 import re
 from importlib.metadata import version
 
+from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+_GZIP_REFUSED = re.compile(r"gzip\s*;\s*q\s*=\s*0(?:\.0*)?\s*(?:,|$)", re.IGNORECASE)
 _OWN_HEAD = re.compile(r"/v1/uploads(/|$)")  # tus gives HEAD a meaning of its own
 
 
@@ -37,6 +39,12 @@ class HeadLayer:
             return {"type": "http.disconnect"} if over else await receive()
 
         await self._app({**scope, "method": "GET"}, receive_until_over, send_head)
+
+
+def reads_gzip(headers: Headers) -> bool:
+    """Whether the client says that it reads gzip (RFC 9110, section 12.5.3)."""
+    accepted = headers.get("accept-encoding", "")
+    return "gzip" in accepted.lower() and _GZIP_REFUSED.search(accepted) is None
 
 
 def etag_of(*parts: object) -> str:

@@ -37,7 +37,7 @@ _BODY: dict[str, Any] = {
 _Handler = Callable[..., Awaitable[Response]]
 
 
-def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRouter:
+def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_path: str) -> APIRouter:
     """The server's side of https://tus.io/protocols/resumable-upload."""
     router = APIRouter(prefix="/v1/uploads", responses=_PROBLEMS)
 
@@ -68,7 +68,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int) -> APIRo
             made = await threads.receive(
                 aiter(request.stream()), _PieceSink(uploads, project, made.id, 0, checksum), size=len
             )
-        return _told(201, made, Location=f"/v1/uploads/{made.id}")
+        return _told(201, made, Location=f"{root_path}/v1/uploads/{made.id}")
 
     @router.head("/{upload_id}", status_code=200, response_class=Response)
     @_spoken

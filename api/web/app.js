@@ -1,4 +1,5 @@
 // The page of the scene service: list, upload, watch, ask. It uses the public REST interface and nothing else.
+// Its addresses are relative, so that a proxy may show it under any path that ends with a slash.
 
 const byId = (id) => document.getElementById(id);
 const POLL_MS = 1000;
@@ -76,7 +77,7 @@ async function attempt(action) {
 }
 
 async function listScenes() {
-  const { scenes } = await call("/v1/scenes?page_size=100");
+  const { scenes } = await call("v1/scenes?page_size=100");
   const key = JSON.stringify([current, scenes]);
   if (key === listed) return; // drawing anew would take the keyboard's focus away
   listed = key;
@@ -107,12 +108,12 @@ async function open(sceneId) {
 /** Draw the scene on show, if anything about it has changed. */
 async function refresh() {
   const sceneId = current;
-  const scene = await call(`/v1/scenes/${sceneId}`);
-  const operation = await call(`/v1/operations/${scene.operation_id}`);
+  const scene = await call(`v1/scenes/${sceneId}`);
+  const operation = await call(`v1/operations/${scene.operation_id}`);
   if (sceneId !== current) return;
   byId("scene").hidden = false;
   byId("cancel").hidden = operation.done;
-  byId("cancel").onclick = () => attempt(() => call(`/v1/operations/${operation.id}:cancel`, { method: "POST" }));
+  byId("cancel").onclick = () => attempt(() => call(`v1/operations/${operation.id}:cancel`, { method: "POST" }));
   drawStages(operation);
   const drawn = `${scene.id} ${scene.state} ${scene.version}`;
   if (drawn === shown) return;
@@ -157,7 +158,7 @@ function upload(form) {
     request.addEventListener("load", () =>
       request.status === 202 ? resolve(request.response) : reject(new Error(worded(request.response ?? {}))),
     );
-    request.open("POST", "/v1/scenes");
+    request.open("POST", "v1/scenes");
     if (key.get()) request.setRequestHeader("Authorization", `Bearer ${key.get()}`);
     request.send(body);
   });
@@ -172,7 +173,7 @@ async function ask(form) {
   const number = ++asked;
   const [text, view] = [form.text.value, form.view.value];
   const scene = encodeURIComponent(current);
-  const { answers } = await call(`/query?${new URLSearchParams({ text, scene: current, outputs: "objects" })}`);
+  const { answers } = await call(`query?${new URLSearchParams({ text, scene: current, outputs: "objects" })}`);
   if (number !== asked) return;
   const [answer] = answers;
   byId("verdict").textContent = [`${answer.verdict}:`, answer.explanation, ...sureness(answer)].join(" ");
@@ -182,7 +183,7 @@ async function ask(form) {
   byId("objects").tBodies[0].replaceChildren(...answer.objects.map(objectRow));
   byId("pictures").replaceChildren(
     ...Object.entries(PICTURES).map(([kind, caption]) => {
-      const source = `/v1/scenes/${scene}/${kind}.png?${new URLSearchParams({ text, view })}`;
+      const source = `v1/scenes/${scene}/${kind}.png?${new URLSearchParams({ text, view })}`;
       const figure = element("figure");
       const picture = element("img", "", { alt: `${caption}: ${text}` });
       picture.addEventListener("load", () => URL.revokeObjectURL(picture.src));
@@ -192,8 +193,8 @@ async function ask(form) {
     }),
   );
   byId("downloads").replaceChildren(
-    download("the answer as PLY", `/v1/scenes/${scene}/mask.ply?${new URLSearchParams({ text })}`, "mask.ply"),
-    download("the scene as PLY", `/v1/scenes/${scene}/scene.ply`, "scene.ply"),
+    download("the answer as PLY", `v1/scenes/${scene}/mask.ply?${new URLSearchParams({ text })}`, "mask.ply"),
+    download("the scene as PLY", `v1/scenes/${scene}/scene.ply`, "scene.ply"),
   );
 }
 

@@ -32,6 +32,7 @@ from fastsplat_contract.errors import (
     RateLimitedError,
     UnauthenticatedError,
 )
+from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -49,6 +50,7 @@ from fastsplat_contract.scenes import (
 from fastsplat_contract.server_info import ServerInfo
 
 __all__ = [
+    "AccessKey",
     "Answer",
     "Box",
     "Camera",
@@ -65,6 +67,7 @@ __all__ = [
     "LimitExceededError",
     "Match",
     "MissingPackageError",
+    "NewKey",
     "NotFoundError",
     "NotReadyError",
     "Operation",

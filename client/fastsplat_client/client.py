@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
+from fastsplat_client.keys import ClientKeys
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.transport import Retry, Transport
@@ -66,6 +67,7 @@ class Client:
         key: an access key; "" where the server needs none.
         grpc_target: "host:port" of gRPC, for standing questions; by default what the server at `url` says. The key goes
             to these two addresses and to no other.
+        project: which project to ask about, for operators; "": the key's own. Nobody else may name another than that.
         ca: PEM certificates to trust in place of the system's, for both interfaces.
         timeout_s: of a call that names none, retries included.
         retry: see `Retry`.
@@ -80,15 +82,19 @@ class Client:
         *,
         key: str = "",
         grpc_target: str = "",
+        project: str = "",
         ca: Path | None = None,
         timeout_s: float = 60.0,
         retry: Retry = _USUAL,
         piece_bytes: int = PIECE_BYTES,
     ) -> None:
-        self._transport = Transport(url, key, ca, timeout_s, retry)
+        own = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
+        self._headers = {name: value for name, value in own.items() if value}
+        self._transport = Transport(url, self._headers, ca, timeout_s, retry)
+        self.keys = ClientKeys(self._transport)
+        """Access keys of the project, for its admins and for operators."""
         self._url = urlsplit(url)
         self._grpc_target = grpc_target
-        self._key = key
         self._ca = ca
         self._timeout_s = timeout_s
         self._retry = retry
@@ -366,7 +372,7 @@ class Client:
 
     def _grpc(self) -> Grpc:
         self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
-        return Grpc(self._grpc_target, self._key, self._url.scheme == "https", self._ca)
+        return Grpc(self._grpc_target, self._headers, self._url.scheme == "https", self._ca)
 
     def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
         return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))

@@ -32,13 +32,15 @@ def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: fl
     size = path.stat().st_size
     name = base64.b64encode(path.name.encode()).decode()
     headers = {**_TUS, "Upload-Length": str(size), "Upload-Metadata": f"filename {name}"}
-    location = transport.call("POST", "/v1/uploads", headers=headers).headers["location"]
+    made = transport.call("POST", "/v1/uploads", headers=headers).headers["location"]
+    upload_id = made.rpartition("/")[2]
+    path_there = f"/v1/uploads/{upload_id}"  # below the transport's own address; `made` may begin with a proxy's path
     offset = failures = 0
     with path.open("rb") as file:
         while offset < size:
             file.seek(offset)
             try:
-                offset = _send(transport, location, offset, file.read(piece_bytes), timeout_s)
+                offset = _send(transport, path_there, offset, file.read(piece_bytes), timeout_s)
                 failures = 0
             except FastSplatError as error:
                 lost = isinstance(error, UnreachableError | DeadlineExceededError) or error.kind is Kind.UNAVAILABLE
@@ -46,8 +48,8 @@ def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: fl
                 if not lost or failures >= retry.tries:
                     raise
                 time.sleep(retry.pause(failures - 1))
-                offset = int(transport.call("HEAD", location, headers=_TUS).headers["upload-offset"])
-    return str(location).rpartition("/")[2]
+                offset = int(transport.call("HEAD", path_there, headers=_TUS).headers["upload-offset"])
+    return upload_id
 
 
 def _send(transport: Transport, location: str, offset: int, piece: bytes, timeout_s: float) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 from fastsplat_client.errors import UnreachableError, error_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
-from fastsplat_contract.pieces import answers_of, query_of
+from fastsplat_contract.pieces import READS_SKIPPED, answers_of, query_of
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
 from fastsplat_contract.server_info import ServerInfo
@@ -61,13 +61,13 @@ class Grpc:
 
     Attributes:
         target: "host:port".
-        key: an access key, or "".
+        headers: of every call, as metadata: who asks, about which project.
         secure: whether it speaks TLS.
         ca: PEM certificates to trust in place of the system's.
     """
 
     target: str
-    key: str
+    headers: Mapping[str, str]
     secure: bool
     ca: Path | None
 
@@ -85,14 +85,15 @@ class Grpc:
             channel = grpc.insecure_channel(self.target)
         with channel:
             try:
-                yield rpc.SceneServiceStub(channel), ((("authorization", f"Bearer {self.key}"),) if self.key else ())
+                metadata = tuple((name.lower(), value) for name, value in self.headers.items())
+                yield rpc.SceneServiceStub(channel), metadata
             except grpc.RpcError as error:
                 raise error_from(error) from error
 
     def ask(self, request: QueryRequest, timeout_s: float) -> QueryOut:
         """One answer a text, and the scenes that were not asked, over gRPC; raises as `Client.ask_everywhere`."""
         with self.opened() as (stub, metadata):
-            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
+            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=(*metadata, READS_SKIPPED))
             return query_of(call, request.outputs)
 
     def stream_query(

@@ -54,14 +54,13 @@ class Transport:
 
     Args:
         url: e.g. "https://robots.example:8000".
-        key: an access key, or "".
+        headers: of every request: who asks, about which project.
         ca: PEM certificates to trust in place of the system's.
         timeout_s: of calls that name none, retries included.
         retry: see there.
     """
 
-    def __init__(self, url: str, key: str, ca: Path | None, timeout_s: float, retry: Retry) -> None:
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
+    def __init__(self, url: str, headers: Mapping[str, str], ca: Path | None, timeout_s: float, retry: Retry) -> None:
         verify = ssl.create_default_context(cafile=str(ca)) if ca is not None else True
         self._http = httpx.Client(base_url=url, headers=headers, verify=verify, follow_redirects=False)
         self._timeout_s = timeout_s

@@ -14,6 +14,7 @@ from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.project_keys import ProjectKeys
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
@@ -57,6 +58,8 @@ class SceneService:
         """Questions, pictures and files of finished scenes."""
         self.versions = Versions(self._store, settings, self._scenes)
         """Edits of finished scenes."""
+        self.keys = ProjectKeys(self._store, settings, self.project)
+        """Who may call about this project."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
             store.blobs,
@@ -79,6 +82,7 @@ class SceneService:
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes)
+        other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 
     def __enter__(self) -> Self:

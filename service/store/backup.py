@@ -3,8 +3,8 @@
 A backup is a folder:
 
     backup.json           what it holds, with sizes and digests; written last, so that a folder without it is no backup
-    fastsplat.sqlite      the database (SQLite's backup API), or
-    postgresql.dump       PostgreSQL's own dump (`pg_dump --format=custom`)
+    fastsplat.sqlite      the database (SQLite's backup API); of PostgreSQL its rows at one moment, in the same tables:
+                          no program of PostgreSQL's, of whichever version, is needed
     files/                versions of scenes and uploads of unfinished jobs, as in the data folder: hard links where the
                           backup lies on the same disk (they never change once there), copies elsewhere
     files/key             the first key
@@ -13,6 +13,8 @@ Rows are saved first and files after, so what a row names is there, or was delet
 are saved again. What is not saved: stage results of running jobs (which start over), uploads of failed jobs and those
 that are not whole, logs, and the job engine's own database, which is made anew from the rows. With an object store,
 scenes and uploads stay there, and its own versioning is their backup.
+
+Earlier releases saved PostgreSQL as `postgresql.dump` (`pg_dump --format=custom`), which is restored by `pg_restore`.
 """
 
 from __future__ import annotations
@@ -23,26 +25,28 @@ import os
 import shutil
 import sqlite3
 import subprocess
+import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from sqlalchemy import URL, create_engine, delete, select, text, update
+from sqlalchemy import URL, Connection, create_engine, delete, insert, select, text, update
 
 from fastsplat.service.common.atomic import atomic_file, sync_directory, sync_tree
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.database import open_engine, resolve_url, transaction
 from fastsplat.service.store.object_store import ObjectStoreBlobs
-from fastsplat.service.store.schema import operations, scene_versions, scenes, workers
+from fastsplat.service.store.schema import api_keys, metadata, operations, scene_versions, scenes, workers
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 
 _MANIFEST, _SQLITE, _DUMP, _FILES, _KEY = "backup.json", "fastsplat.sqlite", "postgresql.dump", "files", "key"
 _FORMAT = 1
 _TRIES = 5
+_ROWS = 200
 _UNFINISHED = ("QUEUED", "RUNNING")
 
 
@@ -74,7 +78,7 @@ def back_up(store: Store, data_dir: Path, database_url: str, target: Path) -> Ba
 
     Raises:
         ConflictError: `target` is there already.
-        ResourceError: the disk is full, or PostgreSQL's `pg_dump` is not installed or fails.
+        ResourceError: the disk is full.
         DatabaseError: the database does not answer.
     """
     if target.exists():
@@ -105,7 +109,9 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
         NotFoundError: there is no backup.
         InvalidInputError: it is damaged, or of the other kind of database.
         ConflictError: the data folder is not empty.
-        ResourceError: the disk is full, or `pg_restore` is not installed or fails.
+        ConflictError: there are scenes, jobs or keys in the PostgreSQL database.
+        ResourceError: the disk is full; or a backup of an earlier release needs `pg_restore`, which is not installed or
+            fails.
     """
     manifest = _read_manifest(backup)
     url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
@@ -147,18 +153,14 @@ def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> Back
     for _ in range(_TRIES):
         if url.get_backend_name() == "sqlite":
             _copy_sqlite(Path(str(url.database)), target / _SQLITE)
-            versions, uploads = _named_by(URL.create("sqlite", database=str(target / _SQLITE)))
-            unchanged = True
         else:
-            before = _named_by(url)
-            _dump_postgresql(url, target / _DUMP)
-            versions, uploads = after = _named_by(url)
-            unchanged = before == after
+            _copy_rows_out(url, target / _SQLITE)
+        versions, uploads = _named_by(URL.create("sqlite", database=str(target / _SQLITE)))
         folders = [*(f"scenes/{version}" for version in versions), *(f"uploads/{upload}" for upload in uploads)]
         if isinstance(store.blobs, ObjectStoreBlobs):
             folders = []
         missing = tuple(name for name in folders if not _save_folder(data_dir / name, target / _FILES / name))
-        if not missing and unchanged:
+        if not missing:
             break
     if (data_dir / _KEY).is_file():
         shutil.copyfile(data_dir / _KEY, target / _FILES / _KEY)
@@ -195,6 +197,57 @@ def _copy_sqlite(source: Path, target: Path) -> None:
         live.backup(copy)
         copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
     target.chmod(0o600)
+
+
+def _copy_rows_out(source: URL, target: Path) -> None:
+    """One moment of a PostgreSQL database that others write to, as a new SQLite database."""
+    remove(target)
+    live = create_engine(source)
+    copy = open_engine(URL.create("sqlite", database=str(target)))
+    try:
+        # All of one REPEATABLE READ transaction is read from one snapshot (PostgreSQL 17, section 13.2.2).
+        snapshot = live.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
+        with transaction(snapshot) as reading, transaction(copy) as writing:
+            _copy_rows(reading, writing)
+    finally:
+        copy.dispose()
+        live.dispose()
+    with closing(sqlite3.connect(target)) as connection:
+        connection.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
+    target.chmod(0o600)
+
+
+def _copy_rows_in(source: Path, target: URL) -> None:
+    """Fill a PostgreSQL database with the rows of a backup, whichever release made it.
+
+    Raises:
+        ConflictError: there are scenes, jobs or keys in it.
+    """
+    live = open_engine(target)
+    with tempfile.TemporaryDirectory(prefix="fastsplat-restore-") as folder:
+        own = Path(folder) / _SQLITE
+        shutil.copyfile(source, own)
+        saved = open_engine(URL.create("sqlite", database=str(own)))  # brings an older schema to this release's
+        try:
+            with transaction(saved.execution_options(read_only=True)) as reading, transaction(live) as writing:
+                if any(writing.execute(select(table).limit(1)).first() for table in (scenes, operations, api_keys)):
+                    raise ConflictError(
+                        "the database is not empty", field="database_url", hint="Restore into a new database."
+                    )
+                _copy_rows(reading, writing)
+        finally:
+            saved.dispose()
+            live.dispose()
+
+
+def _copy_rows(source: Connection, target: Connection) -> None:
+    """Make every table of `target` hold the rows of that of `source`."""
+    for table in reversed(metadata.sorted_tables):
+        target.execute(delete(table))
+    for table in metadata.sorted_tables:
+        rows = source.execution_options(yield_per=_ROWS).execute(select(table)).mappings()
+        for some in rows.partitions():
+            target.execute(insert(table), [{column.key: row[column] for column in table.columns} for row in some])
 
 
 def _named_by(url: URL) -> tuple[list[str], list[str]]:
@@ -276,7 +329,10 @@ def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
             shutil.copyfile(backup / _SQLITE, path)
             path.chmod(0o600)
     else:
-        _run_postgresql("pg_restore", url, ["--clean", "--if-exists", "--no-owner", str(backup / _DUMP)])
+        if (backup / _DUMP).is_file():
+            _pg_restore(url, backup / _DUMP)
+        else:
+            _copy_rows_in(backup / _SQLITE, url)
     engine = open_engine(url)
     try:
         with engine.begin() as connection:
@@ -289,28 +345,22 @@ def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
         engine.dispose()
 
 
-def _dump_postgresql(url: URL, target: Path) -> None:
-    # The job engine's own tables are made anew from ours.
-    options = ["--format=custom", "--exclude-schema=dbos", "--no-owner", f"--file={target}"]
-    _run_postgresql("pg_dump", url, options)
-
-
-def _run_postgresql(program: str, url: URL, options: Iterable[str]) -> None:
-    """Run one of PostgreSQL's programs; the password travels in its environment, where other users cannot read it."""
+def _pg_restore(url: URL, dump: Path) -> None:
+    """Run PostgreSQL's program; the password travels in its environment, where other users cannot read it."""
     name = url.set(drivername="postgresql", password=None).render_as_string(hide_password=False)
-    command = [program, f"--dbname={name}", *options]
+    command = ["pg_restore", f"--dbname={name}", "--clean", "--if-exists", "--no-owner", str(dump)]
     password = {} if url.password is None else {"PGPASSWORD": str(url.password)}
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **password})
     except FileNotFoundError as error:
         raise ResourceError(
-            f"{program} is not installed here",
-            field="database_url",
-            hint="Install PostgreSQL's client programs, of the server's version or later.",
+            "pg_restore is not installed here, and the backup holds a dump of PostgreSQL's",
+            field="backup",
+            hint="Install PostgreSQL's client programs, of the server's version or later; the images lack them.",
         ) from error
     if done.returncode:
         raise ResourceError(
-            f"{program} ended with status {done.returncode}: {done.stderr.strip()[-300:]}",
+            f"pg_restore ended with status {done.returncode}: {done.stderr.strip()[-300:]}",
             field="database_url",
             hint="Run it by hand to see more: " + " ".join(command)[:300],
         )

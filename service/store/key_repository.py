@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal, get_args
+from typing import get_args
 
-from sqlalchemy import Engine, insert, select, update
+from sqlalchemy import ColumnElement, Engine, and_, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.schema import api_keys
 from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.keys import Role
 
-Role = Literal["reader", "editor", "admin", "operator"]
 ROLES: tuple[Role, ...] = get_args(Role)
 """Each may do what those before it may."""
 
@@ -73,6 +73,45 @@ class KeyRepository:
             rows = connection.execute(select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
             return [KeyRecord(**row) for row in rows]
 
+    def valid(self, now: float) -> Sequence[KeyRecord]:
+        """Every key that is valid at time `now`, oldest first."""
+        with transaction(self._engine.execution_options(read_only=True)) as connection:
+            query = select(*_COLUMNS).where(_valid(now)).order_by(api_keys.c.created_at, api_keys.c.id)
+            return [KeyRecord(**row) for row in connection.execute(query).mappings()]
+
+    def find(self, key_id: str) -> KeyRecord | None:
+        """The key of an id; None if there is none."""
+        with transaction(self._engine.execution_options(read_only=True)) as connection:
+            row = connection.execute(select(*_COLUMNS).where(api_keys.c.id == key_id)).mappings().first()
+        return None if row is None else KeyRecord(**row)
+
+    def of_project(
+        self, project: str, roles: Sequence[Role], limit: int, after: tuple[float, str] | None = None
+    ) -> Sequence[KeyRecord]:
+        """Up to `limit` keys of a project and of these roles, newest first, those after (created_at, id)."""
+        rows = api_keys.c
+        query = select(*_COLUMNS).where(rows.project == project, rows.role.in_(roles))
+        query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
+        if after is not None:
+            created, key_id = after
+            same_time = and_(rows.created_at == created, rows.id < key_id)
+            query = query.where(or_(rows.created_at < created, same_time))
+        with transaction(self._engine.execution_options(read_only=True)) as connection:
+            return [KeyRecord(**row) for row in connection.execute(query).mappings()]
+
+    def count(self, project: str, now: float, made_since: float) -> int:
+        """How many keys of a project are valid at time `now`, or were made after `made_since`."""
+        counted = or_(_valid(now), api_keys.c.created_at > made_since)
+        query = select(func.count()).where(api_keys.c.project == project, counted)
+        with transaction(self._engine.execution_options(read_only=True)) as connection:
+            return connection.scalar(query) or 0
+
+    def expire(self, key_id: str, now: float, expires_at: float) -> bool:
+        """Set when a key expires. False if it is not valid at time `now`."""
+        this_key = update(api_keys).where(api_keys.c.id == key_id, _valid(now))
+        with transaction(self._engine) as connection:
+            return bool(connection.execute(this_key.values(expires_at=expires_at)).rowcount)
+
     def revoke(self, key_id: str, now: float) -> None:
         """Revoke a key; one that is revoked stays so.
 
@@ -86,3 +125,8 @@ class KeyRepository:
                     f"no key {key_id[:80]!r}", field="key", hint="List the keys to see which there are."
                 )
             connection.execute(this_key.where(api_keys.c.revoked_at.is_(None)).values(revoked_at=now))
+
+
+def _valid(now: float) -> ColumnElement[bool]:
+    unexpired = or_(api_keys.c.expires_at.is_(None), api_keys.c.expires_at > now)
+    return and_(api_keys.c.revoked_at.is_(None), unexpired)

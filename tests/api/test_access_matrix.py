@@ -6,6 +6,7 @@ The calls are those of the application's routes and of the service's descriptor,
 from __future__ import annotations
 
 import re
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -49,6 +50,8 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
+    "POST /v1/keys": {"json": {"name": "new"}},
+    "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
     "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},
     "HEAD /v1/uploads/{upload_id}": {"headers": _TUS},
     "DELETE /v1/uploads/{upload_id}": {"headers": _TUS},
@@ -77,6 +80,7 @@ class _Place:
             made = {
                 "scene_id": scene_id,
                 "operation_id": self.service.get_scene(scene_id).operation_id,
+                "key_id": self.service.admin.keys.create("another", "reader")[0].id,
                 "upload_id": self.service.resumable.create("default", "a.zip", 3).id,
             }
             if own:
@@ -126,10 +130,12 @@ def test_what_changes_something_needs_an_editor_and_what_deletes_it_for_ever_an_
     for context, method in _ROUTES:
         name = route_name(context, method)
         if method not in ("GET", "HEAD", "OPTIONS") and name not in asking:
-            assert rule_of(name).role == ("admin" if name == "DELETE /v1/scenes/{scene_id}" else "editor"), name
+            admins = name == "DELETE /v1/scenes/{scene_id}" or "/keys" in name
+            assert rule_of(name).role == ("admin" if admins else "editor"), name
     for name, _ in _RPCS:
         if not re.match(looking, name):
-            assert rule_of(_SERVICE + name).role == ("admin" if name == "DeleteScene" else "editor"), name
+            admins = name == "DeleteScene" or name.endswith("Key")
+            assert rule_of(_SERVICE + name).role == ("admin" if admins else "editor"), name
 
 
 def test_what_nobody_decided_needs_an_operator() -> None:
@@ -211,18 +217,27 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         return pb.StreamQueryRequest(question=pb.StandingQuestion(query=query))
     if name == "CreateScene":
         return pb.CreateSceneRequest(header=pb.CreateSceneHeader())
-    values: dict[str, Any] = {**ids, "text": "mug", "texts": ["mug"], "view": "front.png", "kind": pb.PICTURE_KIND_RGB}
+    values: dict[str, Any] = {
+        **ids,
+        "name": "new",
+        "lifetime_s": 3600.0,
+        "text": "mug",
+        "texts": ["mug"],
+        "view": "front.png",
+        "kind": pb.PICTURE_KIND_RGB,
+    }
     values["edits"] = [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")]
     return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})
 
 
 def _without_ids(text: str) -> str:
-    return re.sub(r"[0-9a-f]{32}", "ID", text)
+    return re.sub(r"\b([0-9a-f]{32}|[0-9a-f]{12})\b", "ID", text)
 
 
 def _assert_untouched(place: _Place, ids: dict[str, str]) -> None:
     scene = place.service.get_scene(ids["scene_id"])
     assert scene.state == "READY" and scene.version == "1"
+    assert place.service._store.keys.find(ids["key_id"]).valid(time.time() + 7200)
     assert place.service.resumable.get("default", ids["upload_id"]).offset == 0
 
 

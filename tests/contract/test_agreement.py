@@ -50,11 +50,13 @@ _NOT_IN_PYTHON = {
     "DownloadScenePlyRequest",
     "GetOperationRequest",
     "GetSceneRequest",
+    "ListKeysRequest",
     "ListLabelsRequest",
     "ListObjectsRequest",
     "ListScenesRequest",
     "ListVersionsRequest",
     "RetryOperationRequest",
+    "RevokeKeyRequest",
     "WaitOperationRequest",
     "WatchOperationRequest",
     # how a stream is cut into messages
@@ -76,6 +78,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("CreateSceneHeader", "request_id"),
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("UndoEditRequest", "scene_id"),
+    ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),
     ("RenderViewRequest", "scene_id"),
     ("ViewMask", "continues"),  # of a mask that is cut into pieces

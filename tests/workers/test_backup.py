@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +14,7 @@ import pytest
 
 from fastsplat.service.store import open_store
 from fastsplat.service.store.backup import back_up, restore
-from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment
 
@@ -33,7 +35,7 @@ def _content(folder: Path) -> dict[str, bytes]:
 
 
 def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
-    deployment: Deployment, postgres: PostgresServer, tmp_path: Path, programs: None
+    deployment: Deployment, postgres: PostgresServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done, running = deployment.post(request_id="done"), deployment.post("training:sleep 600", request_id="running")
     waiting = deployment.post(request_id="waiting")
@@ -43,7 +45,12 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
     assert scene.state == "READY"
     before = _content(deployment.service._store.blobs.version(scene.id, scene.version))
 
-    report = _back_up(deployment, tmp_path / "backup")
+    reader, secret = deployment.service.admin.keys.create("a reader", "reader", 3_600.0)
+    with monkeypatch.context() as patch:
+        patch.setenv("PATH", "")  # no program of a database's is needed
+        report = _back_up(deployment, tmp_path / "backup")
+    assert {path.name for path in (tmp_path / "backup/files").iterdir()} <= {"scenes", "uploads", "key"}
+    projects = deployment.service.admin.projects.all()
     later = deployment.post(request_id="later")
     deployment.service.delete_scene(scene.id)
 
@@ -57,6 +64,8 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
             restored = again.service.get_scene(scene.id)
             assert (restored.state, restored.version, restored.dictionary) == ("READY", scene.version, scene.dictionary)
             assert _content(again.service._store.blobs.version(scene.id, scene.version)) == before
+            assert again.service.admin.keys.valid().find(secret) == reader
+            assert again.service.admin.projects.all() == projects
             again.service.cancel_operation(running.id)
             again.start_worker()
             assert again.wait_over(waiting).state == "SUCCEEDED"
@@ -66,6 +75,45 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
                 again.service.get_operation(later.id)
         finally:
             again.close()
+
+
+def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
+    deployment: Deployment, postgres: PostgresServer, tmp_path: Path, programs: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a backup is made here as that release made it: `pg_dump` into the folder, and its digest in the list."""
+    if not deployment.settings.database_url:
+        pytest.skip("of PostgreSQL alone")
+    waiting = deployment.post(request_id="waiting")
+    _back_up(deployment, tmp_path / "backup")
+    dump = tmp_path / "backup/postgresql.dump"
+    url = deployment.settings.database_url
+    order = ["pg_dump", f"--dbname={url}", "--format=custom", "--exclude-schema=dbos", "--no-owner", f"--file={dump}"]
+    subprocess.run(order, check=True)
+    (tmp_path / "backup/fastsplat.sqlite").unlink()
+    manifest = json.loads((tmp_path / "backup/backup.json").read_text())
+    del manifest["entries"]["fastsplat.sqlite"]
+    digest = hashlib.sha256(dump.read_bytes()).hexdigest()
+    manifest["entries"]["postgresql.dump"] = {"size": dump.stat().st_size, "sha256": digest}
+    (tmp_path / "backup/backup.json").write_text(json.dumps(manifest))
+    with postgres.database() as other:
+        restore(tmp_path / "backup", tmp_path / "again", other)
+        store = open_store(tmp_path / "again", other)
+        assert store.scenes.operation(waiting.id).state == "QUEUED"
+        store.close()
+    with postgres.database() as other, monkeypatch.context() as patch:
+        patch.setenv("PATH", "")
+        with pytest.raises(ResourceError, match="pg_restore is not installed"):
+            restore(tmp_path / "backup", tmp_path / "third", other)
+
+
+def test_a_database_with_something_in_it_is_not_restored_over(deployment: Deployment, tmp_path: Path) -> None:
+    if not deployment.settings.database_url:
+        pytest.skip("of PostgreSQL alone; of SQLite the folder must be empty")
+    waiting = deployment.post(request_id="waiting")
+    _back_up(deployment, tmp_path / "backup")
+    with pytest.raises(ConflictError):
+        restore(tmp_path / "backup", tmp_path / "again", deployment.settings.database_url)
+    assert deployment.service.get_operation(waiting.id).state == "QUEUED"
 
 
 def test_a_scene_that_is_deleted_while_it_is_saved_is_whole_or_not_there(tmp_path: Path, monkeypatch) -> None:
@@ -139,8 +187,6 @@ def test_a_flipped_bit_anywhere_in_a_backup_is_found_before_anything_is_restored
 
 
 def test_the_command_saves_and_restores(backup: Path, tmp_path: Path) -> None:
-    import subprocess
-
     environment = {**os.environ, "FASTSPLAT_DATA_DIR": str(tmp_path / "data")}
     command = [sys.executable, "-m", "fastsplat.cli.main"]
     restored = subprocess.run([*command, "restore", str(backup)], env=environment, check=True, capture_output=True)

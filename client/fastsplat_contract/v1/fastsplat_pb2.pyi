@@ -365,6 +365,57 @@ CAMERA_FORMAT_COLMAP: CameraFormat.ValueType  # 3
 """a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"""
 Global___CameraFormat: _TypeAlias = CameraFormat  # noqa: Y015
 
+class _Role:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RoleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Role.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ROLE_UNSPECIFIED: _Role.ValueType  # 0
+    """in a request read as editor"""
+    ROLE_READER: _Role.ValueType  # 1
+    """queries and views"""
+    ROLE_EDITOR: _Role.ValueType  # 2
+    """also creates and changes"""
+    ROLE_ADMIN: _Role.ValueType  # 3
+    """also deletes, and makes and takes back keys of the project"""
+    ROLE_OPERATOR: _Role.ValueType  # 4
+    """all that in any project"""
+
+class Role(_Role, metaclass=_RoleEnumTypeWrapper):
+    """------------------------------------------------------------------------------------------------------ keys"""
+
+ROLE_UNSPECIFIED: Role.ValueType  # 0
+"""in a request read as editor"""
+ROLE_READER: Role.ValueType  # 1
+"""queries and views"""
+ROLE_EDITOR: Role.ValueType  # 2
+"""also creates and changes"""
+ROLE_ADMIN: Role.ValueType  # 3
+"""also deletes, and makes and takes back keys of the project"""
+ROLE_OPERATOR: Role.ValueType  # 4
+"""all that in any project"""
+Global___Role: _TypeAlias = Role  # noqa: Y015
+
+class _KeyState:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _KeyStateEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_KeyState.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    KEY_STATE_UNSPECIFIED: _KeyState.ValueType  # 0
+    KEY_STATE_VALID: _KeyState.ValueType  # 1
+    KEY_STATE_EXPIRED: _KeyState.ValueType  # 2
+    KEY_STATE_REVOKED: _KeyState.ValueType  # 3
+
+class KeyState(_KeyState, metaclass=_KeyStateEnumTypeWrapper): ...
+
+KEY_STATE_UNSPECIFIED: KeyState.ValueType  # 0
+KEY_STATE_VALID: KeyState.ValueType  # 1
+KEY_STATE_EXPIRED: KeyState.ValueType  # 2
+KEY_STATE_REVOKED: KeyState.ValueType  # 3
+Global___KeyState: _TypeAlias = KeyState  # noqa: Y015
+
 @_typing.final
 class CreateSceneRequest(_message.Message):
     """---------------------------------------------------------------------------------------------------- scenes"""
@@ -1703,7 +1754,9 @@ class QueryResponse(_message.Message):
     """The answer to one text of one scene, or a piece of it. The first message of an answer carries `answer`; messages
     without it continue the one before: append their `matches`, `masks` and `objects`, and append their `mask3d` bytes.
     A very long mask comes in pieces, see ViewMask.continues. After the answers of a question to all scenes may come one
-    message with `skipped` and `skipped_count` alone.
+    message with `skipped` and `skipped_count` alone. Where there is no answer to come after, callers must have said in the
+    metadata `x-fastsplat-reads: skipped` that they can read that; others, clients of the first release among them, get the
+    error of the first scene that was not asked.
     """
 
     DESCRIPTOR: _descriptor.Descriptor
@@ -2405,3 +2458,209 @@ class Chunk(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Chunk: _TypeAlias = Chunk  # noqa: Y015
+
+@_typing.final
+class CreateKeyRequest(_message.Message):
+    """A new key of the caller's project."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    ROLE_FIELD_NUMBER: _builtins.int
+    LIFETIME_S_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """whose key it is, for people"""
+    role: Global___Role.ValueType
+    """reader: query and view; editor: also create and change; admin: also delete, and keys of the project; operator: all
+    that in any project. At most the caller's own
+    """
+    lifetime_s: _builtins.float
+    """seconds until it expires; absent: never"""
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        role: Global___Role.ValueType = ...,
+        lifetime_s: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s", "name", b"name", "role", b"role"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__lifetime_s: _TypeAlias = _typing.Literal["lifetime_s"]  # noqa: Y015
+    _WhichOneofArgType__lifetime_s: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__lifetime_s) -> _WhichOneofReturnType__lifetime_s | None: ...
+
+Global___CreateKeyRequest: _TypeAlias = CreateKeyRequest  # noqa: Y015
+
+@_typing.final
+class ExpireKeyRequest(_message.Message):
+    """Until when a key that is valid shall be."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KEY_ID_FIELD_NUMBER: _builtins.int
+    LIFETIME_S_FIELD_NUMBER: _builtins.int
+    key_id: _builtins.str
+    lifetime_s: _builtins.float
+    """seconds from now on until it expires, sooner or later"""
+    def __init__(
+        self,
+        *,
+        key_id: _builtins.str = ...,
+        lifetime_s: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["key_id", b"key_id", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ExpireKeyRequest: _TypeAlias = ExpireKeyRequest  # noqa: Y015
+
+@_typing.final
+class RevokeKeyRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KEY_ID_FIELD_NUMBER: _builtins.int
+    key_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        key_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["key_id", b"key_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RevokeKeyRequest: _TypeAlias = RevokeKeyRequest  # noqa: Y015
+
+@_typing.final
+class AccessKey(_message.Message):
+    """What is known of a key; the key itself is not stored."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    PROJECT_FIELD_NUMBER: _builtins.int
+    ROLE_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    CREATED_AT_FIELD_NUMBER: _builtins.int
+    EXPIRES_AT_FIELD_NUMBER: _builtins.int
+    REVOKED_AT_FIELD_NUMBER: _builtins.int
+    id: _builtins.str
+    """part of the key, and of log lines"""
+    name: _builtins.str
+    """for people"""
+    project: _builtins.str
+    """whose scenes it sees"""
+    role: Global___Role.ValueType
+    state: Global___KeyState.ValueType
+    @_builtins.property
+    def created_at(self) -> _timestamp_pb2.Timestamp: ...
+    @_builtins.property
+    def expires_at(self) -> _timestamp_pb2.Timestamp:
+        """absent: never"""
+
+    @_builtins.property
+    def revoked_at(self) -> _timestamp_pb2.Timestamp:
+        """absent unless it was revoked"""
+
+    def __init__(
+        self,
+        *,
+        id: _builtins.str = ...,
+        name: _builtins.str = ...,
+        project: _builtins.str = ...,
+        role: Global___Role.ValueType = ...,
+        state: Global___KeyState.ValueType = ...,
+        created_at: _timestamp_pb2.Timestamp | None = ...,
+        expires_at: _timestamp_pb2.Timestamp | None = ...,
+        revoked_at: _timestamp_pb2.Timestamp | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "revoked_at", b"revoked_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "id", b"id", "name", b"name", "project", b"project", "revoked_at", b"revoked_at", "role", b"role", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AccessKey: _TypeAlias = AccessKey  # noqa: Y015
+
+@_typing.final
+class NewKey(_message.Message):
+    """A key that was just made; nobody can tell it again."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KEY_FIELD_NUMBER: _builtins.int
+    SECRET_FIELD_NUMBER: _builtins.int
+    secret: _builtins.str
+    """the key itself, as callers send it; it is not shown again"""
+    @_builtins.property
+    def key(self) -> Global___AccessKey: ...
+    def __init__(
+        self,
+        *,
+        key: Global___AccessKey | None = ...,
+        secret: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["key", b"key"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["key", b"key", "secret", b"secret"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NewKey: _TypeAlias = NewKey  # noqa: Y015
+
+@_typing.final
+class ListKeysRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListKeysRequest: _TypeAlias = ListKeysRequest  # noqa: Y015
+
+@_typing.final
+class ListKeysResponse(_message.Message):
+    """One page of a project's keys (AIP-158), newest first; revoked and expired ones, too."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KEYS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    @_builtins.property
+    def keys(self) -> _containers.RepeatedCompositeFieldContainer[Global___AccessKey]: ...
+    def __init__(
+        self,
+        *,
+        keys: _abc.Iterable[Global___AccessKey] | None = ...,
+        next_page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["keys", b"keys", "next_page_token", b"next_page_token"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListKeysResponse: _TypeAlias = ListKeysResponse  # noqa: Y015

@@ -140,6 +140,26 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
                 _registered_method=True)
+        self.CreateKey = channel.unary_unary(
+                '/fastsplat.v1.SceneService/CreateKey',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+                _registered_method=True)
+        self.ListKeys = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListKeys',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysResponse.FromString,
+                _registered_method=True)
+        self.RevokeKey = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RevokeKey',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RevokeKeyRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+                _registered_method=True)
+        self.ExpireKey = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ExpireKey',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+                _registered_method=True)
 
 
 class SceneServiceServicer:
@@ -291,6 +311,34 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def CreateKey(self, request, context):
+        """Makes a key of the caller's project, of the caller's role at most; its secret is told this once.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListKeys(self, request, context):
+        """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RevokeKey(self, request, context):
+        """Takes a key back for ever; what it has under way ends within two seconds.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ExpireKey(self, request, context):
+        """Lets a valid key expire at another time, sooner or later.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_SceneServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -398,6 +446,26 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.DownloadMaskPly,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'CreateKey': grpc.unary_unary_rpc_method_handler(
+                    servicer.CreateKey,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.SerializeToString,
+            ),
+            'ListKeys': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListKeys,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysResponse.SerializeToString,
+            ),
+            'RevokeKey': grpc.unary_unary_rpc_method_handler(
+                    servicer.RevokeKey,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RevokeKeyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
+            ),
+            'ExpireKey': grpc.unary_unary_rpc_method_handler(
+                    servicer.ExpireKey,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -967,6 +1035,114 @@ class SceneService:
             '/fastsplat.v1.SceneService/DownloadMaskPly',
             fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def CreateKey(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/CreateKey',
+            fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListKeys(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListKeys',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RevokeKey(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RevokeKey',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RevokeKeyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ExpireKey(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ExpireKey',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
             options,
             channel_credentials,
             insecure,

@@ -88,6 +88,14 @@ class SceneServiceStub:
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
+    """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    ListKeys: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]
+    """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
+    RevokeKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]
+    """Takes a key back for ever; what it has under way ends within two seconds."""
+    ExpireKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]
+    """Lets a valid key expire at another time, sooner or later."""
 
 @_typing.type_check_only
 class SceneServiceAsyncStub(SceneServiceStub):
@@ -136,6 +144,14 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
+    """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    ListKeys: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]  # type: ignore[assignment]
+    """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
+    RevokeKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
+    """Takes a key back for ever; what it has under way ends within two seconds."""
+    ExpireKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
+    """Lets a valid key expire at another time, sooner or later."""
 
 class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     @_abc_1.abstractmethod
@@ -307,5 +323,37 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+
+    @_abc_1.abstractmethod
+    def CreateKey(
+        self,
+        request: _fastsplat_pb2.CreateKeyRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.NewKey, _abc.Awaitable[_fastsplat_pb2.NewKey]]:
+        """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+
+    @_abc_1.abstractmethod
+    def ListKeys(
+        self,
+        request: _fastsplat_pb2.ListKeysRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListKeysResponse, _abc.Awaitable[_fastsplat_pb2.ListKeysResponse]]:
+        """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
+
+    @_abc_1.abstractmethod
+    def RevokeKey(
+        self,
+        request: _fastsplat_pb2.RevokeKeyRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
+        """Takes a key back for ever; what it has under way ends within two seconds."""
+
+    @_abc_1.abstractmethod
+    def ExpireKey(
+        self,
+        request: _fastsplat_pb2.ExpireKeyRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
+        """Lets a valid key expire at another time, sooner or later."""
 
 def add_SceneServiceServicer_to_server(servicer: SceneServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...

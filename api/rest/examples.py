@@ -1,0 +1,316 @@
+"""Examples in the API's description: values of the contract's own types, so that they say nothing that it does not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
+from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.paging import write_page_token
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
+from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
+from fastsplat_contract.operations import Operation, OperationList, StageProgress
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene
+from fastsplat_contract.scenes import (
+    Box,
+    Color,
+    DictionaryEntry,
+    Edit,
+    EditIn,
+    LabelList,
+    ObjectList,
+    Scene,
+    SceneList,
+    SceneObject,
+    SceneSummary,
+    SceneVersion,
+    UndoIn,
+    VersionList,
+)
+from fastsplat_contract.server_info import ServerInfo
+
+IDS = {
+    "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",
+    "operation_id": "9a7d5c3b1f2e4d6c8b0a1f3e5d7c9b2a",
+    "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
+    "key_id": "5d0c9a7e3b1f",
+    "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
+}
+"""Ids of things that are on no server: whoever tries an example puts their own in."""
+
+_TOKEN = write_page_token(1767225600.0, IDS["scene_id"])
+_POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
+_DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)
+_UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
+_PINHOLE = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
+_VIEWPOINT = PosedCamera(_PINHOLE, np.eye(4))
+_VIEW = PosedCamera(_PINHOLE, np.eye(4), "front.png")
+_MUG = DictionaryEntry(label_id=1, label="mug", aliases=("cup",), pixels=48_210, views=31, gaussian_count=5_120)
+_BALL = DictionaryEntry(label_id=2, label="ball", aliases=(), pixels=20_007, views=28, gaussian_count=2_416)
+_OBJECT = SceneObject(
+    id="1-1",
+    label_id=1,
+    label="mug",
+    score=0.93,
+    centroid=Vector3(0.12, 0.04, 0.81),
+    box=Box(center=Pose(Vector3(0.12, 0.05, 0.81), _UPRIGHT), size=Vector3(0.09, 0.11, 0.09)),
+    gaussian_count=5_120,
+    meters=True,
+    best_views=("front.png",),
+)
+_DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
+_MASK = np.zeros((48, 64), dtype=np.bool_)
+_MASK[20:30, 24:40] = True
+_OPERATION = Operation(
+    id=IDS["operation_id"],
+    scene_id=IDS["scene_id"],
+    state="RUNNING",
+    done=False,
+    created_at=_POSTED,
+    updated_at=_DONE,
+    stages=(
+        StageProgress("capture", 1.0, "60 of 60 images registered", 41.5, {"registered": 60.0}),
+        StageProgress("perception", 0.5, "30 of 60 images labelled", 22.0, {}),
+    ),
+    error=None,
+)
+_SUMMARY = SceneSummary(
+    id=IDS["scene_id"],
+    name="my table",
+    state="READY",
+    operation_id=IDS["operation_id"],
+    created_at=_POSTED,
+    gaussians=182_400,
+    scale="METRIC",
+    version="1",
+    label_count=2,
+)
+_VERSION = SceneVersion(
+    scene_id=IDS["scene_id"],
+    version=IDS["version"],
+    parent="1",
+    created_at=_DONE,
+    gaussians=177_280,
+    current=True,
+    edits=(Edit("remove", label="mug"),),
+)
+_ANSWER = Answer(
+    scene_id=IDS["scene_id"],
+    text="cup",
+    verdict="exact",
+    explanation="This scene knows 'cup' as 'mug'.",
+    probability=0.97,
+    label_set=(1,),
+    coverage=0.9,
+    decided_by="name",
+    threshold=None,
+    version="1",
+    gaussians=182_400,
+    match_count=2,
+    matches=(
+        Match(1, "mug", 0.91, 0.88, "object", 5_120, True, 0.96),
+        Match(2, "ball", 0.32, 0.41, "things", 2_416, False, 0.02),
+    ),
+    masks=(
+        ViewMask(
+            view="front.png",
+            camera_index=0,
+            segmentation=Segmentation((48, 64), encode_rle(_MASK)),
+            png=None,
+            area=int(_MASK.sum()),
+        ),
+    ),
+    objects=(_OBJECT,),
+    presence=0.99,
+)
+_KEY = AccessKey(
+    id=IDS["key_id"],
+    name="robot in the kitchen",
+    project="default",
+    role="reader",
+    state="VALID",
+    created_at=_POSTED,
+    expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
+    revoked_at=None,
+)
+
+ANSWERS: Mapping[str, Any] = {
+    type(value).__name__: value
+    for value in (
+        ServerInfo("0.1.0", ":8001"),
+        _OPERATION,
+        OperationList((_OPERATION,), _TOKEN),
+        Scene(
+            **vars(_SUMMARY),
+            camera_count=1,
+            dictionary=(_MUG, _BALL),
+            cameras=(_VIEW,),
+            quality={"psnr": 28.4, "images": 60, "registered": 60},
+        ),
+        SceneList((_SUMMARY,), _TOKEN),
+        LabelList((_MUG, _BALL), ""),
+        ObjectList((_OBJECT,), "", "1"),
+        _VERSION,
+        VersionList((_VERSION,)),
+        _KEY,
+        NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
+        KeyList((_KEY,), _TOKEN),
+        QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
+    )
+}
+"""By the name of the type: what a route answers that says it answers with that."""
+
+BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
+    "QueryIn": {
+        "view": (
+            "masks in one of the scene's own views, and boxes",
+            QueryIn(("cup", "ball"), views=("front.png",), outputs=frozenset({"mask2d", "objects"}), max_matches=5),
+        ),
+        "viewpoint": (
+            "masks seen from a robot's camera",
+            QueryIn(("mug",), cameras=(_VIEWPOINT,), outputs=frozenset({"mask2d"}), mask2d_encoding="png"),
+        ),
+        "gaussians": (
+            "which Gaussians answer",
+            QueryIn(("mug",), outputs=frozenset({"mask3d"}), mask3d_encoding="runs", version="1"),
+        ),
+    },
+    "RenderIn": {
+        "view": ("the answer drawn over one of the scene's own views", RenderIn("overlay", "mug", view="front.png")),
+        "viewpoint": ("depth in millimeters from a robot's camera", RenderIn("depth", camera=_VIEWPOINT)),
+        "array": ("label ids as numpy's file", RenderIn("label_map", view="front.png", format="npy")),
+    },
+    "EditIn": {
+        "recolor": (
+            "paint all mugs green",
+            EditIn((Edit("recolor", label="mug", color=Color(0.1, 0.8, 0.2)),), "a-name-of-your-choice"),
+        ),
+        "move": (
+            "move all balls half a unit along x",
+            EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
+        ),
+        "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
+    },
+    "KeyIn": {
+        "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
+        "person": ("a key that also creates and changes", KeyIn("Ada")),
+    },
+    "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
+    "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
+}
+"""By the name of the type: bodies that a route takes which takes that, with a summary each."""
+
+FORM: Mapping[str, Any] = {
+    "name": "my table",
+    "labels": ["mug", "ball", "story book"],
+    "uploads": [IDS["upload_id"]],
+    "preset": "balanced",
+    "time_budget_s": 600.0,
+    "max_gaussians": 300_000,
+    "priority": 0,
+    "request_id": "a-name-of-your-choice",
+}
+"""The form that posts a capture which was sent as a resumable upload before."""
+
+PARAMETERS: Mapping[str, Any] = {
+    **IDS,
+    "coverage": 0.9,
+    "depth_scale": 0.001,
+    "encoding": "runs",
+    "format": "transforms",
+    "label": "mug",
+    "mask3d_encoding": "runs",
+    "max_matches": 5,
+    "negatives": ["object", "things", "stuff", "texture"],
+    "outputs": ["objects"],
+    "page_size": 50,
+    "page_token": _TOKEN,
+    "query text": ["mug", "ball"],
+    "scene": IDS["scene_id"],
+    "state": "RUNNING",
+    "templates": ["a photo of a {}"],
+    "text": "mug",
+    "timeout_s": 20.0,
+    "view": "front.png",
+    "view_array kind": "depth",
+    "view_picture kind": "overlay",
+}
+"""By the parameter's name, or by "operation name" where one operation needs another value."""
+
+_PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
+    "4XX": {
+        "NotFound": NotFoundError("no scene 'table'", field="scene_id"),
+        "InvalidInput": InvalidInputError(
+            "a coverage of 2", field="coverage", limit="above 0 and below 1", hint="Send a share, e.g. 0.9."
+        ),
+    },
+    "5XX": {
+        "Overloaded": OverloadedError(
+            "the server has all the work it can answer in good time",
+            limit="256 calls of all keys at a time (FASTSPLAT_LIMITS__ADMITTED)",
+            hint="Wait a moment, then send it again.",
+        )
+    },
+}
+
+
+def add_examples(document: dict[str, Any]) -> None:
+    """Put an example beside every body, parameter and answer of an OpenAPI document that is not plain bytes."""
+    document["components"]["examples"] = {
+        name: {
+            "summary": error.message,
+            "value": to_plain(refusal_of(error, "0b6a4d2c8e1f4a3d").as_problem()),
+        }
+        for errors in _PROBLEMS.values()
+        for name, error in errors.items()
+    }
+    for operation in (one for methods in document["paths"].values() for one in methods.values()):
+        for parameter in operation.get("parameters", ()):
+            name = parameter["name"]
+            parameter["example"] = PARAMETERS.get(f"{operation['operationId']} {name}", PARAMETERS.get(name))
+        for media_type, content in operation.get("requestBody", {}).get("content", {}).items():
+            if media_type == "multipart/form-data":
+                content["example"] = dict(FORM)
+            elif (kind := _type_of(content)) is not None:
+                content["examples"] = {
+                    name: {"summary": summary, "value": to_plain(value)}
+                    for name, (summary, value) in BODIES[kind].items()
+                }
+        for status, response in operation["responses"].items():
+            response["content"] = dict(_with_examples(status, response)) if "content" in response else {}
+            if not response["content"]:
+                del response["content"]
+
+
+def _with_examples(status: str, response: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for media_type, content in response["content"].items():
+        if media_type == PROBLEM:
+            examples = {name: {"$ref": f"#/components/examples/{name}"} for name in _PROBLEMS[status]}
+            yield media_type, {**content, "examples": examples}
+        elif media_type == "text/event-stream":
+            event = {"id": "5b0c9f2e7d1a4b38", "event": "operation", "data": json.dumps(to_plain(_OPERATION))}
+            yield media_type, {**content, "example": event}
+        elif (kind := _type_of(content)) is not None:
+            yield media_type, {**content, "example": to_plain(ANSWERS[kind])}
+        elif media_type == "application/json":
+            health = "additionalProperties" in content["schema"]
+            example = {"status": "ok"} if health else json.loads(camera_file((_VIEW,), "json"))
+            yield media_type, {**content, "example": example}
+        else:
+            yield media_type, content
+
+
+def _type_of(content: Mapping[str, Any]) -> str | None:
+    """The name of the contract's type that a body is of; None for others."""
+    choices = [content["schema"], *content["schema"].get("anyOf", ())]
+    return next((choice["$ref"].rpartition("/")[2] for choice in choices if "$ref" in choice), None)

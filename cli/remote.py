@@ -1,0 +1,42 @@
+"""What commands share that ask a running server instead of the database on this machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat_client import Client
+from fastsplat_contract.errors import InvalidInputError
+
+_KEY_VARIABLE = "FASTSPLAT_KEY"
+
+Server = Annotated[
+    str,
+    typer.Option(
+        help="Ask the server at this URL, e.g. https://robots.example:8000, instead of the database on this machine.",
+        envvar="FASTSPLAT_SERVER",
+    ),
+]
+KeyFile = Annotated[
+    Path | None,
+    typer.Option(help=f"File with your own key for --server. Default: the variable {_KEY_VARIABLE} has the key."),
+]
+Ca = Annotated[Path | None, typer.Option(help="PEM certificates to trust in place of the system's, for --server.")]
+
+
+def connect(server: str, key_file: Path | None, ca: Path | None, project: str) -> Client:
+    """A client of the server; `project` is for operators, "" is the key's own.
+
+    Raises:
+        InvalidInputError: the key's file cannot be read.
+    """
+    key = os.environ.get(_KEY_VARIABLE, "")
+    if key_file is not None:
+        try:
+            key = key_file.read_text().strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidInputError(f"{key_file} cannot be read: {error}", field="key-file") from error
+    return Client(server, key=key, ca=ca, project=project)

@@ -1,0 +1,47 @@
+"""Access keys of a project, for its admins and for operators."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from urllib.parse import quote
+
+from fastsplat_client.errors import read
+from fastsplat_client.transport import Transport
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, Role
+
+
+class ClientKeys:
+    """Keys of the client's project, of its own role at most. All calls raise as those of `Client`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def create(self, name: str, role: Role = "editor", lifetime_s: float | None = None) -> NewKey:
+        """Make a key; its `secret` is told this once.
+
+        Args:
+            name: whose key it is, for people.
+            role: what it may do; at most the client's own.
+            lifetime_s: seconds until it expires; None: never.
+        """
+        body = to_plain(KeyIn(name, role, lifetime_s))
+        return read(NewKey, self._transport.call("POST", "/v1/keys", json=body, repeatable=False))
+
+    def all(self) -> Iterator[AccessKey]:
+        """Keys, newest first, page by page; revoked and expired ones, too."""
+        token = ""
+        while True:
+            page = read(KeyList, self._transport.call("GET", "/v1/keys", params={"page_token": token}))
+            yield from page.keys
+            if not (token := page.next_page_token):
+                return
+
+    def revoke(self, key_id: str) -> AccessKey:
+        """Take a key back for ever; what it has under way ends within two seconds."""
+        return read(AccessKey, self._transport.call("POST", f"/v1/keys/{quote(key_id, safe='')}:revoke"))
+
+    def expire(self, key_id: str, lifetime_s: float) -> AccessKey:
+        """Let a valid key expire in `lifetime_s` seconds, sooner or later than it would."""
+        path = f"/v1/keys/{quote(key_id, safe='')}:expire"
+        return read(AccessKey, self._transport.call("POST", path, json=to_plain(LifetimeIn(lifetime_s))))

@@ -1,0 +1,217 @@
+"""Keys by API: an admin makes, sees and takes back those of its project, an operator those of any."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, get_args
+
+import grpc
+import pytest
+from typer.testing import CliRunner
+
+from fastsplat.cli.main import app
+from fastsplat.service.application import project_keys
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat_client import (
+    Client,
+    ConflictError,
+    InvalidInputError,
+    NotFoundError,
+    PermissionDeniedError,
+    UnauthenticatedError,
+)
+from fastsplat_contract.errors import QuotaError
+from fastsplat_contract.keys import AccessKey, NewKey, Role
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import client_of
+from tests.api.served import Faces, rpc_refusal, served
+
+
+@dataclass(frozen=True)
+class _Place:
+    faces: Faces
+    service: SceneService
+    operator: str
+
+    def client(self, key: str, project: str = "") -> Client:
+        return client_of(self.faces, key=key, project=project)
+
+    def new(self, role: Role, project: str = "default") -> tuple[str, str]:
+        """Id and secret of a new key."""
+        record, secret = self.service.admin.keys.create(role, role, project=project)
+        return record.id, secret
+
+
+@pytest.fixture
+def place(api_settings: Settings, tmp_path: Path) -> Iterator[_Place]:
+    settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path / "data"})
+    with open_service(settings) as service, served(service, settings) as faces:
+        service.admin.projects.create("elsewhere")
+        yield _Place(faces, service, service.admin.keys.create("first", "operator")[1])
+
+
+@pytest.mark.parametrize("caller", ["admin", "operator"])
+@pytest.mark.parametrize("role", get_args(Role))
+def test_nobody_makes_a_key_of_a_higher_role(place: _Place, caller: Role, role: Role) -> None:
+    with place.client(place.new(caller)[1]) as client:
+        if role == "operator" and caller == "admin":
+            with pytest.raises(PermissionDeniedError) as refused:
+                client.keys.create("new", role)
+            assert refused.value.field == "role"
+            assert len(place.service.admin.keys.all()) == 2
+            return
+        made = client.keys.create("new", role, 3_600.0)
+    assert (made.key.name, made.key.role, made.key.project, made.key.state) == ("new", role, "default", "VALID")
+    assert made.key.expires_at is not None and made.key.expires_at - made.key.created_at == timedelta(hours=1)
+    assert made.secret not in repr(made) and made.key.id in made.secret
+    with place.client(made.secret) as new:
+        assert list(new.scenes()) == []
+
+
+def test_a_secret_is_told_once_and_in_no_list(place: _Place) -> None:
+    with place.client(place.new("admin")[1]) as client:
+        made = client.keys.create("robot")
+    response = place.faces.rest.get("/v1/keys", headers={"Authorization": f"Bearer {place.operator}"})
+    assert made.key.id in response.text and "fsk_" not in response.text
+    assert made.secret.rpartition("_")[2] not in response.text
+    assert all(record.hash not in response.text for record in place.service.admin.keys.all())
+
+
+def test_a_list_has_the_projects_keys_of_the_callers_role_at_most_page_by_page(place: _Place) -> None:
+    admin_id, admin = place.new("admin")
+    others = {place.new("reader", "elsewhere")[0], place.new("operator")[0]}
+    with place.client(admin) as client:
+        made = [client.keys.create(f"robot {number}").key.id for number in range(5)]
+        listed = [key.id for key in client.keys.all()]
+        assert listed == [*reversed(made), admin_id] and not others & set(listed)
+        first = place.faces.rest.get("/v1/keys?page_size=4", headers={"Authorization": f"Bearer {admin}"}).json()
+        token = first["next_page_token"]
+        rest = place.faces.rest.get(
+            f"/v1/keys?page_size=4&page_token={token}", headers={"Authorization": f"Bearer {admin}"}
+        ).json()
+        assert [key["id"] for page in (first, rest) for key in page["keys"]] == listed
+        assert rest["next_page_token"] == ""
+    with place.client(place.operator) as operator:
+        assert len(list(operator.keys.all())) == len(listed) + 2
+    with place.client(place.operator, project="elsewhere") as operator:
+        assert {key.project for key in operator.keys.all()} == {"elsewhere"}
+
+
+def test_an_operator_makes_keys_of_a_project_it_names_and_nobody_else_does(place: _Place) -> None:
+    with place.client(place.operator, project="elsewhere") as operator:
+        assert operator.keys.create("new", "admin").key.project == "elsewhere"
+        metadata = (("authorization", f"Bearer {place.operator}"), ("x-fastsplat-project", "elsewhere"))
+        made = from_proto(NewKey, place.faces.rpc.CreateKey(pb.CreateKeyRequest(name="x"), metadata=metadata))
+        assert (made.key.project, made.key.role) == ("elsewhere", "editor")
+    with place.client(place.new("admin")[1], project="elsewhere") as admin, pytest.raises(NotFoundError):
+        admin.keys.create("new")
+
+
+@pytest.mark.parametrize("of", ["operator", "admin of another project", "nobody"])
+def test_keys_beyond_the_callers_reach_do_not_exist_for_it(place: _Place, of: str) -> None:
+    key_id = {
+        "operator": place.new("operator")[0],
+        "admin of another project": place.new("admin", "elsewhere")[0],
+        "nobody": "0123456789ab",
+    }[of]
+    metadata = (("authorization", f"Bearer {place.new('admin')[1]}"),)
+    with place.client(place.new("admin")[1]) as admin:
+        for call in (lambda: admin.keys.revoke(key_id), lambda: admin.keys.expire(key_id, 5.0)):
+            with pytest.raises(NotFoundError, match=f"no key '{key_id}'"):
+                call()
+    for message, rpc in (
+        (pb.RevokeKeyRequest(key_id=key_id), place.faces.rpc.RevokeKey),
+        (pb.ExpireKeyRequest(key_id=key_id, lifetime_s=5.0), place.faces.rpc.ExpireKey),
+    ):
+        with pytest.raises(grpc.RpcError) as refused:
+            rpc(message, metadata=metadata)
+        assert rpc_refusal(refused.value).reason == "NOT_FOUND"
+    record = place.service._store.keys.find(key_id)
+    assert record is None or (record.revoked_at is None and record.expires_at is None)
+
+
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+@pytest.mark.parametrize("how", ["revoke", "expire"])
+def test_what_a_key_has_under_way_ends_with_it(place: _Place, protocol: str, how: str) -> None:
+    """As when the command line revokes it, see test_key_revocation: a stream of health would go on for ever."""
+    key_id, secret = place.new("editor")
+    watched = place.faces.rpc.StreamQuery(
+        iter(_never_ending()), metadata=(("authorization", f"Bearer {secret}"),), timeout=60
+    )
+    _, admin = place.new("admin")
+    metadata = (("authorization", f"Bearer {admin}"),)
+    if protocol == "REST":
+        with place.client(admin) as client:
+            state = (client.keys.revoke(key_id) if how == "revoke" else client.keys.expire(key_id, 0.001)).state
+    elif how == "revoke":
+        answer = place.faces.rpc.RevokeKey(pb.RevokeKeyRequest(key_id=key_id), metadata=metadata)
+        state = from_proto(AccessKey, answer).state
+    else:
+        request = pb.ExpireKeyRequest(key_id=key_id, lifetime_s=0.001)
+        state = from_proto(AccessKey, place.faces.rpc.ExpireKey(request, metadata=metadata)).state
+    assert state in (("REVOKED",) if how == "revoke" else ("EXPIRED", "VALID"))
+    with pytest.raises(grpc.RpcError) as ended:
+        list(watched)
+    assert rpc_refusal(ended.value).reason == "UNAUTHENTICATED"
+    with place.client(secret) as client, pytest.raises(UnauthenticatedError):
+        list(client.scenes())
+
+
+def _never_ending() -> Iterator[Any]:
+    threading.Event().wait(120)
+    yield
+
+
+def test_a_key_that_is_over_stays_so(place: _Place) -> None:
+    with place.client(place.operator) as operator:
+        key = operator.keys.create("robot", "reader", 60.0).key
+        later = operator.keys.expire(key.id, 7_200.0)
+        assert later.expires_at is not None and later.expires_at > datetime.now(UTC) + timedelta(hours=1)
+        revoked = operator.keys.revoke(key.id)
+        assert revoked.state == "REVOKED" and operator.keys.revoke(key.id) == revoked
+        with pytest.raises(ConflictError):
+            operator.keys.expire(key.id, 7_200.0)
+        with pytest.raises(InvalidInputError) as refused:
+            operator.keys.expire(key.id, -1.0)
+        assert refused.value.field == "lifetime_s"
+
+
+def test_a_project_has_so_many_keys_and_no_more(place: _Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(project_keys, "MAX_KEYS", 3)
+    with place.client(place.new("admin")[1]) as admin:
+        admin.keys.revoke(admin.keys.create("short").key.id)
+        with pytest.raises(QuotaError):
+            admin.keys.create("one more")
+    with place.client(place.operator, project="elsewhere") as operator:
+        assert operator.keys.create("there is room").key.project == "elsewhere"
+
+
+def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "no-data-here"))
+    monkeypatch.setenv("COLUMNS", "200")
+    (tmp_path / "key").write_text(f"{place.operator}\n")
+    server = ["--server", str(place.faces.rest.base_url), "--key-file", str(tmp_path / "key"), "--project", "elsewhere"]
+
+    def call(*words: str) -> str:
+        answered = CliRunner().invoke(app, ["keys", *words, *server])
+        assert answered.exit_code == 0, answered.exception
+        return answered.stdout
+
+    secret = call("create", "robot", "--role", "reader", "--days", "2").strip()
+    record = place.service.admin.keys.valid().find(secret)
+    assert record is not None and (record.project, record.role) == ("elsewhere", "reader")
+    listed = call("list")
+    assert record.id in listed and "valid" in listed and "first" not in listed and "fsk_" not in listed
+    call("expire", record.id, "--days", "1")
+    renewed = place.service.admin.keys.valid().find(secret)
+    assert renewed is not None and renewed.expires_at is not None and record.expires_at is not None
+    assert renewed.expires_at < record.expires_at
+    call("revoke", record.id)
+    assert place.service.admin.keys.valid().find(secret) is None and "revoked" in call("list")
+    assert not (tmp_path / "no-data-here").exists()

@@ -1,0 +1,144 @@
+"""Every example in the API's description is of its schema, and a server takes it and answers as described."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import jsonschema_rs
+import numpy as np
+import pytest
+from PIL import Image
+
+from fastsplat.api.rest import openapi
+from fastsplat.api.rest.examples import IDS
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, served
+
+_DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
+_OPERATIONS = {
+    operation["operationId"]: (method, path, operation)
+    for path, methods in _DOCUMENT["paths"].items()
+    for method, operation in methods.items()
+}
+_TUS = {"create_upload", "append_to_upload", "get_upload", "delete_upload"}
+"""Those need headers of tus, which its own specification describes; see test_api_tus."""
+_WITHOUT_CONTENT = {"application/offset+octet-stream"}
+
+
+def _valid(value: Any, schema: dict[str, Any]) -> None:
+    """Fail unless a value is of a schema of the document."""
+    whole = {**schema, "components": _DOCUMENT["components"]}
+    validator = jsonschema_rs.Draft202012Validator(whole)
+    assert [f"{error.instance_path}: {error.message}" for error in validator.iter_errors(value)] == []
+
+
+def _examples(content: dict[str, Any]) -> Iterator[Any]:
+    if "example" in content:
+        yield content["example"]
+    for example in content.get("examples", {}).values():
+        name = example.get("$ref", "").rpartition("/")[2]
+        yield (_DOCUMENT["components"]["examples"][name] if name else example)["value"]
+
+
+def _is_text(content: dict[str, Any]) -> bool:
+    return content["schema"].get("format") != "binary"
+
+
+@pytest.mark.parametrize("name", _OPERATIONS)
+def test_everything_that_is_not_plain_bytes_has_examples_of_its_schema(name: str) -> None:
+    operation = _OPERATIONS[name][2]
+    for parameter in operation.get("parameters", ()):
+        _valid(parameter["example"], parameter["schema"])
+    answers = [response.get("content", {}) for response in operation["responses"].values()]
+    for contents in (operation.get("requestBody", {}).get("content", {}), *answers):
+        for media_type, content in contents.items():
+            if media_type not in _WITHOUT_CONTENT and _is_text(content):
+                values = list(_examples(content))
+                assert values, media_type
+                for value in values:
+                    _valid(value, content["schema"])
+
+
+class _Place:
+    """A server of these tests' own, and what there is on it by the names of the examples' ids."""
+
+    def __init__(self, faces: Faces, service: SceneService, settings: Settings) -> None:
+        self.faces = faces
+        self.service = service
+        self._settings = settings
+
+    def ids(self) -> dict[str, str]:
+        """Ids of new things, as a call may change them: a scene that was edited once, and its job."""
+        scene_id = add_scene(self.service, self._settings)
+        color = {"r": 0, "g": 1, "b": 0}
+        edit = {"edits": [{"action": "recolor", "label": "mug", "color": color}]}
+        made = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
+        operation_id = self.service.get_scene(scene_id).operation_id
+        key_id = self.service.admin.keys.create("a key", "reader")[0].id
+        return {"scene_id": scene_id, "operation_id": operation_id, "version": made["version"], "key_id": key_id}
+
+
+@pytest.fixture(scope="module")
+def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Place]:
+    settings = api_settings.model_copy(update={"data_dir": tmp_path_factory.mktemp("examples")})
+    with open_service(settings) as service, served(service, settings) as faces:
+        yield _Place(faces, service, settings)
+
+
+def _sent(place: _Place, name: str, body: Any, ids: dict[str, str]) -> httpx.Response:
+    """The answer to an example, with ids of what is there in the place of the example's."""
+    method, path, operation = _OPERATIONS[name]
+    parameters = [p for p in operation.get("parameters", ()) if p["name"] != "page_token"]  # of another server's page
+    in_path, params = ({p["name"]: p["example"] for p in parameters if p["in"] == where} for where in ("path", "query"))
+    request = json.dumps([in_path, params, body])
+    for kind, value in ids.items():
+        request = request.replace(IDS[kind], value)
+    in_path, params, body = json.loads(request)
+    return place.faces.rest.request(method, path.format(**in_path), params=params, json=body)
+
+
+@pytest.mark.parametrize("name", sorted(set(_OPERATIONS) - _TUS - {"create_scene"}))
+def test_a_server_takes_every_example_and_answers_as_described(place: _Place, name: str) -> None:
+    operation = _OPERATIONS[name][2]
+    contents = operation.get("requestBody", {}).get("content", {})
+    bodies = [body for content in contents.values() for body in _examples(content)] or [None]
+    for body in bodies:
+        response = _sent(place, name, body, place.ids())
+        assert response.is_success, (body, response.text)
+        described = operation["responses"][str(response.status_code)].get("content", {})
+        media_type = response.headers.get("content-type", "").partition(";")[0]
+        assert (media_type in described) == bool(described), (media_type, described)
+        if media_type == "application/json":
+            _valid(response.json(), described[media_type]["schema"])
+        elif media_type == "text/event-stream":
+            fields = [line.split(": ", 1) for line in response.text.splitlines() if ": " in line]
+            _valid(dict(fields), described[media_type]["schema"])
+
+
+def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
+    form = next(_examples(_OPERATIONS["create_scene"][2]["requestBody"]["content"]["multipart/form-data"]))
+    capture = io.BytesIO()
+    with zipfile.ZipFile(capture, "w") as archive:
+        for number in range(3):
+            photo = io.BytesIO()
+            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            Image.fromarray(pixels).save(photo, "JPEG")
+            archive.writestr(f"{number}.jpg", photo.getvalue())
+    uploads = place.service.resumable
+    upload_id = uploads.create("default", "capture.zip", len(capture.getvalue())).id
+    uploads.append("default", upload_id, 0, iter([capture.getvalue()]))
+    assert form["uploads"] == [IDS["upload_id"]]
+    texts = [(key, one) for key, value in form.items() for one in (value if isinstance(value, list) else [value])]
+    real = {IDS["upload_id"]: upload_id}
+    parts = [(key, (None, real.get(value, str(value)))) for key, value in texts]
+    response = place.faces.rest.post("/v1/scenes", files=parts)
+    assert response.status_code == 202, response.text
+    described = _OPERATIONS["create_scene"][2]["responses"]["202"]["content"]["application/json"]
+    _valid(response.json(), described["schema"])
