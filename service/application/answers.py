@@ -97,9 +97,16 @@ class Answers:
 
         Raises:
             NotFoundError, NotReadyError: as `query`.
+            SceneFileError: its bytes are not those that were published.
         """
         version = self._scenes.version(scene_id, version)
-        path = self._scenes.folder(scene_id, version) / "scene.ply"
+        folder = self._scenes.folder(scene_id, version)
+        path = folder / "scene.ply"
+        try:
+            self._store.blobs.check_version(folder, path.name)
+        except SceneFileError:
+            if folder.is_dir():
+                raise
         if not path.is_file():
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, compute_undistortion
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.geometry import normalize_world
-from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, load_upright, save_rgb
+from fastsplat.service.capture.image_decoder import ImageDecoder
+from fastsplat.service.capture.image_decoding import reduced_size
+from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
@@ -27,9 +29,6 @@ from fastsplat.service.capture.view_writer import (
     LABELS,
     MASKS,
     SourceImage,
-    load_upright_map,
-    reduce,
-    reduced_size,
     view_geometry,
     write_view,
 )
@@ -39,6 +38,7 @@ from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
+_DECODING = "decoding"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 
 
@@ -66,9 +66,11 @@ def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings,
         for name in (IMAGES, MASKS, LABELS):
             (partial / name).mkdir()
         work = partial / "work"
-        work.mkdir()
-        build = _Build(manifest, files, partial, work, settings, progress)
-        capture = build.posed() if manifest.poses else build.reconstructed()
+        for folder in (work, work / IMAGES, work / _DECODING):
+            folder.mkdir()
+        with ImageDecoder(work / _DECODING, (files, work / IMAGES), settings) as decoder:
+            build = _Build(manifest, files, partial, work, settings, progress, decoder)
+            capture = build.posed() if manifest.poses else build.reconstructed()
         shutil.rmtree(work)
         save_capture(capture, partial)
     progress(ProgressEvent(_STAGE, 1.0, f"{len(capture.views)} views, {len(capture.points)} points"))
@@ -129,6 +131,7 @@ class _Build:
     work: Path
     settings: CaptureSettings
     progress: Progress
+    decoder: ImageDecoder
 
     def reconstructed(self) -> Capture:
         """The capture of images or a video without poses."""
@@ -190,20 +193,17 @@ class _Build:
         )
 
     def _upright_photos(self) -> list[_SfmImage]:
-        (self.work / IMAGES).mkdir()
         images = []
         for index, (photo, name) in enumerate(zip(self.manifest.photos, self.manifest.names, strict=True)):
             self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
             width, height = reduced_size(*photo.upright_size, self.settings.max_side)
             file = f"{index:05d}.png"
-            pixels = reduce(load_upright(self.files, photo, self.settings), (width, height))
-            save_rgb(pixels, self.work / IMAGES / file)
+            save_rgb(self.decoder.photo(self.files, photo, (width, height)), self.work / IMAGES / file)
             focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
             images.append(_SfmImage(name, file, width, height, f"{photo.lens} {width}×{height}", focal_px, photo))
         return images
 
     def _video_frames(self) -> list[_SfmImage]:
-        (self.work / IMAGES).mkdir()
         request = {
             "video": str(self.files / self.manifest.video),
             "name": self.manifest.video,
@@ -211,7 +211,7 @@ class _Build:
             **self.settings.model_dump(),
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
-        height, width = load_rgb(self.work / IMAGES / result["files"][0]).shape[:2]
+        width, height = (int(number) for number in result["size"])
         return [_SfmImage(file, file, width, height, "video", 0.0, None) for file in result["files"]]
 
     def _reconstructed_source(
@@ -228,9 +228,13 @@ class _Build:
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
+        # Frames of a video were written by a child that met a stranger's bytes, photos by this process.
+        frame = PhotoInfo(image.file, image.width, image.height, orientation=1, lens="", focal_35mm=0.0)
         return SourceImage(
             name=image.name,
-            pixels=load_rgb(self.work / IMAGES / image.file),
+            pixels=self.decoder.photo(self.work / IMAGES, frame, (image.width, image.height))
+            if image.photo is None
+            else load_rgb(self.work / IMAGES / image.file),
             undistortion=undistortion,
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None,
@@ -241,11 +245,11 @@ class _Build:
         geometry = view_geometry(image, photo, self.settings)
         mask = None
         if image.mask is not None:
-            mask = load_upright_map(self.files, image.mask, photo, geometry.size, self.settings) > 0
+            mask = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
         unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
         return SourceImage(
             name=image.name,
-            pixels=reduce(load_upright(self.files, photo, self.settings), geometry.size),
+            pixels=self.decoder.photo(self.files, photo, geometry.size),
             undistortion=geometry.undistortion,
             world_from_camera=geometry.world_from_camera,
             lossless=photo.path.lower().endswith(".png") or unchanged,
@@ -259,7 +263,7 @@ class _Build:
         stored = self.manifest.label_maps.get(photo.path)
         if stored is None or table is None:
             return None
-        return table.translate(load_upright_map(self.files, stored, photo, size, self.settings))
+        return table.translate(self.decoder.ids(self.files, stored, photo, size))
 
     def _label_table(self) -> LabelTable | None:
         return read_label_table(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None

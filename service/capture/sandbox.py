@@ -23,11 +23,12 @@ from typing import Any, Literal
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.capture.upload_manifest import VALIDATED
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError, ReconstructionError, ResourceError
 
-Task = Literal["validate", "probe", "frames", "reconstruct", "triangulate"]
+Task = Literal["validate", "probe", "frames", "decode", "reconstruct", "triangulate"]
 Listener = Callable[[float, str], None]
 """Receives the share of the task that is done, and a line for people; may raise to stop it."""
 
@@ -49,6 +50,7 @@ _DESCRIPTIONS: dict[Task, str] = {
     "validate": "checking the upload",
     "probe": "checking the video",
     "frames": "reading the video",
+    "decode": "decoding the images",
     "reconstruct": "structure from motion",
     "triangulate": "triangulation",
 }
@@ -89,7 +91,7 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> Validate
     with tempfile.TemporaryDirectory(prefix=".validation-", dir=upload_dir.parent) as folder:
         result = run_sandboxed("validate", request, Path(folder), settings, lambda fraction, message: check_cancelled())
     return ValidatedUpload(
-        Path(result["folder"]),
+        upload_dir / VALIDATED,
         result["source"],
         result["images"],
         result["has_labels"],
@@ -110,6 +112,20 @@ def run_sandboxed(
         CancelledError: whatever `listen` raised; the child is gone by then.
     """
     limits = _limits(task, settings)
+    process = start_sandboxed(task, request, folder, settings)
+    try:
+        _follow(process, task, limits, listen)
+        status = process.wait()
+    finally:
+        kill_sandboxed(process)
+    return _result(task, status, folder, limits)
+
+
+def start_sandboxed(
+    task: Task, request: dict[str, Any], folder: Path, settings: CaptureSettings
+) -> subprocess.Popen[bytes]:
+    """Start one task of `service.capture.sandbox_worker` in `folder`, with pipes to it, for `kill_sandboxed` to end."""
+    limits = _limits(task, settings)
     description = {
         "limits": {
             "memory_bytes": limits.memory_bytes,
@@ -121,35 +137,44 @@ def run_sandboxed(
     }
     (folder / "request.json").write_text(json.dumps({**request, **description}))
     with (folder / "log.txt").open("wb") as log:
-        process = subprocess.Popen(
+        return subprocess.Popen(
             [sys.executable, "-P", "-m", _WORKER, task, str(folder), str(os.getpid())],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if task == "decode" else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=log,
             cwd=folder,
             env=_environment(folder),
             start_new_session=True,
         )
-    try:
-        _follow(process, task, limits, listen)
-        status = process.wait()
-    finally:
-        _kill_group(process)
-        if process.stdout is not None:
-            process.stdout.close()
-    return _result(task, status, folder, limits)
+
+
+def kill_sandboxed(process: subprocess.Popen[bytes]) -> int:
+    """End the child and all that it started, which outlives it where it crashed; returns its exit status."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(BrokenPipeError):
+                pipe.close()
+    return process.wait()
+
+
+def sandbox_error(task: Task, status: int, folder: Path, settings: CaptureSettings) -> FastSplatError:
+    """The error of a child that ended with `status` before it was to."""
+    return _crash(task, status, folder, _limits(task, settings))
+
+
+def error_from_json(details: dict[str, Any]) -> FastSplatError:
+    """The typed error that a child reported."""
+    kind = getattr(errors, details.pop("type"))
+    assert issubclass(kind, FastSplatError)
+    error: FastSplatError = kind(details.pop("message"), **details)
+    return error
 
 
 def _environment(folder: Path) -> dict[str, str]:
     passed_on = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     return {**passed_on, **_ENVIRONMENT, "HOME": str(folder), "TMPDIR": str(folder)}
-
-
-def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """End the child and all that it started, which outlives it where it crashed."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def _limits(task: Task, settings: CaptureSettings) -> _Limits:
@@ -159,6 +184,13 @@ def _limits(task: Task, settings: CaptureSettings) -> _Limits:
             "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES",
             settings.validation_seconds,
             "FASTSPLAT_CAPTURE__VALIDATION_SECONDS",
+        )
+    if task == "decode":  # all images of an upload; each alone has validation_seconds
+        return _Limits(
+            settings.validation_memory_bytes,
+            "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES",
+            settings.sfm_seconds,
+            "FASTSPLAT_CAPTURE__SFM_SECONDS",
         )
     return _Limits(
         settings.sfm_memory_bytes,
@@ -202,24 +234,26 @@ def _result(task: Task, status: int, folder: Path, limits: _Limits) -> dict[str,
         result: dict[str, Any] = json.loads(path.read_text())
         if "error" not in result:
             return result
-        details: dict[str, str] = result["error"]
-        kind = getattr(errors, details.pop("type"))
-        assert issubclass(kind, FastSplatError)
-        raise kind(details.pop("message"), **details)
+        raise error_from_json(result["error"])
+    error = _crash(task, status, folder, limits)
+    if task == "validate" and isinstance(error, ReconstructionError):
+        raise RuntimeError(f"the process that checks uploads ended with status {status}: {error.message}")
+    raise error
+
+
+def _crash(task: Task, status: int, folder: Path, limits: _Limits) -> FastSplatError:
     if status == -signal.SIGXCPU:
-        raise _took_too_long(task, limits)
+        return _took_too_long(task, limits)
     log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
     if status < 0 or any(sign in " ".join(log[-_TRACEBACK_LINES:]).lower() for sign in _OUT_OF_MEMORY_SIGNS):
         # C++ that gets no memory does not always say so: some of it writes through the null pointer.
-        raise ResourceError(
+        return ResourceError(
             f"{_DESCRIPTIONS[task]} ended by {f'signal {-status}' if status < 0 else 'an error'}, "
             "as it does when it runs out of memory",
             limit=limits.memory,
             hint="Send fewer or smaller images, or raise the limit.",
         )
-    if task == "validate":
-        raise RuntimeError(f"the process that checks uploads ended with status {status}: {' | '.join(log[-8:])}")
-    raise ReconstructionError(
+    return ReconstructionError(
         f"{_DESCRIPTIONS[task]} ended with status {status}: {log[-1][:300] if log else 'no message'}",
         hint="Leave out images that are unlike the others, and try again.",
     )

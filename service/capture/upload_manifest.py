@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
@@ -52,8 +52,11 @@ def write_manifest(manifest: UploadManifest, folder: Path) -> None:
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it.
 
+    A process that met a stranger's bytes wrote them, so that they are trusted no further than it was: every path stays
+    below the folder of files, and nothing in it is a link.
+
     Raises:
-        InvalidInputError: there is no validated upload.
+        InvalidInputError: there is no validated upload, or it leads elsewhere.
     """
     validated = folder if folder.name == VALIDATED else folder / VALIDATED
     path = validated / _MANIFEST
@@ -62,4 +65,18 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    return UploadManifest(**stored), validated / FILES
+    manifest, files = UploadManifest(**stored), validated / FILES
+    photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
+    for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+            raise _leads_elsewhere(name)
+    for place in (files, *files.rglob("*")):
+        if place.is_symlink():
+            raise _leads_elsewhere(place.name)
+    return manifest, files
+
+
+def _leads_elsewhere(name: str) -> InvalidInputError:
+    return InvalidInputError(
+        f"the validated upload leads to other files by {name[:80]!r}", field="upload", hint="Send the upload again."
+    )

@@ -48,7 +48,7 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
         report: receives progress.
 
     Returns:
-        {"files": names in time order, "read": frames in the video}.
+        {"files": names in time order, "size": [width, height] of the first, "read": frames in the video}.
 
     Raises:
         InvalidInputError: fewer than two frames can be decoded.
@@ -62,13 +62,16 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
     if len(sharpness) < _MIN_FRAMES:
         raise _unreadable(request)
     numbers = sharpest_per_interval(np.array(sharpness), request["video_frames"])
-    files = []
+    files: list[str] = []
+    size: tuple[int, int] | None = None
     for number, frame in enumerate(_frames(request)):
         if number in numbers:
+            reduced = _reduced(frame, request["max_side"])
+            size = size or (reduced.shape[1], reduced.shape[0])
             files.append(f"frame_{number:06d}.png")
-            cv2.imwrite(str(Path(request["folder"]) / files[-1]), _reduced(frame, request["max_side"]))
+            cv2.imwrite(str(Path(request["folder"]) / files[-1]), reduced)
             report(0.5 + 0.5 * len(files) / len(numbers), f"writing frames {len(files)}/{len(numbers)}")
-    return {"files": files, "read": len(sharpness)}
+    return {"files": files, "size": size, "read": len(sharpness)}
 
 
 def sharpest_per_interval(sharpness: NDArray[np.float64], intervals: int) -> set[int]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.camera_model import Undistortion, compute_undistortion, rotate90, rotate90_pose
-from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, open_map, save_rgb
+from fastsplat.service.capture.image_decoding import reduced_size
+from fastsplat.service.capture.image_io import PhotoInfo, save_rgb
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import View
@@ -78,19 +78,6 @@ def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSe
     )
 
 
-def load_upright_map(
-    root: Path, name: str, photo: PhotoInfo, size: tuple[int, int], settings: CaptureSettings
-) -> NDArray[np.uint16]:
-    """uint16 [H, W] of a stored map, reduced to `size`.
-
-    A map drawn on the upright image stays; one of another size was drawn on the stored pixels.
-    """
-    stored = open_map(root, name, settings)
-    if stored.shape[1::-1] != photo.upright_size:
-        stored = apply_orientation(stored, photo.orientation)
-    return reduce_ids(stored, size)
-
-
 def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Path | None] | None:
     """Write the view's files below `folder`.
 
@@ -117,23 +104,3 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
         Image.fromarray(undistortion.apply_to_ids(source.label_ids)).save(label_path)
     posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
     return View(posed, image_path, valid_path), label_path
-
-
-def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
-    """(width, height) with the longer side at most `max_side`."""
-    scale = min(1.0, max_side / max(width, height))
-    return max(1, round(width * scale)), max(1, round(height * scale))
-
-
-def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] averaged down to `size` (width, height)."""
-    if pixels.shape[1::-1] == size:
-        return pixels
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def reduce_ids(ids: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """uint16 [H, W] sampled down to `size` (width, height), nearest neighbor."""
-    if ids.shape[1::-1] == size:
-        return ids
-    return np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint16)

@@ -26,6 +26,7 @@ from pathlib import Path
 from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.store.activity_clock import ActivityClock
+from fastsplat.service.store.file_digests import check_files, write_digests
 
 RESUMABLE_MARK = "offset"
 """File of an unfinished resumable upload; when it was changed says how old the upload is, by `ActivityClock`."""
@@ -52,7 +53,7 @@ class Blobs:
         return self._folder("logs", operation_id).with_suffix(".log")
 
     def version(self, scene_id: str, version: str) -> Path:
-        """Folder of one version on this machine: `artefact/` (see `service.scene`) and `scene.ply`."""
+        """Folder of one version on this machine: `artefact/` (see `service.scene`), `scene.ply`, `files.sha256`."""
         return self._folder("scenes", scene_id, version)
 
     def ids(self, kind: str) -> tuple[str, ...]:
@@ -90,7 +91,7 @@ class Blobs:
             return 0.0
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
-        """Move a finished folder to its final place, all of it or nothing, durably.
+        """Move a finished folder to its final place, all of it or nothing, durably, with the digests of its files.
 
         Returns:
             Where it now is on this machine.
@@ -100,6 +101,7 @@ class Blobs:
         """
         target = self.version(scene_id, version)
         target.parent.mkdir(parents=True, exist_ok=True)
+        write_digests(source)
         publish_directory(source, target)
         sync_directory(target.parent.parent)
         return target
@@ -108,6 +110,14 @@ class Blobs:
         """Folder of a published version, complete, on this machine; None if there is none (any more)."""
         folder = self.version(scene_id, version)
         return folder if folder.is_dir() else None
+
+    def check_version(self, folder: Path, *names: str) -> None:
+        """Check files of a version's folder, by default all, against the digests that were published with them.
+
+        Raises:
+            SceneFileError: one is damaged or missing; names it.
+        """
+        check_files(folder, *names)
 
     def drop_version(self, scene_id: str, version: str) -> None:
         """Remove one version; those who have its files open may read on."""

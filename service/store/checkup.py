@@ -106,6 +106,7 @@ def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iter
                 hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
                 yield Problem(place, f"{inner} of the scene is missing", hint)
             else:
+                store.blobs.check_version(folder)
                 check_version(folder)
         except (FastSplatError, OSError) as error:
             hint = "Restore it from a backup, undo to an earlier version, or delete the scene."

@@ -26,6 +26,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
 
@@ -78,6 +79,7 @@ class ObjectStoreBlobs(Blobs):
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
         """See `Blobs`; one that is there already stays, and `source` is gone either way."""
+        write_digests(source)
         self._put(source, self._key("scenes", scene_id, version))
         remove(source)
         folder = self.fetch_version(scene_id, version)

@@ -15,6 +15,7 @@ from PIL import Image
 
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.store.file_digests import DIGESTS, write_digests
 from fastsplat_client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
@@ -55,6 +56,22 @@ def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService
         with pytest.raises(grpc.RpcError) as caught:
             list(faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id, **bad)))
         assert rpc_refusal(caught.value).code == "INVALID_ARGUMENT"
+
+
+def test_a_file_with_a_flipped_bit_is_not_sent(faces: Faces, service: SceneService, scene_id: str) -> None:
+    path, version = service.answers.scene_ply(scene_id)
+    whole = path.read_bytes()
+    write_digests(path.parent)
+    try:
+        path.write_bytes(bytes([*whole[:-1], whole[-1] ^ 1]))
+        refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply"))
+        assert (refusal.code, refusal.reason, refusal.details["field"]) == (500, "SCENE_DAMAGED", "scene.ply")
+        with pytest.raises(grpc.RpcError) as caught:
+            list(faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id, version=version)))
+        assert rpc_refusal(caught.value).reason == "SCENE_DAMAGED"
+    finally:
+        path.write_bytes(whole)
+        (path.parent / DIGESTS).unlink()
 
 
 def test_a_copy_that_is_still_right_is_not_sent_again(faces: Faces, scene_id: str) -> None:

@@ -118,3 +118,34 @@ print(refused(lambda: None) if resource.getrlimit(resource.RLIMIT_AS)[1] == 2 <<
 def test_a_process_that_computes_for_ever_is_ended(tmp_path: Path) -> None:
     process = _attack(tmp_path, "while True: pass\n")
     assert process.returncode == -signal.SIGXCPU
+
+
+def test_a_user_who_is_not_root_starts_no_more_tasks_than_it_may() -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can run a process as somebody else")
+    code = """
+import os, resource, sys, threading
+from fastsplat.service.capture.confinement import ResourceLimits, confine
+os.setgroups([]), os.setgid(65533), os.setuid(65533)
+confine(ResourceLimits(2 << 30, 20, 1 << 20, processes=6), (), ())
+stop, started = threading.Event(), 0
+try:
+    for _ in range(60):
+        threading.Thread(target=stop.wait).start()
+        started += 1
+except RuntimeError:
+    pass
+try:
+    child = os.fork()
+    if not child:
+        os._exit(0)
+except OSError as error:
+    child = error.strerror
+stop.set()
+print(started, child)
+"""
+    process = subprocess.run([sys.executable, "-P", "-c", code], check=False, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    started, refusal = process.stdout.strip().split(" ", 1)
+    assert 1 <= int(started) <= 6
+    assert refusal == os.strerror(11)

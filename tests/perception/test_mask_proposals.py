@@ -110,7 +110,7 @@ def test_one_by_one_and_in_batches_are_the_same(
     test_data: Path, models_dir: Path, helpers: Any, tmp_path: Path
 ) -> None:
     models, folder = models_dir, models_dir / "mobile_sam"
-    if batch_decoder(folder) is None:  # pulled by an earlier release
+    if batch_decoder(folder, name="mobile_sam") is None:  # pulled by an earlier release
         models, folder = tmp_path / "pulled", tmp_path / "pulled" / "mobile_sam"
         pull(models, ["mobile_sam"], report=lambda step: None)
     for path in encoder_and_decoder(folder, name="mobile_sam"):

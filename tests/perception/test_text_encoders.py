@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.sentence import SentenceEncoder
@@ -79,3 +83,33 @@ def test_a_damaged_table_is_refused(tmp_path: Path) -> None:
     (tmp_path / "words" / "table.npz").write_bytes(b"PK\x03\x04 no")
     with pytest.raises(ModelUnavailableError, match="words"):
         open_text_encoder("label_table:words", tmp_path)
+
+
+@pytest.mark.parametrize("file", ["model.onnx", "tokenizer.json"])
+def test_a_model_with_a_flipped_bit_is_refused_by_name(file: str, models_dir: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "minilm_l6_int8"
+    shutil.copytree(models_dir / "minilm_l6_int8", folder, copy_function=shutil.copyfile)
+    assert open_text_encoder("minilm_l6_int8", tmp_path).encode(["mug"]).shape[0] == 1
+    content = bytearray((folder / file).read_bytes())
+    content[len(content) // 2] ^= 1
+    other = tmp_path / "flipped"
+    (other / "minilm_l6_int8").mkdir(parents=True)
+    for path in folder.iterdir():
+        (other / "minilm_l6_int8" / path.name).write_bytes(content if path.name == file else path.read_bytes())
+    with pytest.raises(ModelUnavailableError, match=f"{file} is damaged"):
+        open_text_encoder("minilm_l6_int8", other)
+
+
+def test_what_a_pull_converted_is_checked_against_its_receipt(tmp_path: Path) -> None:
+    digests = {"a.onnx": hashlib.sha256(b"network").hexdigest()}
+    (tmp_path / "pulled.json").write_text(json.dumps({"sha256": digests}))
+    (tmp_path / "a.onnx").write_bytes(b"network")
+    assert only_network(tmp_path, name="sentence:mine") == tmp_path / "a.onnx"
+    other = tmp_path / "other"
+    shutil.copytree(tmp_path, other, ignore=shutil.ignore_patterns("other"))
+    (other / "a.onnx").write_bytes(b"netwosk")
+    with pytest.raises(ModelUnavailableError, match=r"a\.onnx is damaged"):
+        only_network(other, name="sentence:mine")
+    (other / "pulled.json").write_text('{"sha256": ')
+    with pytest.raises(ModelUnavailableError, match=r"pulled\.json is damaged"):
+        only_network(other, name="sentence:mine")

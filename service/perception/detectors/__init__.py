@@ -8,7 +8,7 @@ from pathlib import Path
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
-from fastsplat.service.perception.models.model_files import only_network
+from fastsplat.service.perception.models.model_files import only_network, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
@@ -45,7 +45,7 @@ def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSetting
     name = settings.open_set_detector
     return GroundingDino(
         only_network(folder, name=name),
-        folder / "tokenizer.json",
+        tokenizer(folder, name=name),
         name=name,
         prompts_per_pass=settings.prompts_per_pass,
         threads=settings.threads,

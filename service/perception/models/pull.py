@@ -13,14 +13,13 @@ from typing import Literal
 
 from fastsplat.service.perception.models.convert import convert
 from fastsplat.service.perception.models.model_check import check_model
+from fastsplat.service.perception.models.model_files import RECEIPT
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.models.sources import fetch_file
 from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 ModelState = Literal["ready", "unverified", "damaged", "absent"]
-
-_RECEIPT = "pulled.json"
 
 
 @dataclass(frozen=True)
@@ -93,9 +92,9 @@ def model_state(entry: ModelEntry, models: Path) -> ModelState:
     """
     folder = models / entry.name
     expected = {file.name: file.sha256 for file in entry.files}
-    if (folder / _RECEIPT).is_file():
+    if (folder / RECEIPT).is_file():
         try:
-            expected |= json.loads((folder / _RECEIPT).read_text("utf-8"))["sha256"]
+            expected |= json.loads((folder / RECEIPT).read_text("utf-8"))["sha256"]
         except (ValueError, KeyError, TypeError):
             return "damaged"
     present = [name for name in expected if (folder / name).is_file()]
@@ -158,7 +157,7 @@ def _put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         "license": entry.license,
         "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
     }
-    (staged / _RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
+    (staged / RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
     for path in staged.iterdir():
         with path.open("rb") as stream:
             os.fsync(stream.fileno())

@@ -24,7 +24,9 @@ def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
     encoder, decoder = encoder_and_decoder(models / inside, name=name)
     segmenter = select_adapter(SEGMENTERS, adapter, name, "segmenter")
     if segmenter is Sam1:
-        return Sam1(encoder, decoder, name=name, threads=settings.threads, batch=batch_decoder(models / inside))
+        return Sam1(
+            encoder, decoder, name=name, threads=settings.threads, batch=batch_decoder(models / inside, name=name)
+        )
     return segmenter(encoder, decoder, name=name, threads=settings.threads)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from fastsplat.service.perception.models.model_files import only_network, only_table
+from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.label_table import LabelTable
@@ -29,7 +29,7 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
     if adapter == "label_table":
         return LabelTable(only_table(folder, name=name), name=name)
     encoder = select_adapter(TEXT_TOWERS, adapter, name, "text_encoder")
-    return encoder(only_network(folder, name=name), folder / "tokenizer.json", name=name, threads=threads)
+    return encoder(only_network(folder, name=name), tokenizer(folder, name=name), name=name, threads=threads)
 
 
 TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {

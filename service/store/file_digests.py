@@ -1,0 +1,102 @@
+"""Digests of the files of a folder that never changes, in the folder itself: `files.sha256`, as sha256sum(1) writes it.
+
+Disks flip bits. Who reads a file to somebody checks it first; an answer is remembered as long as the file looks
+unchanged, but not for ever, because a disk changes bytes without changing a file's time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import threading
+import time
+from collections import OrderedDict
+from pathlib import Path
+
+from fastsplat_contract.errors import SceneFileError
+
+DIGESTS = "files.sha256"
+_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+_HINT = "Restore the scene's folder from a backup, undo to an earlier version, or train it again."
+_TRUSTED_S = 3600.0
+_REMEMBERED = 10_000
+
+
+def write_digests(folder: Path) -> None:
+    """Record the digests of all files below `folder`, which is not published yet.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+    """
+    target = folder / DIGESTS
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    lines = [f"{_digest(folder / name)}  {name}\n" for name in names if name != DIGESTS]
+    target.write_text("".join(lines), encoding="utf-8")
+
+
+def check_files(folder: Path, *names: str) -> None:
+    """Check files of a published folder, by default all, against their digests.
+
+    A folder of a release before digests were recorded has none, and passes.
+
+    Raises:
+        SceneFileError: one is damaged or missing; names it.
+    """
+    digests = _read(folder)
+    if digests is None:
+        return
+    for name in names or digests:
+        if name not in digests:
+            raise SceneFileError(f"{DIGESTS} has no digest of {name}", field=DIGESTS, hint=_HINT)
+        if not _CHECKED.holds(folder / name, digests[name]):
+            raise SceneFileError(
+                f"{name} is damaged: it does not match its digest in {DIGESTS}", field=name, hint=_HINT
+            )
+
+
+def _read(folder: Path) -> dict[str, str] | None:
+    try:
+        lines = (folder / DIGESTS).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise SceneFileError(f"{DIGESTS} is damaged", field=DIGESTS, hint=_HINT) from error
+    matches = [_LINE.fullmatch(line) for line in lines]
+    if None in matches or not lines:
+        raise SceneFileError(f"{DIGESTS} is damaged", field=DIGESTS, hint=_HINT)
+    return {match[2]: match[1] for match in matches if match}
+
+
+class _Checked:
+    """Files that had their digest a while ago and look unchanged since. Safe from any thread."""
+
+    def __init__(self) -> None:
+        self._seen: OrderedDict[tuple[int, ...], tuple[str, float]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def holds(self, path: Path, digest: str) -> bool:
+        """Whether a file is there and has that digest."""
+        try:
+            status = path.stat()
+            key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+            with self._lock:
+                known = self._seen.get(key)
+            if known is not None and known[0] == digest and time.monotonic() < known[1]:
+                return True
+            if _digest(path) != digest:
+                return False
+        except FileNotFoundError:
+            return False
+        with self._lock:
+            self._seen[key] = (digest, time.monotonic() + _TRUSTED_S)
+            while len(self._seen) > _REMEMBERED:
+                self._seen.popitem(last=False)
+        return True
+
+
+_CHECKED = _Checked()
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
