@@ -6,12 +6,13 @@ import dataclasses
 import logging
 from pathlib import Path
 
-from fastsplat.service.application.costs import check_encodings, check_pixels
+from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
 from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
 from fastsplat.service.application.validate import check_page_size, check_texts
+from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
@@ -161,7 +162,9 @@ class Answers:
         cameras = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
         if "mask2d" in request.outputs:
-            check_pixels((posed for _, _, posed in cameras), len(request.texts), self._settings.calls)
+            views = [posed for _, _, posed in cameras]
+            check_pixels(views, len(request.texts), self._settings.calls)
+            charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
         shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
         answers: list[Answer] = []
         for answer in index.answer(query):
