@@ -153,6 +153,15 @@ class CallSettings(BaseModel):
     scene_memory_bytes: int = Field(
         4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
     )
+    answer_memory_bytes: int = Field(
+        0,
+        ge=0,
+        description="bytes that answers under way may hold together beside open scenes, by estimate; more wait; "
+        "0: half of the machine's memory, or of its control group's limit",
+    )
+    request_memory_bytes: int = Field(
+        0, ge=0, description="bytes that one answer may hold, by estimate; 0: a quarter of that memory"
+    )
     max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
     max_queried_scenes: int = Field(100, ge=1, description="scenes, the newest, that a question to all of them asks")
     max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")

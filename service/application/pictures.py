@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from fastsplat.service.application.costs import rendering_cost
 from fastsplat.service.application.open_scenes import view_of
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query import SceneIndex, pictures
 from fastsplat.service.query.query_text import TextQuery
 from fastsplat_contract.errors import InvalidInputError
@@ -58,10 +56,8 @@ def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None)
 
     Raises:
         NotFoundError: the scene has no such view.
-        RateLimitedError: the caller has spent what it may.
     """
     posed = request.camera or view_of(index, request.view or "")
-    charge(rendering_cost([posed], 1, len(index.scene.gaussians)))
     kind, image_format = request.kind, request.format
     if kind == "rgb":
         return pictures.png_bytes(index.render(posed))
