@@ -1,10 +1,12 @@
 """Threads that take work in turns over those who ask, so that one caller's queue does not delay another's.
 
-Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin.
+Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin. What costs much runs on threads of a
+lower priority, so that the operating system gives the cores to short calls first.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import OrderedDict, deque
@@ -13,43 +15,89 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from fastsplat.service.common.process import lower_priority
+
 _R = TypeVar("_R")
 
 _RECENT_S = 10.0
-"""Who has called in this time shares the threads."""
+"""Who has called in this time shares the threads; use of them is forgotten as fast (time constant)."""
+_SPARED_S = 0.5
+"""A caller that has used the threads for less than this lately is not over its share."""
+_OVER = 1.5
+"""A caller is over its share from so many times the mean use on."""
 
 
 @dataclass
 class _Caller:
-    waiting: deque[tuple[Future[Any], Callable[[], Any]]] = field(default_factory=deque)
+    """What one caller waits for and runs, by class: 0 at the process's own priority, 1 in the background."""
+
+    waiting: tuple[deque[_Entry], deque[_Entry]] = field(default_factory=lambda: (deque(), deque()))
+    running: list[int] = field(default_factory=lambda: [0, 0])
+
+    @property
+    def idle(self) -> bool:
+        return not any(self.waiting) and not any(self.running)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    future: Future[Any]
+    function: Callable[[], Any]
+
+
+@dataclass
+class _Use:
+    """Seconds on threads, fading with `_RECENT_S`, up to `at`; a call under way counts as it goes."""
+
+    seconds: float
+    at: float
+    called_at: float
     running: int = 0
+
+    def advance(self, now: float) -> float:
+        fading = math.exp((self.at - now) / _RECENT_S)
+        self.seconds = self.seconds * fading + self.running * _RECENT_S * (1 - fading)
+        self.at = now
+        return self.seconds
 
 
 class FairPool:
     """Threads for blocking work, shared round robin over callers; one caller never has them all.
 
-    A caller alone may hold all threads but one, so that another's next call begins at once. While others call, too, its
-    share is smaller: there are twice as many threads as cores, and calls that compute are faster side by side only as
-    long as each has a core.
+    There are two classes of threads: those of the process's own priority, and as many of a lower one, in the
+    background. A call goes to the background if it is said to be costly, or if its caller has lately used the threads
+    for more than its share while others call, too. A machine that is idle otherwise loses nothing by that.
+
+    A caller alone may have all threads of a class but one, so that another's next call begins at once. While others
+    call, too, its share is smaller: there are twice as many threads as cores, and calls that compute are faster side by
+    side only as long as each has a core.
 
     Args:
-        size: threads, at least one.
+        size: threads of each class, at least one.
         name: prefix of the threads' names.
+        niceness: how much nicer the background threads, and the threads that they start, are than the process. Only
+            Linux has a niceness for each thread; elsewhere all have the process's.
         clock: seconds.
     """
 
-    def __init__(self, size: int, name: str, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, size: int, name: str, niceness: int = 0, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._called: dict[str, float] = {}
+        self._uses: dict[str, _Use] = {}
         self._callers: OrderedDict[str, _Caller] = OrderedDict()
         self._changed = threading.Condition()
         self._closed = False
         self._size = size
         self._name = name
-        self._threads: list[threading.Thread] = []
+        self._niceness = niceness
+        self._threads: tuple[list[threading.Thread], list[threading.Thread]] = ([], [])
 
-    def submit(self, caller: str, function: Callable[[], _R]) -> Future[_R]:
+    def submit(self, caller: str, function: Callable[[], _R], *, costly: bool = False) -> Future[_R]:
         """Queue a call; its future can be cancelled as long as it waits.
+
+        Args:
+            caller: whose turn it takes.
+            function: the call.
+            costly: run it in the background.
 
         Raises:
             RuntimeError: the pool is closed.
@@ -58,12 +106,18 @@ class FairPool:
         with self._changed:
             if self._closed:
                 raise RuntimeError("the pool is closed")
-            self._callers.setdefault(caller, _Caller()).waiting.append((future, function))
-            self._called[caller] = self._clock()
+            now = self._clock()
+            self._uses.setdefault(caller, _Use(0.0, now, now)).called_at = now
+            background = costly or self._is_over_share(caller, now)
+            self._callers.setdefault(caller, _Caller()).waiting[background].append(_Entry(future, function))
             self._changed.notify_all()
-            if len(self._threads) < self._size:  # a pool that nobody uses has no threads
-                thread = threading.Thread(target=self._work, name=f"{self._name}_{len(self._threads)}", daemon=True)
-                self._threads.append(thread)
+            threads = self._threads[background]
+            if len(threads) < self._size:  # a pool that nobody uses has no threads
+                prefix = f"{self._name}_background" if background else self._name
+                thread = threading.Thread(
+                    target=self._work, args=(background,), name=f"{prefix}_{len(threads)}", daemon=True
+                )
+                threads.append(thread)
                 thread.start()
         future.add_done_callback(lambda done: self._drop(caller, done) if done.cancelled() else None)
         return future
@@ -72,15 +126,17 @@ class FairPool:
         """Wait for what runs, cancel what waits."""
         with self._changed:
             self._closed = True
-            waiting = [future for caller in self._callers.values() for future, _ in caller.waiting]
+            waiting = [entry.future for caller in self._callers.values() for queue in caller.waiting for entry in queue]
             self._changed.notify_all()
         for future in waiting:
             future.cancel()
-        for thread in self._threads:
+        for thread in (*self._threads[0], *self._threads[1]):
             thread.join()
 
-    def _work(self) -> None:
-        while (taken := self._take()) is not None:
+    def _work(self, background: bool) -> None:
+        if background and self._niceness:
+            lower_priority(self._niceness)
+        while (taken := self._take(background)) is not None:
             name, future, function = taken
             try:
                 if future.set_running_or_notify_cancel():
@@ -92,31 +148,47 @@ class FairPool:
                         future.set_result(result)
                     del function
             finally:
-                self._done(name)
+                self._done(name, background)
 
-    def _take(self) -> tuple[str, Future[Any], Callable[[], Any]] | None:
+    def _take(self, background: bool) -> tuple[str, Future[Any], Callable[[], Any]] | None:
         """The next call of the caller whose turn it is; None once the pool is closed."""
         with self._changed:
             while not self._closed:
-                share = self._share()
+                now = self._clock()
+                share = self._share(now)
                 for name, caller in self._callers.items():
-                    if caller.waiting and caller.running < share:
-                        caller.running += 1
+                    if caller.waiting[background] and caller.running[background] < share:
+                        caller.running[background] += 1
+                        use = self._uses[name]
+                        use.advance(now)
+                        use.running += 1
                         self._callers.move_to_end(name)  # the others come first next time
-                        return (name, *caller.waiting.popleft())
+                        entry = caller.waiting[background].popleft()
+                        return name, entry.future, entry.function
                 self._changed.wait()
             return None
 
-    def _share(self) -> int:
-        """How many threads one caller may hold now."""
-        recent = self._clock() - _RECENT_S
-        self._called = {name: at for name, at in self._called.items() if at > recent or name in self._callers}
-        count = len(self._called)
+    def _share(self, now: float) -> int:
+        """How many threads of a class one caller may have now."""
+        self._forget_uses(now)
+        count = len(self._uses)
         return max(1, self._size - 1 if count < 2 else self._size // (2 * count))
 
-    def _done(self, name: str) -> None:
+    def _is_over_share(self, caller: str, now: float) -> bool:
+        self._forget_uses(now)
+        uses = {name: use.advance(now) for name, use in self._uses.items()}
+        return len(uses) > 1 and uses[caller] > max(_SPARED_S, _OVER * sum(uses.values()) / len(uses))
+
+    def _forget_uses(self, now: float) -> None:
+        recent = now - _RECENT_S
+        self._uses = {name: use for name, use in self._uses.items() if use.called_at > recent or name in self._callers}
+
+    def _done(self, name: str, background: bool) -> None:
         with self._changed:
-            self._callers[name].running -= 1
+            self._callers[name].running[background] -= 1
+            use = self._uses[name]
+            use.advance(self._clock())
+            use.running -= 1
             self._forget(name)
             self._changed.notify_all()
 
@@ -124,10 +196,13 @@ class FairPool:
         """Take a cancelled call out of its queue, so that what nobody waits for holds no memory."""
         with self._changed:
             if (caller := self._callers.get(name)) is not None:
-                caller.waiting = deque(entry for entry in caller.waiting if entry[0] is not future)
+                for queue in caller.waiting:
+                    for entry in queue:
+                        if entry.future is future:
+                            queue.remove(entry)
+                            break
                 self._forget(name)
 
     def _forget(self, name: str) -> None:
-        caller = self._callers[name]
-        if not caller.waiting and not caller.running:
+        if self._callers[name].idle:
             del self._callers[name]

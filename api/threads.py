@@ -13,9 +13,11 @@ from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
 from fastsplat.api.access.caller import caller_id
+from fastsplat.api.access.cost_budgets import CostBudgets
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.metrics import Metrics
 from fastsplat.api.receiving import Sink, UploadReceiver
+from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import LimitSettings, UploadSettings
 
@@ -36,7 +38,9 @@ class Threads:
         """Threads as `limits` say, for uploads as slow as `uploads` say, of which so many are validated at a time;
         `metrics` learns what waits and runs."""
         self._limits = limits or LimitSettings()
-        self._calls = FairPool(self._limits.threads or max(4, 2 * (os.cpu_count() or 1)), "call")
+        threads = self._limits.threads or max(4, 2 * (os.cpu_count() or 1))
+        self._calls = FairPool(threads, "call", self._limits.costly_niceness)
+        self._budgets = CostBudgets(self._limits)
         self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
         self._metrics = metrics or Metrics()
 
@@ -59,17 +63,21 @@ class Threads:
 
     async def _run(self, function: Callable[[], _R], timeout_s: float) -> _R:
         cancellation = Cancellation(timeout_s)
+        account = _Account(self._budgets, caller_id(), self._limits.costly)
 
         def watched() -> _R:
-            with cancellable(cancellation):
+            account.begin()
+            with cancellable(cancellation), run_by(account):
                 cancellation.check()
                 return function()
 
         try:
-            with self._metrics.queued() as call:
-                context = contextvars.copy_context()  # the thread knows who calls
-                call.future = self._calls.submit(caller_id(), lambda: context.run(call.run, watched))
-                return await asyncio.wrap_future(call.future)
+            while True:
+                try:
+                    return await self._run_once(watched, costly=account.costly)
+                except CallAgainError as again:  # it waits here, without a thread
+                    account.costly = account.costly or again.costly
+                    await asyncio.sleep(again.after_s)
         except asyncio.CancelledError:
             cancellation.cancel()
             raise
@@ -78,7 +86,44 @@ class Threads:
         """See `UploadReceiver.receive`."""
         return await self._uploads.receive(stream, sink, size)
 
+    async def _run_once(self, function: Callable[[], _R], *, costly: bool) -> _R:
+        with self._metrics.queued() as call:
+            context = contextvars.copy_context()  # the thread knows who calls
+            call.future = self._calls.submit(caller_id(), lambda: context.run(call.run, function), costly=costly)
+            return await asyncio.wrap_future(call.future)
+
     def close(self) -> None:
         """Wait for what runs, drop what waits."""
         self._uploads.close()
         self._calls.close()
+
+
+class _Account:
+    """What one call costs, however often it is made.
+
+    Args:
+        budgets: of all keys.
+        key_id: who calls.
+        limit: pixels from which on the call belongs to the costly ones.
+    """
+
+    def __init__(self, budgets: CostBudgets, key_id: str, limit: int) -> None:
+        self._budgets = budgets
+        self._key_id = key_id
+        self._limit = limit
+        self._cost = 0.0  # this time
+        self._paid = 0.0
+        self.costly = False
+
+    def begin(self) -> None:
+        """The call is made, or made again."""
+        self._cost = 0.0
+
+    def charge(self, cost: float) -> None:
+        """See `CallRunner.charge`."""
+        self._cost += cost
+        if self._cost > self._paid:
+            self._budgets.spend(self._key_id, self._cost - self._paid)
+            self._paid = self._cost
+        if self._cost > self._limit and not self.costly:
+            raise CallAgainError(costly=True)

@@ -56,6 +56,10 @@ class JobSettings(SettingGroup, section="jobs"):
     threads_per_job: int = Field(0, ge=0)
     """CPU threads of a trainer; 0: all of the machine's."""
 
+    niceness: int = Field(19, ge=0, le=19)
+    """How nice a trainer is to other processes, requests to the API of the same machine among them, beyond the worker's
+    own niceness; 0: not at all. A machine that does nothing else loses nothing by it."""
+
 
 class UploadSettings(SettingGroup, section="uploads"):
     """How long uploads are stored."""
@@ -109,8 +113,21 @@ class LimitSettings(BaseModel):
     head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")
     idle_s: float = Field(300.0, gt=0, description="seconds after which a gRPC connection without calls is closed")
     streams: int = Field(256, ge=1, description="calls of one gRPC connection at a time")
+    cost_per_s: float = Field(
+        2.0**26, gt=0, description="pixels that one key may have rendered a second, over time; a sentence counts 16384"
+    )
+    cost_burst: int = Field(2**31, ge=1, description="pixels that one key may have rendered at once after a pause")
     threads: int = Field(
-        0, ge=0, description="threads that answer requests, round robin over keys; 0: two a core, at least four"
+        0,
+        ge=0,
+        description="threads that answer requests, round robin over keys, and as many for costly ones; "
+        "0: two a core, at least four",
+    )
+    costly: int = Field(
+        2**20, ge=1, description="requests that cost more pixels than this run on the threads for costly ones"
+    )
+    costly_niceness: int = Field(
+        10, ge=0, le=19, description="how much nicer (Linux) those threads are than the others; 0: not at all"
     )
     answer_s: float = Field(60.0, gt=0, description="seconds that one question or picture may take, waiting included")
     call_s: float = Field(600.0, gt=0, description="seconds that any other call may take, waiting included")
@@ -135,6 +152,15 @@ class CallSettings(BaseModel):
 
     scene_memory_bytes: int = Field(
         4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
+    )
+    answer_memory_bytes: int = Field(
+        0,
+        ge=0,
+        description="bytes that answers under way may hold together beside open scenes, by estimate; more wait; "
+        "0: half of the machine's memory, or of its control group's limit",
+    )
+    request_memory_bytes: int = Field(
+        0, ge=0, description="bytes that one answer may hold, by estimate; 0: a quarter of that memory"
     )
     max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
     max_queried_scenes: int = Field(100, ge=1, description="scenes, the newest, that a question to all of them asks")

@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fastsplat.service.common.process import die_with_parent
+from fastsplat.service.common.process import die_with_parent, yield_to_others
 from fastsplat.workers.process_group import PARENT_VARIABLE, fork_group_guard
 
 if TYPE_CHECKING:
@@ -21,14 +21,12 @@ if TYPE_CHECKING:
     from fastsplat.service.common.progress import ProgressEvent
     from fastsplat.workers.protocol import Event, Job, Stages
 
-_NICENESS = 5
 _PROGRESS_S = 0.1
 
 
 def main() -> int:
     """Run one job's missing stages. Exit status: 0 all stages done, 1 a failure was reported."""
     die_with_parent(int(os.environ[PARENT_VARIABLE]))
-    os.nice(_NICENESS)  # requests to the API of the same machine go first
     events = os.dup(1)
     os.dup2(2, 1)
     spec = _first_line(0)
@@ -37,6 +35,7 @@ def main() -> int:
     from fastsplat.workers.protocol import event_to_line, read_job
 
     job, name = read_job(spec)
+    yield_to_others(job.settings.jobs.niceness)  # requests to the API of the same machine go first
     return _run(job, name, lambda event: _write(events, event_to_line(event)))
 
 

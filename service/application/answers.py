@@ -6,17 +6,20 @@ import dataclasses
 import logging
 from pathlib import Path
 
-from fastsplat.service.application.costs import check_encodings, check_pixels
+from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
 from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
+from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
 from fastsplat.service.application.validate import check_page_size, check_texts
+from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import (
     ArtefactError,
     InvalidInputError,
@@ -34,14 +37,18 @@ _log = logging.getLogger(__name__)
 
 _MAX_SKIPPED = 1_000
 
+_Camera = tuple[str, int, PosedCamera]
+"""Name of the scene's own view or "", number in the request, and the view."""
+
 
 class Answers:
     """What can be asked of finished scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
+        self._memory = memory
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
@@ -90,7 +97,16 @@ class Answers:
         question = question_of(request)
         query = check_query((question,), self._settings.query) if question else None
         check_texts(dataclasses.replace(request, scene_id=""))
-        return self._scenes.reading(request.scene_id, request.version, lambda index, _: picture(index, request, query))
+
+        def read(index: SceneIndex, _: str) -> bytes:
+            posed = request.camera or view_of(index, request.view or "")
+            index.check_view(posed)
+            gaussians = len(index.scene.gaussians)
+            charge(rendering_cost([posed], 1, gaussians))
+            with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
+                return picture(index, dataclasses.replace(request, camera=posed), query)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
         """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
@@ -121,7 +137,8 @@ class Answers:
 
         def read(index: SceneIndex, _: str) -> bytes:
             (answer,) = index.answer(query)
-            return mask_ply(index.scene.gaussians, index.mask3d(answer))
+            with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
+                return mask_ply(index.scene.gaussians, index.mask3d(answer))
 
         return self._scenes.reading(scene_id, version, read)
 
@@ -165,10 +182,21 @@ class Answers:
         )
 
     def _answer(self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        cameras = [("", number, posed) for number, posed in enumerate(request.cameras)]
+        cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
         if "mask2d" in request.outputs:
-            check_pixels((posed for _, _, posed in cameras), len(request.texts), self._settings.calls)
+            views = [posed for _, _, posed in cameras]
+            check_pixels(views, len(request.texts), self._settings.calls)
+            for posed in views:
+                index.check_view(posed)
+            charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
+        size, field = _bytes_to_hold(index, cameras, request)
+        with self._memory.reserve(size, field):
+            return self._answered(index, version, query, request, cameras)
+
+    def _answered(
+        self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest, cameras: list[_Camera]
+    ) -> tuple[Answer, ...]:
         shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
         answers: list[Answer] = []
         for answer in index.answer(query):
@@ -229,6 +257,17 @@ class Answers:
                 hint="Ask in several requests.",
             )
         return query
+
+
+def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:
+    """The estimated peak of an answer in bytes, and the field that has most of it."""
+    texts, gaussians = len(request.texts), index.scene.gaussians
+    mask2d = mask3d = 0
+    if "mask2d" in request.outputs:
+        mask2d = masks_bytes((posed for _, _, posed in cameras), texts, len(gaussians))
+    if "mask3d" in request.outputs:
+        mask3d = mask3d_bytes(request.mask3d_encoding, texts, gaussians)
+    return mask2d + mask3d, "cameras" if mask2d >= mask3d else "texts"
 
 
 def _check_everywhere(request: QueryRequest) -> None:

@@ -12,6 +12,7 @@ from typing import Self
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.project_keys import ProjectKeys
@@ -54,7 +55,8 @@ class SceneService:
         self._check_files = admit or _admit_upload
         self._validating = ValidationSlots(settings.capture.concurrent_validations)
         self._scenes = OpenScenes(self._store, settings)
-        self.answers = Answers(self._store, settings, self._scenes)
+        self._memory = MemoryBudget(settings.calls, machine_bytes())
+        self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
         self.versions = Versions(self._store, settings, self._scenes)
         """Edits of finished scenes."""
@@ -80,7 +82,7 @@ class SceneService:
         other.project = project
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
-        other.answers = Answers(other._store, self._settings, other._scenes)
+        other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.versions = Versions(other._store, self._settings, other._scenes)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other

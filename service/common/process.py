@@ -1,12 +1,20 @@
-"""Ties a child process's life to its parent's. Linux only; imports nothing heavy."""
+"""A process's life, tied to its parent's, and priorities of processes and threads. Imports nothing heavy."""
 
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
+_NICEST = 19
+
+_log = logging.getLogger(__name__)
 
 
 def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKILL) -> None:
@@ -29,3 +37,36 @@ def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKI
         raise OSError(number, f"prctl(PR_SET_PDEATHSIG): {os.strerror(number)}")
     if os.getppid() != parent_pid:
         os._exit(1)
+
+
+def yield_to_others(niceness: int) -> None:
+    """Make this process so much nicer to others than it is; to be called before it starts threads.
+
+    Linux may share the processor between sessions first, and only within a session by niceness (sched(7), autogroup),
+    so a process that leads a session of its own has that made nicer, too.
+
+    Args:
+        niceness: 0 to 19.
+    """
+    if niceness:
+        os.nice(niceness)
+        if os.getsid(0) == os.getpid():
+            with suppress(OSError):  # a kernel without, or a sandbox that forbids it
+                Path("/proc/self/autogroup").write_text(str(min(_NICEST, niceness)))
+
+
+def lower_priority(niceness: int) -> None:
+    """Make this thread, and all that it starts from now on, so much nicer than it is; Linux needs no privilege for it.
+
+    Does nothing elsewhere: there a niceness is the whole process's.
+
+    Args:
+        niceness: 0 to 19.
+    """
+    if sys.platform != "linux":
+        return
+    thread = threading.get_native_id()
+    try:
+        os.setpriority(os.PRIO_PROCESS, thread, min(_NICEST, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
+    except OSError as error:  # a sandbox that forbids it
+        _log.warning("costly calls run at the priority of all others: %s", error.strerror)

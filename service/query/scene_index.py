@@ -184,7 +184,12 @@ class SceneIndex:
             )
         return answer.relevant_ids
 
-    def _renderer_for(self, posed: PosedCamera) -> Renderer:
+    def check_view(self, posed: PosedCamera) -> None:
+        """Raise unless the settings allow a view of this size.
+
+        Raises:
+            LimitExceededError: the image is too large.
+        """
         side = self.settings.max_image_side
         if max(posed.camera.width, posed.camera.height) > side:
             raise LimitExceededError(
@@ -193,6 +198,9 @@ class SceneIndex:
                 limit=f"{side} pixels a side (FASTSPLAT_QUERY__MAX_IMAGE_SIDE)",
                 hint="Ask for a smaller image and scale the intrinsics with it.",
             )
+
+    def _renderer_for(self, posed: PosedCamera) -> Renderer:
+        self.check_view(posed)
         with self._renderer_lock:
             if self._renderer is None:
                 from fastsplat.service.query.scene_renderer import Renderer

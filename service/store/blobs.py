@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
-from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.call_scheduling import wait_elsewhere
 from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.file_digests import check_files, write_digests
 
@@ -125,10 +125,11 @@ class Blobs:
 
     @contextmanager
     def exclusive(self, scene_id: str) -> Iterator[None]:
-        """A block that one thread of one process of this machine runs at a time for a scene; the others wait.
+        """A block that one thread of one process of this machine runs at a time for a scene; the others wait, without a
+        thread if they can be made again. To be entered before anything is changed.
 
         Raises:
-            CancelledError: the caller does not wait any longer.
+            CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
         """
         path = self._folder("locks", scene_id)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -138,8 +139,7 @@ class Blobs:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     break
                 except BlockingIOError:
-                    check_cancelled()
-                    time.sleep(_LOCK_POLL_S)
+                    wait_elsewhere(_LOCK_POLL_S)
             yield
 
     def drop_scene(self, scene_id: str) -> None:

@@ -51,7 +51,7 @@ def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
     given_up = [pool.submit("a", lambda: ran.append(1)) for _ in range(100)]
     for future in given_up:
         assert future.cancel()
-    assert len(pool._callers["a"].waiting) == 0
+    assert not any(pool._callers["a"].waiting)
     release.set()
     for future in held:
         future.result(30)
@@ -74,3 +74,38 @@ def test_an_error_is_the_calls_own_and_closing_cancels_what_waits(pool: FairPool
     assert all(future.result(30) for future in held)
     with pytest.raises(RuntimeError):
         pool.submit("a", lambda: None)
+
+
+def test_costly_calls_leave_a_thread_to_the_callers_other_calls() -> None:
+    pool = FairPool(1, "classes")
+    release = threading.Event()
+    costly = pool.submit("a", lambda: release.wait(30), costly=True)
+    assert pool.submit("a", lambda: "short").result(30) == "short"
+    release.set()
+    assert costly.result(30)
+    pool.close()
+
+
+def test_who_is_over_its_share_while_others_call_goes_to_the_background() -> None:
+    now = [0.0]
+    pool = FairPool(4, "share", clock=lambda: now[0])
+    name = lambda: threading.current_thread().name.rpartition("_")[0]  # noqa: E731
+    release, begun = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        assert release.wait(30)
+
+    held = pool.submit("loud", work)
+    assert begun.wait(30)
+    now[0] = 5.0
+    assert pool.submit("loud", name).result(30) == "share"  # nobody else calls
+    assert pool.submit("quiet", name).result(30) == "share"
+    assert pool.submit("loud", name).result(30) == "share_background"
+    assert pool.submit("quiet", name).result(30) == "share"
+    release.set()
+    held.result(30)
+    now[0] = 100.0
+    assert pool.submit("quiet", name).result(30) == "share"
+    assert pool.submit("loud", name).result(30) == "share"  # long forgotten
+    pool.close()

@@ -1,4 +1,4 @@
-"""A child dies with its parent, whenever the parent died."""
+"""A child dies with its parent, whenever the parent died; a process that yields is nicer, and so is its session."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+import pytest
 
 _CHILD = """
 import sys, time
@@ -55,3 +57,24 @@ def test_a_child_whose_parent_died_before_it_looked_ends_at_once() -> None:
 def test_a_parent_that_lives_changes_nothing() -> None:
     command = [sys.executable, "-c", _SHORT_CHILD, str(os.getpid())]
     assert subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout == b"alive\n"
+
+
+_NICE = """
+import os, sys
+from pathlib import Path
+
+import pytest
+from fastsplat.service.common.process import yield_to_others
+yield_to_others(int(sys.argv[1]))
+group = Path("/proc/self/autogroup")
+print(os.getpriority(os.PRIO_PROCESS, 0), int(group.read_text().split()[-1]) if group.exists() else "none")
+"""
+
+
+@pytest.mark.parametrize("niceness", [0, 7])
+def test_a_process_that_leads_a_session_makes_that_as_nice_as_itself(niceness: int) -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    command = [sys.executable, "-c", _NICE, str(niceness)]
+    result = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, start_new_session=True)
+    process, session = result.stdout.split()
+    assert int(process) == min(19, own + niceness) and session in ("none", str(niceness))

@@ -1,9 +1,11 @@
 #include "thread_pool.h"
 
 #include <pthread.h>
+#include <sys/resource.h>
 
 #include <atomic>
 #include <condition_variable>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <thread>
@@ -18,7 +20,8 @@
 namespace fs {
 namespace {
 
-constexpr int SPINS = 4000;  // about 100 µs awake after a job: the stages of one call follow each other closely
+constexpr int SPINS = 4000;       // about 100 µs awake after a job: the stages of one call follow each other closely
+constexpr int LAST_SPINS = 2000;  // awake for the helpers' last tasks, which are short if each has a core
 
 struct Job {
   const std::function<void(int64_t)>* task;
@@ -28,9 +31,9 @@ struct Job {
 };
 
 struct Pool {
-  std::mutex busy;  // one call at a time; another caller's threads wait here
+  std::mutex busy;  // one call at a time; another caller of the same niceness waits here
   std::mutex lock;
-  std::condition_variable wake;
+  std::condition_variable wake, ended;
   std::vector<std::thread> threads;
   std::atomic<uint64_t> generation{0};
   std::atomic<int> running{0};
@@ -58,9 +61,22 @@ struct Pool {
       }
       if (mine) {
         work(*mine);
-        running.fetch_sub(1, std::memory_order_acq_rel);
+        if (running.fetch_sub(1, std::memory_order_acq_rel) == 1) {
+          std::lock_guard<std::mutex> hold(lock);  // whoever waits has either seen the 0 or waits by now
+          ended.notify_one();
+        }
       }
     }
+  }
+
+  // Returns once no helper is at work. The cores may be others' meanwhile, so this does not spin for long.
+  void wait_for_helpers() {
+    for (int spin = 0; spin < LAST_SPINS; spin++) {
+      if (running.load(std::memory_order_acquire) == 0) return;
+      FS_PAUSE();
+    }
+    std::unique_lock<std::mutex> hold(lock);
+    ended.wait(hold, [&] { return running.load(std::memory_order_acquire) == 0; });
   }
 
   void grow(int helpers) {
@@ -72,19 +88,32 @@ struct Pool {
   }
 };
 
-Pool* pool = nullptr;
+// A pool for each niceness of callers: its threads are started by such a caller and inherit it (Linux has it for each
+// thread). So a call of a low priority neither holds up one of a higher priority nor takes its core.
+struct Pools {
+  std::mutex lock;
+  std::map<int, Pool> by_niceness;
+};
+
+Pools* pools = nullptr;
 std::once_flag once;
 
-// Threads do not survive fork, so a child gets a pool of its own. The old one is never freed: threads that no longer
-// exist may have locked its mutexes.
-void replace_pool() { pool = new Pool; }
+// Threads do not survive fork, so a child gets pools of its own. The old ones are never freed: threads that no longer
+// exist may have locked their mutexes.
+void replace_pools() { pools = new Pools; }
 
-Pool& the_pool() {
+Pool& callers_pool() {
   std::call_once(once, [] {
-    replace_pool();
-    pthread_atfork(nullptr, nullptr, replace_pool);
+    replace_pools();
+    pthread_atfork(nullptr, nullptr, replace_pools);
   });
-  return *pool;
+#if defined(__linux__)
+  const int niceness = getpriority(PRIO_PROCESS, 0);  // of the calling thread
+#else
+  const int niceness = 0;
+#endif
+  std::lock_guard<std::mutex> hold(pools->lock);
+  return pools->by_niceness[niceness];
 }
 
 }  // namespace
@@ -94,19 +123,19 @@ bool parallel_for(int threads, int64_t count, const std::function<void(int64_t)>
   if (count <= 0) return true;
   Job job{&task, count};
   const int helpers = (int)(count < threads ? count : threads) - 1;
-  Pool& p = the_pool();
-  std::unique_lock<std::mutex> busy(p.busy, std::defer_lock);
-  if (helpers > 0) {
-    busy.lock();
-    p.grow(helpers);
+  Pool* const pool = helpers > 0 ? &callers_pool() : nullptr;
+  std::unique_lock<std::mutex> busy;
+  if (pool) {
+    busy = std::unique_lock<std::mutex>(pool->busy);
+    pool->grow(helpers);
     {
-      std::lock_guard<std::mutex> hold(p.lock);
-      p.job = &job;
-      p.running.store(helpers);
-      p.helpers = helpers;
-      p.generation.fetch_add(1, std::memory_order_acq_rel);
+      std::lock_guard<std::mutex> hold(pool->lock);
+      pool->job = &job;
+      pool->running.store(helpers);
+      pool->helpers = helpers;
+      pool->generation.fetch_add(1, std::memory_order_acq_rel);
     }
-    p.wake.notify_all();
+    pool->wake.notify_all();
   }
   for (;;) {
     const int64_t i = job.next.fetch_add(1, std::memory_order_relaxed);
@@ -117,13 +146,7 @@ bool parallel_for(int threads, int64_t count, const std::function<void(int64_t)>
     }
     task(i);
   }
-  if (helpers > 0)
-    for (int spin = 0; p.running.load(std::memory_order_acquire) > 0; spin++) {
-      if (spin < 2000)
-        FS_PAUSE();
-      else
-        std::this_thread::yield();
-    }
+  if (pool) pool->wait_for_helpers();
   return !job.dropped.load();
 }
 

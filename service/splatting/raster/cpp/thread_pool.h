@@ -1,4 +1,5 @@
-// Threads of our own: torch's OpenMP team is left alone. The caller works too, so `threads` = 1 starts none.
+// Threads of our own: torch's OpenMP team is left alone. The caller works too, so `threads` = 1 starts none. They have
+// the caller's niceness; calls of one niceness take turns, calls of different ones run side by side.
 #pragma once
 #include <cstdint>
 #include <functional>

@@ -1,0 +1,79 @@
+"""What a call may tell whoever runs it: what its work will cost, and that it cannot go on yet.
+
+Costs are in units of one rendered pixel, known from a request's arguments before the work is done.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol
+
+from fastsplat.service.common.cancellation import check_cancelled
+
+SENTENCE_COST = 2**14
+"""Encoding a sentence takes about as long as rendering so many pixels."""
+
+
+class CallAgainError(Exception):
+    """The call is to be made again from its beginning, later or on another thread; it has changed nothing so far."""
+
+    def __init__(self, after_s: float = 0.0, *, costly: bool = False) -> None:
+        super().__init__("the call is to be made again")
+        self.after_s = after_s
+        self.costly = costly
+
+
+class CallRunner(Protocol):
+    """What runs calls."""
+
+    def charge(self, cost: float) -> None:
+        """Account for work that is about to be done.
+
+        Raises:
+            RateLimitedError: the caller has spent what it may.
+            CallAgainError: the call is too costly for the thread that it runs on.
+        """
+
+
+_runner: ContextVar[CallRunner | None] = ContextVar("_runner", default=None)
+
+
+@contextmanager
+def run_by(runner: CallRunner) -> Iterator[None]:
+    """A context in which `charge` and `wait_elsewhere`, on this thread, turn to `runner`."""
+    token = _runner.set(runner)
+    try:
+        yield
+    finally:
+        _runner.reset(token)
+
+
+def charge(cost: float) -> None:
+    """Account for work that is about to be done; nothing where nobody accounts for it.
+
+    Args:
+        cost: in rendered pixels.
+
+    Raises:
+        RateLimitedError, CallAgainError: as `CallRunner.charge`.
+    """
+    runner = _runner.get()
+    if runner is not None:
+        runner.charge(cost)
+
+
+def wait_elsewhere(seconds: float) -> None:
+    """Wait without a thread where the call's runner can make it again, otherwise on this one. Only for a call that has
+    changed nothing yet.
+
+    Raises:
+        CallAgainError: for the runner.
+        CancelledError, DeadlineExceededError: as `check_cancelled`.
+    """
+    check_cancelled()
+    if _runner.get() is not None:
+        raise CallAgainError(seconds)
+    time.sleep(seconds)

@@ -1,0 +1,160 @@
+"""Memory of answers is admitted before it is allocated: what is too large is refused, the rest takes turns."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fastsplat.service.application.memory import MemoryBudget
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.common.call_scheduling import CallAgainError, run_by
+from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.settings import CallSettings, Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import CancelledError, LimitExceededError
+from fastsplat_contract.queries import PictureRequest, QueryRequest
+
+_PEAKS = """
+import json, sys
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+import numpy as np
+from fastsplat.service.application.mask_encodings import view_mask
+from fastsplat.service.application.memory import masks_bytes, picture_bytes
+from fastsplat.service.application.pictures import picture
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.query_text import check_query
+from fastsplat.service.scene.label_evidence import evidence_from_dense
+from fastsplat.service.splatting.torch_runtime import release_free_memory
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.queries import PictureKind, PictureRequest
+from tests.scenes import labelled_scene
+
+SIDE, COUNT = 1800, 30_000
+
+def status(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(name))
+
+def peak(work):
+    release_free_memory()
+    before = status("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")
+    work()
+    return status("VmHWM") - before
+
+random = np.random.default_rng(0)
+labels = np.arange(COUNT) % 2 + 1
+encoder = open_text_encoder(sys.argv[1], Path(sys.argv[2]))
+scene = labelled_scene(
+    np.stack([random.uniform(-2, 2, COUNT), random.uniform(-2, 2, COUNT), random.uniform(2, 3, COUNT)], axis=1),
+    labels, ("mug", "banana"), scales=0.02, encoder=encoder, templates=QuerySettings().templates,
+)
+sums = np.zeros((COUNT, 3)); sums[np.arange(COUNT), labels] = 50.0
+scene = replace(scene, evidence=evidence_from_dense(sums), label_mode=sys.argv[3])
+index = SceneIndex(scene, encoder)
+query = check_query(("mug",), QuerySettings())
+view = lambda side: PosedCamera(Camera(side, side, 0.8 * side, 0.8 * side, side / 2, side / 2), np.eye(4))
+
+def draw(kind, posed):
+    text = "mug" if kind in ("overlay", "relevancy", "mask") else None
+    return picture(index, PictureRequest("scene", kind, text, camera=posed), query)
+
+def masks(posed, encoding):
+    (answer,) = index.answer(query)
+    assert view_mask(index, answer, "", 0, posed, encoding).area > 0.1 * posed.camera.width**2
+
+rows = {}
+for kind in get_args(PictureKind):
+    draw(kind, view(32))  # code and the scene's own arrays are loaded now
+    rows[kind] = (peak(lambda: draw(kind, view(SIDE))), picture_bytes(kind, view(SIDE), COUNT))
+for encoding in ("rle", "png"):
+    rows[encoding] = (peak(lambda: masks(view(SIDE), encoding)), masks_bytes([view(SIDE)], 1, COUNT))
+print(json.dumps(rows))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
+@pytest.mark.parametrize("label_mode", ["codes", "evidence"])
+def test_estimates_are_above_the_real_peak_and_not_far_above(models_dir: Path, label_mode: str) -> None:
+    command = [sys.executable, "-c", _PEAKS, "minilm_l6_int8", str(models_dir), label_mode]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
+    for kind, (peak, estimate) in json.loads(done.stdout).items():
+        assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)
+
+
+def test_what_one_request_may_not_hold_is_refused_by_name(settings: Settings, models_dir: Path, post, finish) -> None:
+    info = post()
+    finish(info)
+    small = CallSettings(request_memory_bytes=70 << 20)
+    large = PosedCamera(Camera(2000, 2000, 2000.0, 2000.0, 1000.0, 1000.0), np.eye(4))
+    changed = settings.model_copy(update={"calls": small, "models": models_dir})
+    with open_service(changed) as service:
+        with pytest.raises(LimitExceededError) as picture:
+            service.answers.picture(PictureRequest(info.id, "rgb", camera=large))
+        with pytest.raises(LimitExceededError) as masks:
+            service.answers.query(QueryRequest(info.id, ("mug",), (large,), outputs=frozenset({"mask2d"})))
+        for error in (picture.value, masks.value):
+            assert "FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES" in error.limit and "MiB" in error.limit
+        assert (picture.value.field, masks.value.field) == ("camera", "cameras")
+        assert service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg"))
+        assert service.answers._memory.reserved == 0
+        assert service.in_project("another").answers._memory is service.answers._memory
+
+
+def test_limits_that_are_not_set_follow_from_the_machine(service: SceneService) -> None:
+    budget = MemoryBudget(CallSettings(), 1 << 30)
+    with budget.reserve(1 << 28, "camera"), budget.reserve(1 << 28, "camera"):
+        assert budget.reserved == 1 << 29
+    with pytest.raises(LimitExceededError, match="257 MiB"), budget.reserve((1 << 28) + (1 << 20), "camera"):
+        raise AssertionError
+
+
+def test_requests_wait_until_others_have_released_enough() -> None:
+    budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=60), 0)
+    begun, release, order = threading.Event(), threading.Event(), []
+
+    def first() -> None:
+        with budget.reserve(60, "camera"):
+            begun.set()
+            assert release.wait(60)
+            order.append("first")
+
+    def second() -> None:
+        with budget.reserve(60, "camera"):
+            order.append("second")
+
+    threads = [threading.Thread(target=first), threading.Thread(target=second)]
+    threads[0].start()
+    assert begun.wait(60)
+    threads[1].start()
+    with budget.reserve(40, "camera"):  # fits beside
+        pass
+    release.set()
+    for thread in threads:
+        thread.join(60)
+    assert order == ["first", "second"] and budget.reserved == 0
+
+
+def test_who_waits_for_memory_leaves_when_nobody_waits_for_the_answer_and_needs_no_thread() -> None:
+    class Runner:
+        def charge(self, cost: float) -> None:
+            raise AssertionError
+
+    budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 0)
+    cancelled = Cancellation()
+    cancelled.cancel()
+    with budget.reserve(100, "camera"):
+        with cancellable(cancelled), pytest.raises(CancelledError), budget.reserve(1, "camera"):
+            raise AssertionError
+        with run_by(Runner()), pytest.raises(CallAgainError), budget.reserve(1, "camera"):
+            raise AssertionError
+    assert budget.reserved == 0
