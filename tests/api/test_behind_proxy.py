@@ -14,6 +14,7 @@ import pytest
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.proxy import proxied
 from tests.api.served import served
@@ -99,3 +100,14 @@ def test_what_a_proxy_says_of_the_caller_counts_only_if_it_is_trusted(
     assert vars(line)["peer"] == ("203.0.113.7" if believed else "127.0.0.1")
     assert ("strict-transport-security" in response.headers) == bool(believed)  # it says that it came by https
     assert "robots.example" not in str(response.headers)
+
+
+def test_grpc_believes_nobody_about_the_caller(
+    service: SceneService, api_settings: Settings, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = api_settings.model_copy(update={"trusted_proxies": ("127.0.0.1",)})
+    metadata = (("x-request-id", "straight"), ("x-forwarded-for", "203.0.113.7"))
+    with caplog.at_level(logging.INFO), served(service, settings) as faces:
+        faces.rpc.ListScenes(pb.ListScenesRequest(), metadata=metadata)
+    (line,) = (record for record in caplog.records if getattr(record, "request_id", "") == "straight")
+    assert vars(line)["peer"] == "127.0.0.1"
