@@ -56,7 +56,7 @@ class JobSettings(SettingGroup, section="jobs"):
     threads_per_job: int = Field(0, ge=0)
     """CPU threads of a trainer; 0: all of the machine's."""
 
-    niceness: int = Field(19, ge=0, le=19)
+    niceness: int = Field(15, ge=0, le=19)
     """How nice a trainer is to other processes, requests to the API of the same machine among them, beyond the worker's
     own niceness; 0: not at all. A machine that does nothing else loses nothing by it."""
 

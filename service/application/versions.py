@@ -52,7 +52,7 @@ class Versions:
             NotFoundError: there is no such scene, label or object.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits.
+            LimitExceededError: too many edits, or duplicates that make the scene too large.
             ConflictError: the request id was used before for other edits.
         """
         self._check(edits, request_id)
@@ -164,8 +164,12 @@ class Versions:
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}))
-            except (InvalidInputError, NotFoundError) as error:
+                scene = apply_edit(
+                    index,
+                    SceneEdit(**{**vars(edit), "transform": matrix}),
+                    max_gaussians=self._settings.store.max_gaussians,
+                )
+            except (InvalidInputError, LimitExceededError, NotFoundError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = self._scenes.index_of(scene)
             check_cancelled()

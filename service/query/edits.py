@@ -24,7 +24,7 @@ from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
-from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.scenes import EditAction
 
 if TYPE_CHECKING:
@@ -62,13 +62,19 @@ class Edit:
     transform: NDArray[np.float64] | None = None
 
 
-def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
+def apply_edit(index: SceneIndex, edit: Edit, *, max_gaussians: int | None = None) -> Scene:
     """The scene after the edit; evidence and codes go along with their rows. The index's own scene stays as it is.
+
+    Args:
+        index: the scene.
+        edit: what to change.
+        max_gaussians: no duplicate makes the scene larger than this; None for no bound. Each can double it.
 
     Raises:
         NotFoundError: no such label or object here.
         InvalidInputError: an unknown action, both or neither of label and object_id, a color or transform that is
             missing, superfluous, out of range or not rigid.
+        LimitExceededError: the scene would be too large.
     """
     actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
         "recolor": _recolor,
@@ -79,7 +85,16 @@ def apply_edit(index: SceneIndex, edit: Edit) -> Scene:
     if edit.action not in actions:
         raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(actions)}.")
     _check_extras(edit)
-    return actions[edit.action](index.scene, edited_rows(index, edit), edit)
+    rows = edited_rows(index, edit)
+    count = len(index.scene.gaussians) + len(rows)
+    if edit.action == "duplicate" and max_gaussians is not None and count > max_gaussians:
+        raise LimitExceededError(
+            f"{count} Gaussians with this duplicate",
+            field="action",
+            limit=f"{max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+            hint="Duplicate smaller things, or remove some first.",
+        )
+    return actions[edit.action](index.scene, rows, edit)
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:

@@ -15,7 +15,7 @@ from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import masses
 from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.scene.label_evidence import evidence_from_dense
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -216,3 +216,17 @@ def test_what_cannot_be_done(opened: Open, scene: Scene, edit: Edit, error: type
     with pytest.raises(error) as caught:
         apply_edit(opened(scene), edit)
     assert caught.value.field == field
+
+
+def test_duplicates_that_double_a_scene_again_and_again_are_bounded(opened: Open, scene: Scene) -> None:
+    aside = np.eye(4)
+    aside[0, 3] = 0.01
+    edit, limit = Edit("duplicate", label="mug", transform=aside), 3 * len(scene.gaussians)
+    error: LimitExceededError | None = None
+    for _ in range(20):
+        try:
+            scene = apply_edit(opened(scene), edit, max_gaussians=limit)
+        except LimitExceededError as refusal:
+            error = refusal
+            break
+    assert error is not None and error.field == "action" and len(scene.gaussians) <= limit

@@ -4,8 +4,8 @@
 "capture:kill" and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker,
 "capture:kill_worker_until 3" does so in the first three attempts, "perception:fail" raises a typed error,
 "export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
-"capture:environment" notes what the trainer's environment says, and "capture:child" leaves a grandchild process whose
-id it writes into the data folder.
+"capture:environment" notes what the trainer's environment and niceness are, and "capture:child" leaves a grandchild
+process whose id it writes into the data folder.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             time.sleep(600)  # dies with its worker; without this the stage could be over before
         elif name == "environment":
             names = ("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS", "FASTSPLAT_DATABASE_URL", "AWS_SECRET_ACCESS_KEY")
-            values = {name: os.environ.get(name) for name in names}
+            values: dict[str, object] = {name: os.environ.get(name) for name in names}
+            values["niceness"] = os.getpriority(os.PRIO_PROCESS, 0)
             (job.settings.data_dir / f"{job.operation_id}.json").write_text(json.dumps(values))
         elif name == "full":
             Path("/dev/full").write_bytes(b"more than there is room for")

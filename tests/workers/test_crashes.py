@@ -139,6 +139,7 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
     assert {note["OMP_NUM_THREADS"] for note in notes} == {str(max(1, len(os.sched_getaffinity(0)) // 2))}
     assert {note["FASTSPLAT_DATABASE_URL"] for note in notes} == {note["AWS_SECRET_ACCESS_KEY"] for note in notes}
     assert notes[0]["AWS_SECRET_ACCESS_KEY"] is None
+    assert {note["niceness"] for note in notes} == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 1)}
 
 
 def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployment: Deployment) -> None:
