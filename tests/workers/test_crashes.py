@@ -94,6 +94,16 @@ def test_a_job_that_kills_its_worker_fails_at_the_limit_of_starts_and_the_others
     assert deployment.left_over() == deployment.uploads_of(*poison)
 
 
+@pytest.mark.parametrize("kill_order", ["kill_worker_in", "kill_in"])
+def test_a_job_that_completes_a_stage_between_crashes_is_not_given_up(deployment: Deployment, kill_order: str) -> None:
+    deployment.max_starts = 2
+    orders = ("capture", "1"), ("perception", "2"), ("training", "3"), ("export", "4")
+    operation = deployment.post(*(f"{stage}:{kill_order} {attempt}" for stage, attempt in orders))
+    deployment.start_command([sys.executable, "-c", _SERVE, deployment.worker_code()])
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert [len(deployment.visits(stage, operation)) for stage in STAGES] == [2, 2, 2, 2]
+
+
 def test_a_job_whose_worker_died_too_often_has_its_upload_and_is_finished_by_a_retry(deployment: Deployment) -> None:
     deployment.max_starts = 2
     operation = deployment.post("training:kill_worker_until 2", request_id="once")
