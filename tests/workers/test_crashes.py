@@ -183,13 +183,13 @@ _SUSPEND_INSIDE = """
 import os, signal, threading, time
 import fastsplat.service.store.job_repository as jobs
 report = jobs.JobRepository.report
-def suspend(self, claim, stages):
+def suspend(self, claim, stages, **more):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
         with self._writing() as connection:
             connection.execute(jobs._fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
             os.kill(os.getpid(), signal.SIGSTOP)
-    return report(self, claim, stages)
+    return report(self, claim, stages, **more)
 jobs.JobRepository.report = suspend
 """
 
