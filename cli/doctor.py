@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -56,7 +57,7 @@ def _examine(settings: Settings) -> Sequence[Problem]:
     problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
     of_database = check_database(settings.data_dir, settings.database_url)
     problems += of_database
-    if any(problem.place != "jobs.sqlite" for problem in of_database):
+    if any(problem.place != "jobs.sqlite" for problem in of_database) or not os.access(settings.data_dir, os.W_OK):
         return problems  # the rows cannot be read
     store = _open(settings)
     try:

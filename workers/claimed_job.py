@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
@@ -88,7 +88,7 @@ class ClaimedJob:
 
     @property
     def starts(self) -> int:
-        """Starts so far that ended in a crash, this one included."""
+        """Starts since a stage was last completed that ended in a crash, this one included."""
         return self.claim.operation.starts
 
     @property
@@ -114,9 +114,17 @@ class ClaimedJob:
         folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
         return folder
 
-    def report(self, stages: Sequence[Mapping[str, Any]]) -> bool:
-        """Write progress. Returns whether the job is to be cancelled, as far as is known: does not wait."""
-        return self._at_once(lambda: self._jobs.report(self.claim, stages))
+    def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> bool:
+        """Write progress. Returns whether the job is to be cancelled, as far as is known: does not wait.
+
+        Where a stage was completed, `starts` is how many count from then on; else None.
+        """
+        return self._at_once(lambda: self._report(stages, starts))
+
+    @_patient
+    def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
+        """Write progress in which a stage was completed, and how many starts count from then on."""
+        self._report(stages, starts)
 
     def poll_cancelled(self) -> bool:
         """Whether the job is to be cancelled, as far as is known: does not wait."""
@@ -156,6 +164,7 @@ class ClaimedJob:
         target = self._blobs.fetch_version(self.scene_id, version)
         if target is None:
             target = self._blobs.publish(self.folder / "export", self.scene_id, version)
+        self._blobs.check_version(target, "summary.json", "stage.json")
         summary = json.loads((target / "summary.json").read_text())
         seconds = json.loads((target / "stage.json").read_text())["seconds"]
         summary["quality"]["stage_seconds"]["export"] = seconds
@@ -192,6 +201,12 @@ class ClaimedJob:
                 self._blobs.drop_scene(self.scene_id)
             elif outcome.state != "done":
                 self._blobs.drop_version(self.scene_id, self.run_id)
+
+    def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> bool:
+        cancelled = self._jobs.report(self.claim, stages, starts=starts)
+        if starts is not None:
+            self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
+        return cancelled
 
     def _at_once(self, look: Callable[[], bool]) -> bool:
         # A database that restarts in the middle of a job costs some progress reports, not the job.

@@ -31,7 +31,7 @@ from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
 from fastsplat.workers.cleanup import remove_unneeded
-from fastsplat.workers.heartbeat import Heartbeat, kill_suspended_workers, prune_stalled_workers
+from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
 from fastsplat.workers.periodic import RepeatFilter, repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
 
@@ -60,6 +60,8 @@ class Worker:
     executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
     stopping: threading.Event = field(default_factory=threading.Event)
     running: dict[str, Supervisor] = field(default_factory=dict)
+    heartbeats: Observer = field(default_factory=Observer)
+    owners: Observer = field(default_factory=Observer)
     heartbeat: Heartbeat = field(init=False)
 
     def __post_init__(self) -> None:
@@ -91,14 +93,17 @@ def start(worker: Worker) -> None:
         "sys_db_idle_transaction_timeout_sec": IDLE_TRANSACTION_TIMEOUT_S,
         "notification_listener_polling_interval_sec": _NOTIFICATIONS_S,
         "notification_coalesce_sec": _NOTIFICATIONS_S,  # by default it wakes a thread a hundred times a second
+        "scheduler_polling_interval_sec": _NOTIFICATIONS_S,  # nor have we any schedules
     }
     provide_milliseconds(sqlite3.sqlite_version_info)
-    slow_down_housekeeping(DBOS(config=config))
+    engine = DBOS(config=config)
+    slow_down_housekeeping(engine)
     _adopt_engine_log()
     DBOS.launch()
     DBOS.register_queue(
         _QUEUE, worker_concurrency=1, polling_interval_sec=jobs.poll_interval_s, on_conflict="always_update"
     )
+    remember_queues(engine._sys_db, _NOTIFICATIONS_S)
     _repeat(worker, "enqueue jobs", _enqueue_waiting, jobs.poll_interval_s)
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
     _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
@@ -237,6 +242,23 @@ def slow_down_housekeeping(engine: DBOS) -> None:
     _workflow_commands._BACKGROUND_JOBS_INTERVAL_SEC = _HOUSEKEEPING_S
 
 
+def remember_queues(database: Any, interval_s: float) -> None:
+    """Have the engine's database answer `list_queues` from memory for `interval_s` seconds, once there are any.
+
+    A thread of the engine asks each second whether there are new queues. There is ours, and it never changes.
+    """
+    list_queues, listed_at = database.list_queues, 0.0
+    queues: list[Any] = []
+
+    def remembered(*, application_name: str) -> list[Any]:
+        nonlocal queues, listed_at
+        if not queues or time.monotonic() - listed_at > interval_s:
+            queues, listed_at = list_queues(application_name=application_name), time.monotonic()
+        return list(queues)
+
+    database.list_queues = remembered
+
+
 def _adopt_engine_log() -> None:
     """Have the engine's records go where this process's records go, in their form; it retries, and logs every try."""
     engine = logging.getLogger("dbos")
@@ -247,12 +269,15 @@ def _adopt_engine_log() -> None:
 
 
 def _kill_suspended(worker: Worker) -> None:
-    kill_suspended_workers(worker.store, worker.executor_id, worker.settings.jobs.stalled_worker_timeout_s)
+    timeout_s = worker.settings.jobs.stalled_worker_timeout_s
+    kill_suspended_workers(worker.store, worker.executor_id, worker.heartbeats, timeout_s)
 
 
 def _prune_stalled(worker: Worker) -> None:
     timeout_s, regular = worker.settings.jobs.stalled_worker_timeout_s, worker.heartbeat.is_regular()
-    prune_stalled_workers(worker.store, worker.executor_id, timeout_s, trust_timeout=regular)
+    prune_stalled_workers(
+        worker.store, worker.executor_id, worker.heartbeats, worker.owners, timeout_s, trust_timeout=regular
+    )
 
 
 def _exit_if_fenced(worker: Worker) -> None:

@@ -4,6 +4,9 @@ A worker writes the time into its row. One without a heartbeat for too long is d
 are queued again either way, for each write of a job carries the number of its attempt, and a late write of an old
 attempt changes nothing. Of workers of its own machine a worker knows more, and sooner: whether the process has ended.
 
+Who judges measures by its own clock how long it has seen the same heartbeat. Times that others wrote are never compared
+with its own: clocks of machines differ, and jump.
+
 A suspended worker may hold locks. On PostgreSQL the server ends its session after a while. On SQLite nothing does: a
 process that is stopped in the middle of a transaction keeps every other process of the machine from writing, until it
 continues or dies. So every worker kills the stalled workers of its machine that are *stopped*; it needs to read the
@@ -58,45 +61,71 @@ class Heartbeat:
         return now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
 
 
-def kill_suspended_workers(store: Store, executor_id: str, timeout_s: float) -> None:
+class Observer:
+    """How long this process has seen each worker's heartbeat unchanged. One thread looks; any may ask."""
+
+    def __init__(self) -> None:
+        self._seen: Mapping[str, tuple[float, float]] = {}
+
+    def look(self, values: Mapping[str, float]) -> None:
+        """See what each worker has written last, such as its heartbeat; those that are gone are forgotten."""
+        now, before = _seconds(), self._seen
+        same = {name: before[name] for name, value in values.items() if name in before and before[name][0] == value}
+        self._seen = {name: same.get(name, (value, now)) for name, value in values.items()}
+
+    def stalled(self, timeout_s: float) -> frozenset[str]:
+        """Ids of the workers that have written nothing else for `timeout_s` seconds of being looked at."""
+        now = _seconds()
+        return frozenset(name for name, (_, since) in self._seen.items() if now - since > timeout_s)
+
+
+def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, timeout_s: float) -> None:
     """Kill the stalled workers of this machine that are stopped; reads the database only.
 
     Args:
         store: where the heartbeats are.
         executor_id: this worker, which is left out.
+        observer: is shown the heartbeats, so that this is to be called often.
         timeout_s: seconds without a heartbeat after which a worker is stalled.
     """
-    host, now = machine_id(), time.time()
-    for worker in store.workers.list_workers():
-        if worker.executor_id == executor_id or worker.host != host or not worker.is_stalled(timeout_s, now):
+    host, workers = machine_id(), store.workers.list_workers()
+    observer.look({worker.executor_id: worker.heartbeat_at for worker in workers})
+    stalled = observer.stalled(timeout_s)
+    for worker in workers:
+        if worker.executor_id == executor_id or worker.host != host or worker.executor_id not in stalled:
             continue
         if process_state(worker.pid, worker.started_at) == "T":
             _kill(worker)
 
 
-def prune_stalled_workers(store: Store, executor_id: str, timeout_s: float, *, trust_timeout: bool) -> None:
+def prune_stalled_workers(
+    store: Store, executor_id: str, heartbeats: Observer, owners: Observer, timeout_s: float, *, trust_timeout: bool
+) -> None:
     """Queue the jobs of dead workers again, and unregister dead workers without jobs.
 
     Args:
         store: where the heartbeats are.
         executor_id: this worker, which is left out.
+        heartbeats: what `kill_suspended_workers` has seen.
+        owners: what this function has seen of the owners of unfinished jobs.
         timeout_s: seconds without a heartbeat after which a worker is stalled.
         trust_timeout: whether stalled workers are dead, see `Heartbeat.is_regular`; one that has stopped by itself, or
             whose process is known to have ended, is dead in any case.
     """
     # Jobs first, heartbeats second: a worker registers before it takes jobs, so one that is new in between is known.
     busy = _busy_since()
-    host, now = machine_id(), time.time()
+    owners.look(busy)
+    host, stalled = machine_id(), heartbeats.stalled(timeout_s)
     others = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
     dead: set[str] = set()
     for worker in others:
         ended = worker.host == host and not process_state(worker.pid, worker.started_at)
-        if ended or not worker.heartbeat_at or (trust_timeout and worker.is_stalled(timeout_s, now)):
+        if ended or not worker.heartbeat_at or (trust_timeout and worker.executor_id in stalled):
             dead.add(worker.executor_id)
     if trust_timeout:
         # A worker that was unregistered and lives after all registers soon; jobs without one for longer have none.
         known = {worker.executor_id for worker in others} | {executor_id}
-        dead |= {owner for owner, since in busy.items() if owner not in known and since < now - timeout_s}
+        dead |= owners.stalled(timeout_s) - known
     for dead_id in sorted(dead & set(busy)):
         logger.warning("worker %s is dead; its jobs are queued again", dead_id)
         recover_jobs_of(dead_id)

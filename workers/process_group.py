@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import time
 from pathlib import Path
 
 PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
@@ -41,14 +40,14 @@ def process_state(pid: int, before: float) -> str:
 
     Args:
         pid: its id.
-        before: seconds since 1970; a process that started later is another one with the same id.
+        before: seconds after the boot; a process that started later is another one with the same id. (A time of day
+            would not do: that clock jumps.)
     """
     try:
         state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     except OSError:
         return "?" if _exists(pid) else ""
-    seconds_after_boot = int(numbers[_START_TIME]) / os.sysconf("SC_CLK_TCK")
-    started_at = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + seconds_after_boot
+    started_at = int(numbers[_START_TIME]) / os.sysconf("SC_CLK_TCK")
     return "" if state in "ZX" or started_at > before + _CLOCK_SLACK_S else state
 
 

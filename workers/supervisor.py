@@ -26,6 +26,10 @@ from fastsplat_contract.errors import (
 logger = logging.getLogger(__name__)
 
 
+_DONE = "done"
+"""Message of a stage's row once it is complete."""
+
+
 class StoppingError(Exception):
     """This worker is stopping; the job was given back unfinished."""
 
@@ -47,12 +51,13 @@ class Supervisor:
         self._fenced_claim: Claim | None = None
 
     def start_limit_error(self) -> Mapping[str, Any] | None:
-        """The error of a job that was started too often to be started again, as JSON; None if it may run."""
+        """The error of a job that was started too often without progress, as JSON; None if it may run."""
         limit = self._settings.jobs.max_starts
+        self._note_completed_stages(starts=min(self._job.starts, 2))  # this one, and the one that died after its stage
         if self._job.starts <= limit:
             return None
         error = WorkerCrashedError(
-            f"the worker died {limit} times while it ran this job, so it is not run again",
+            f"the worker died {limit} times while it ran one stage of this job, so it is not run again",
             limit=_start_limit(limit),
             hint="Look into the worker's log for the reason, then retry the operation.",
         )
@@ -84,9 +89,8 @@ class Supervisor:
                 raise StoppingError
             if isinstance(event, Failed):
                 return failed(event.error)
-            if event is not None:
-                self._progress.update(event)
-            if self._is_cancelled(report=isinstance(event, Done)):
+            completed = event is not None and self._progress.update(event)
+            if self._is_cancelled(report=isinstance(event, Done), completed=completed):
                 return CANCELLED
         return DONE
 
@@ -142,11 +146,12 @@ class Supervisor:
         """Claim the job anew for another trainer and return None, or return how the job ends instead."""
         status = trainer.status()
         self.kill()
+        self._note_completed_stages(starts=1)
         limit, starts = self._settings.jobs.max_starts, self._job.starts
         logger.warning("job %s: the trainer died in %s: %s", self._job.id, stage, status)
         if starts >= limit:
             error = TrainerCrashedError(
-                f"the trainer died {starts} times, at last because {status}",
+                f"the trainer died {starts} times in one stage, at last because {status}",
                 limit=_start_limit(limit),
                 hint="Use fewer or smaller images or a smaller budget of Gaussians, or a machine with more memory.",
             )
@@ -156,12 +161,28 @@ class Supervisor:
         self._job.claim_again()
         return None
 
-    def _is_cancelled(self, *, report: bool) -> bool:
-        """Look whether the job is to be cancelled, now and then; writes the progress if that is due, or if `report`."""
+    def _note_completed_stages(self, starts: int) -> None:
+        """Write, durably, that those stages are complete whose trainer or worker died before it could say so.
+
+        If there are any, so many starts count from then on.
+        """
+        unwritten = [
+            stage for stage in STAGES if (self._job.folder / stage).is_dir() and not self._progress.is_complete(stage)
+        ]
+        if unwritten:
+            for stage in unwritten:
+                self._progress.complete(stage)
+            self._job.note_completed(self._progress.rows, starts)
+
+    def _is_cancelled(self, *, report: bool, completed: bool) -> bool:
+        """Look whether the job is to be cancelled, now and then; writes the progress if that is due, or if `report`.
+
+        Once a stage is `completed`, earlier starts do not count any more.
+        """
         jobs, now = self._settings.jobs, time.monotonic()
         if report or now - self._written_at >= jobs.progress_interval_s:
             self._written_at = self._checked_at = now
-            return self._job.report(self._progress.rows)
+            return self._job.report(self._progress.rows, starts=1 if completed else None)
         if now - self._checked_at < jobs.poll_interval_s:
             return False
         self._checked_at = now
@@ -198,27 +219,39 @@ class _StageRows:
         """One row a stage that has begun, in order."""
         return [self._rows[stage] for stage in STAGES if stage in self._rows]
 
-    def update(self, event: Event) -> None:
-        """Add what a trainer reported."""
+    def is_complete(self, stage: str) -> bool:
+        """Whether the stage's end is in its row."""
+        return bool(self._rows.get(stage, {}).get("message") == _DONE)
+
+    def complete(self, stage: str) -> None:
+        """Set the stage's row to its end."""
+        self._row(stage).update(fraction=1.0, message=_DONE)
+
+    def update(self, event: Event) -> bool:
+        """Add what a trainer reported. Returns whether that completed a stage which was not complete before."""
         if isinstance(event, Failed):
-            return
-        row = self._rows.setdefault(
-            event.stage, {"stage": event.stage, "fraction": 0.0, "message": "", "seconds": 0.0, "metrics": {}}
-        )
+            return False
+        new = isinstance(event, Done) and not self.is_complete(event.stage)
+        row = self._row(event.stage)
         if isinstance(event, Done):
             self.done.add(event.stage)
-            row.update(fraction=1.0, message="done")
+            self.complete(event.stage)
             if event.seconds:
                 row["seconds"] = event.seconds
-            return
+            return new
         now = time.monotonic()
         seconds = now - self._started.setdefault(event.stage, now)
         row.update(fraction=event.fraction, message=event.message, seconds=seconds)
         row["metrics"] = {**row["metrics"], **event.metrics}
+        return False
+
+    def _row(self, stage: str) -> dict[str, Any]:
+        new = {"stage": stage, "fraction": 0.0, "message": "", "seconds": 0.0, "metrics": {}}
+        return self._rows.setdefault(stage, new)
 
 
 def _start_limit(limit: int) -> str:
-    return f"{limit} starts ({environment_variable(JobSettings, 'max_starts')})"
+    return f"{limit} starts of one stage ({environment_variable(JobSettings, 'max_starts')})"
 
 
 def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:

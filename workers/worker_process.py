@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import signal
 import threading
+from collections.abc import Callable
+from pathlib import Path
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import open_store
 from fastsplat.workers.engine import Worker, start, stop
 
 logger = logging.getLogger(__name__)
+_ROWS_BYTES = 1 << 20
+_FULL_PAUSE_S = 5.0
 _STAGES = "fastsplat.workers.stages:DEFAULT_STAGES"
 
 
@@ -25,6 +30,7 @@ def run(settings: Settings, stages: str = _STAGES) -> None:
     stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
+    wait_for_space(settings.data_dir, stop_requested.wait)
     worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, stages)
     start(worker)
     logger.info("worker %s is ready", worker.executor_id)
@@ -33,3 +39,18 @@ def run(settings: Settings, stages: str = _STAGES) -> None:
     stop(worker)
     logging.shutdown()
     os._exit(0)  # the engine's threads hold unfinished jobs, which must stay pending
+
+
+def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:
+    """Return once the data folder's disk has room for a worker's own rows, or `pause` says to stop.
+
+    A worker that ended for want of it would be started again and again, until its supervisor gave up on all.
+
+    Args:
+        data_dir: the data folder.
+        pause: waits for so many seconds; whether to stop.
+    """
+    while data_dir.is_dir() and shutil.disk_usage(data_dir).free < _ROWS_BYTES:
+        logger.warning("the disk of the data folder is full; this worker waits for space")
+        if pause(_FULL_PAUSE_S):
+            return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 import stat
@@ -67,6 +68,12 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
         if path.exists() and path.stat().st_mode & _OTHERS:
             mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
             yield Problem(path.name, f"other users may read it (mode {mode})", "Make it its owner's alone.", True)
+    if not os.access(data_dir, os.W_OK):
+        yield Problem(
+            data_dir.name,
+            "it cannot be written: its file system is read-only, or it is another user's",
+            "Mount its disk for writing, or mend its owner. What else is wrong can be said then.",
+        )
     free, floor_bytes = shutil.disk_usage(data_dir).free, floor_of(data_dir, floor_bytes)
     if free < floor_bytes:
         yield Problem(
@@ -149,7 +156,9 @@ def _check_sqlite(data_dir: Path, name: str) -> Iterator[Problem]:
         return
     hint = "Stop the service and restore a backup."
     try:
-        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=30)) as connection:
+        # Where nothing can be written, SQLite opens a database with a log only as one that never changes.
+        mode = "mode=ro" if os.access(data_dir, os.W_OK) else "mode=ro&immutable=1"
+        with closing(sqlite3.connect(f"file:{path}?{mode}", uri=True, timeout=30)) as connection:
             answer = [row[0] for row in connection.execute("PRAGMA integrity_check(3)")]
     except sqlite3.DatabaseError as error:
         yield Problem(name, f"the database is damaged or cannot be read: {error}", hint)

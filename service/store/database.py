@@ -17,6 +17,8 @@ from fastsplat.service.store.migrations import migrate
 from fastsplat_contract.errors import DatabaseError, InvalidInputError
 
 _BUSY_MS = 30_000
+_DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+_PRIMARY_CODE = 0xFF  # the rest of SQLite's error codes says more
 
 IDLE_TRANSACTION_TIMEOUT_S = 30.0
 """PostgreSQL ends a session whose transaction is idle for so long, so that a suspended process loses its locks."""
@@ -83,13 +85,25 @@ def transaction(engine: Engine) -> Iterator[Connection]:
             "a value that the database cannot hold", hint="Send plain Unicode text without NUL, and usual numbers."
         ) from error
     except SQLAlchemyError as error:
-        if getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) == sqlite3.SQLITE_FULL:
+        code = _sqlite_code(error)
+        if code in _DAMAGE:
+            raise _damaged() from error
+        if code == sqlite3.SQLITE_READONLY:
+            raise DatabaseError(
+                "the database cannot be written: its disk is read-only",
+                hint="Mount the data folder's disk for writing.",
+            ) from error
+        if code == sqlite3.SQLITE_FULL:
             raise DatabaseError(
                 "the disk of the database is full", hint="Delete scenes that are not needed any more, or free space."
             ) from error
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise _damaged() from error
+
+
+def _sqlite_code(error: SQLAlchemyError) -> int:
+    return int(getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & _PRIMARY_CODE)
 
 
 def _damaged() -> DatabaseError:
@@ -122,6 +136,8 @@ def _open_tables(engine: Engine, tries: int = 5) -> None:
         except ValueError as error:  # text that is none, or a revision that is no number
             raise _damaged() from error
         except DBAPIError as error:
+            if _sqlite_code(error) in _DAMAGE:
+                raise _damaged() from error
             if not remaining:
                 raise DatabaseError(f"the database does not answer ({type(error.orig).__name__})") from error
             time.sleep(0.2)

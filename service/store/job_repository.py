@@ -58,6 +58,9 @@ class JobRepository:
         Args:
             live_since: seconds since 1970; workers whose last heartbeat is older are not counted. One always is.
         """
+        waiting = self.waiting()
+        if not waiting:  # as mostly, when a worker asks
+            return []
         under_way = operations.c.enqueued.is_(True) | (operations.c.state == "RUNNING")
         counts = select(operations.c.project, func.count()).where(operations.c.state.in_(_UNFINISHED), under_way)
         begun = select(operations.c.project, func.max(operations.c.updated_at).label("at")).where(
@@ -70,7 +73,7 @@ class JobRepository:
             latest = {row.project: row.at for row in connection.execute(begun.group_by(operations.c.project))}
             free = max(1, int(connection.scalar(live) or 0)) - active.total()
         queues: dict[str, deque[OperationRecord]] = defaultdict(deque)
-        for record in self.waiting() if free > 0 else ():
+        for record in waiting if free > 0 else ():
             queues[record.project].append(record)
         due: list[OperationRecord] = []
         while queues and len(due) < free:
@@ -124,14 +127,21 @@ class JobRepository:
             values = {"starts": operations.c.starts - 1, "updated_at": time.time()}
             connection.execute(_fenced(claim).values(values))
 
-    def report(self, claim: Claim, stages: Sequence[Mapping[str, Any]]) -> bool:
+    def report(self, claim: Claim, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> bool:
         """Write progress. Returns whether the job is to be cancelled.
+
+        Args:
+            claim: of which job.
+            stages: one row a stage.
+            starts: how many starts count from now on, as a stage was completed; None: as before.
 
         Raises:
             FencedError: the claim is no longer the newest, or the operation is over.
         """
         with self._writing() as connection:
-            values = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
+            values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
+            if starts is not None:
+                values["starts"] = starts
             _execute_fenced(connection, claim, _fenced(claim).values(values))
             query = select(operations.c.cancel_requested).where(operations.c.id == claim.operation.id)
             return bool(connection.scalar(query))

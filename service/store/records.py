@@ -98,14 +98,17 @@ class SceneSummary:
 
 @dataclass(frozen=True)
 class WorkerRecord:
-    """One worker process. Times are seconds since 1970, UTC; `heartbeat_at` is 0 once it has stopped by itself."""
+    """One worker process.
+
+    Attributes:
+        executor_id: its name.
+        host, pid: the machine it runs on, and its process id there.
+        started_at: when it registered, in seconds after the boot of its machine.
+        heartbeat_at: in seconds since 1970 by its own clock; 0 once it has stopped by itself.
+    """
 
     executor_id: str
     host: str
     pid: int
     started_at: float
     heartbeat_at: float
-
-    def is_stalled(self, timeout_s: float, now: float) -> bool:
-        """Whether its last heartbeat is older than `timeout_s` seconds at time `now`."""
-        return self.heartbeat_at < now - timeout_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,6 +66,12 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
             field="data_dir",
             hint="Point FASTSPLAT_DATA_DIR at a writable folder.",
         ) from error
+    if not os.access(data_dir, os.W_OK):
+        raise ResourceError(
+            "the data folder cannot be written: its file system is read-only, or it is another user's",
+            field="data_dir",
+            hint="Mount its disk for writing or mend its owner; or point FASTSPLAT_DATA_DIR at a writable folder.",
+        )
     engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
     reserve = Reserve(data_dir.resolve())

@@ -32,8 +32,9 @@ class WorkerRepository:
         with self._writing() as connection:
             known = update(workers).where(workers.c.executor_id == executor_id)
             if not connection.execute(known.values(heartbeat_at=now)).rowcount:
-                row = {"executor_id": executor_id, "host": host, "pid": pid, "started_at": now, "heartbeat_at": now}
-                connection.execute(insert(workers).values(row))
+                row = {"executor_id": executor_id, "host": host, "pid": pid, "heartbeat_at": now}
+                after_boot = time.clock_gettime(time.CLOCK_BOOTTIME)
+                connection.execute(insert(workers).values(**row, started_at=after_boot))
 
     def list_workers(self) -> Sequence[WorkerRecord]:
         """All registered workers."""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import random
 import shutil
+import sqlite3
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import event, text
 
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
@@ -57,4 +60,62 @@ def test_a_row_that_is_no_text_or_no_json_is_a_damaged_database(value: str, tmp_
         connection.execute(text(f"UPDATE operations SET options = {value}"))
     with pytest.raises(DatabaseError, match="damaged"):
         store.scenes.list_operations(5)
+    store.close()
+
+
+@pytest.mark.parametrize("offsets", [range(0, 16), range(4096, 8192, 7)], ids=["header", "pages"])
+def test_a_damaged_file_is_called_damaged_when_it_is_opened(offsets: range, tmp_path: Path) -> None:
+    _make(tmp_path)
+    data = bytearray((tmp_path / "fastsplat.sqlite").read_bytes())
+    for offset in offsets:
+        data[offset] ^= 0x10
+    (tmp_path / "fastsplat.sqlite").write_bytes(data)
+    with pytest.raises(DatabaseError, match="damaged"):
+        _read(tmp_path)
+
+
+_AS_ANOTHER_USER = """
+import os, sys
+from pathlib import Path
+from fastsplat.service.store import open_store
+from fastsplat.service.store.checkup import check_database, check_folder
+from fastsplat_contract.errors import FastSplatError
+folder = Path(sys.argv[1])
+if os.getuid() == 0:
+    os.setgroups([]), os.setgid(65533), os.setuid(65533)
+try:
+    open_store(folder)
+except FastSplatError as error:
+    print(error.reason, error.field, error.message)
+print([problem.message for problem in (*check_database(folder, ""), *check_folder(folder, 0))])
+"""
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_its_database_is_not_called_damaged(tmp_path: Path) -> None:
+    for folder in (tmp_path.parent.parent, tmp_path.parent, tmp_path):
+        folder.chmod(0o755)
+    _make(tmp_path / "data")
+    for path in (tmp_path / "data").iterdir():
+        path.chmod(0o755)
+    (tmp_path / "data").chmod(0o555)
+    command = [sys.executable, "-P", "-c", _AS_ANOTHER_USER, str(tmp_path / "data")]
+    process = subprocess.run(command, check=False, capture_output=True, text=True)
+    (tmp_path / "data").chmod(0o755)
+    assert process.returncode == 0, process.stderr
+    refusal, problems = process.stdout.splitlines()
+    assert refusal.startswith("OUT_OF_RESOURCES data_dir the data folder cannot be written")
+    assert "cannot be written" in problems and "damaged" not in problems
+
+
+def test_a_database_on_a_disk_that_turned_read_only_says_so(tmp_path: Path) -> None:
+    store = open_store(tmp_path)
+    store.engine.dispose()
+
+    @event.listens_for(store.engine, "connect")
+    def on_connect(connection: sqlite3.Connection, record: object) -> None:
+        connection.execute("PRAGMA query_only=ON")
+
+    with pytest.raises(DatabaseError, match="read-only"):
+        store.scenes.create(NewJob("scene", "op", "desk", "", "d", "up", {}))
+    assert store.scenes.list_scenes(5) == []
     store.close()

@@ -2,7 +2,8 @@
 
 "training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only,
 "capture:kill" and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker,
-"capture:kill_worker_until 3" does so in the first three attempts, "perception:fail" raises a typed error,
+"capture:kill_worker_until 3" does so in the first three attempts, "capture:kill_in 2" and "capture:kill_worker_in 2"
+kill in the second attempt only, "perception:fail" raises a typed error,
 "export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
 "capture:environment" notes what the trainer's environment and niceness are, and "capture:child" leaves a grandchild
 process whose id it writes into the data folder.
@@ -39,9 +40,17 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
         name, _, value = what.partition(" ")
         if name == "sleep" or (name == "sleep_once" and job.attempt == 1):
             time.sleep(float(value))
-        elif name == "kill" or (name == "kill_once" and job.attempt == 1):
+        elif (
+            name == "kill"
+            or (name == "kill_once" and job.attempt == 1)
+            or (name == "kill_in" and job.attempt == int(value))
+        ):
             os.kill(os.getpid(), signal.SIGKILL)
-        elif name == "kill_worker" or (name == "kill_worker_until" and job.attempt <= int(value)):
+        elif (
+            name == "kill_worker"
+            or (name == "kill_worker_until" and job.attempt <= int(value))
+            or (name == "kill_worker_in" and job.attempt == int(value))
+        ):
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(600)  # dies with its worker; without this the stage could be over before
         elif name == "environment":

@@ -94,6 +94,16 @@ def test_a_job_that_kills_its_worker_fails_at_the_limit_of_starts_and_the_others
     assert deployment.left_over() == deployment.uploads_of(*poison)
 
 
+@pytest.mark.parametrize("kill_order", ["kill_worker_in", "kill_in"])
+def test_a_job_that_completes_a_stage_between_crashes_is_not_given_up(deployment: Deployment, kill_order: str) -> None:
+    deployment.max_starts = 2
+    orders = ("capture", "1"), ("perception", "2"), ("training", "3"), ("export", "4")
+    operation = deployment.post(*(f"{stage}:{kill_order} {attempt}" for stage, attempt in orders))
+    deployment.start_command([sys.executable, "-c", _SERVE, deployment.worker_code()])
+    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    assert [len(deployment.visits(stage, operation)) for stage in STAGES] == [2, 2, 2, 2]
+
+
 def test_a_job_whose_worker_died_too_often_has_its_upload_and_is_finished_by_a_retry(deployment: Deployment) -> None:
     deployment.max_starts = 2
     operation = deployment.post("training:kill_worker_until 2", request_id="once")
@@ -174,13 +184,13 @@ _SUSPEND_INSIDE = """
 import os, signal, threading, time
 import fastsplat.service.store.job_repository as jobs
 report = jobs.JobRepository.report
-def suspend(self, claim, stages):
+def suspend(self, claim, stages, **more):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
         with self._writing() as connection:
             connection.execute(jobs._fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
             os.kill(os.getpid(), signal.SIGSTOP)
-    return report(self, claim, stages)
+    return report(self, claim, stages, **more)
 jobs.JobRepository.report = suspend
 """
 

@@ -6,12 +6,13 @@ import inspect
 from types import SimpleNamespace
 
 import pytest
-from dbos import DBOS, _workflow_commands
+from dbos import DBOS, _queue, _workflow_commands
 from dbos._dbos import DBOSRegistry
+from dbos._sys_db import SystemDatabase
 from dbos._sys_db_postgres import BACKGROUND_JOB_LOCK_IDLE_TIMEOUT_MS
 
 from fastsplat.workers.claimed_job import CANCELLED, DONE, JobOutcome, failed
-from fastsplat.workers.engine import slow_down_housekeeping
+from fastsplat.workers.engine import remember_queues, slow_down_housekeeping
 from fastsplat.workers.heartbeat import recover_jobs_of
 
 
@@ -32,6 +33,18 @@ def test_the_engine_has_the_internals_that_make_an_idle_worker_cheap(monkeypatch
     slow_down_housekeeping(SimpleNamespace(_registry=registry))
     assert registry.get_internal_queue()._polling_interval_sec > before
     assert 1000 * _workflow_commands._BACKGROUND_JOBS_INTERVAL_SEC < BACKGROUND_JOB_LOCK_IDLE_TIMEOUT_MS
+
+
+def test_the_engine_lists_its_queues_from_memory_once_there_are_any(monkeypatch) -> None:
+    assert "dbos._sys_db.list_queues(" in inspect.getsource(_queue.queue_thread)
+    assert "application_name" in inspect.signature(SystemDatabase.list_queues).parameters
+    answers, clock = [[], ["scenes"], ["scenes", "others"]], [100.0]
+    monkeypatch.setattr("fastsplat.workers.engine.time.monotonic", lambda: clock[0])
+    database = SimpleNamespace(list_queues=lambda *, application_name: answers.pop(0))
+    remember_queues(database, 60.0)
+    assert [database.list_queues(application_name="a") for _ in range(3)] == [[], ["scenes"], ["scenes"]]
+    clock[0] += 61.0
+    assert database.list_queues(application_name="a") == ["scenes", "others"]
 
 
 _ERROR = {"kind": "INTERNAL", "reason": "X", "message": "m", "stage": "training", "details": {}}

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from fastsplat.workers.process_group import machine_id, process_state
 from tests.workers.deployment import Deployment
 
@@ -26,9 +28,14 @@ def test_a_process_is_running_then_stopped_then_over_though_nobody_has_reaped_it
 
 
 def test_a_younger_process_of_the_same_id_is_another_one() -> None:
-    now = time.time()
-    assert process_state(os.getpid(), now) != ""
-    assert process_state(os.getpid(), now - 10 * 365 * 24 * 3600.0) == ""
+    assert process_state(os.getpid(), time.clock_gettime(time.CLOCK_BOOTTIME)) != ""
+    assert process_state(os.getpid(), -10.0) == ""
+
+
+def test_a_process_stays_the_same_one_when_the_clock_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, now = time.clock_gettime(time.CLOCK_BOOTTIME), time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 3600)
+    assert process_state(os.getpid(), before) != ""
 
 
 def test_the_machine_is_the_same_for_all_processes_in_it() -> None:
