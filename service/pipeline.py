@@ -208,7 +208,7 @@ def assemble_scene(
         quality=dict(quality),
         label_templates=templates,
         evidence=trained.evidence,
-        label_mode=trained.label_mode,
+        label_mode=trained.label_mode if things is None else "things",
         things=things,
     )
 
@@ -240,7 +240,8 @@ def scene_quality(
 ) -> dict[str, Any]:
     """What a scene's manifest says of how well it was made, ready for JSON.
 
-    What training measured, and: preset, tradeoffs, label_source, gaussians, held_out_views, images, registered,
+    What training measured, and: preset, tradeoffs, label_source, searched_names (if known), gaussians,
+    held_out_views, images, registered,
     unregistered, source, warnings, mean_reprojection_error_px, stage_seconds.
     """
     report = capture.report
@@ -249,6 +250,7 @@ def scene_quality(
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),
         "label_source": _label_source(labelling),
+        **({"searched_names": len(labelling.dictionary)} if labelling.exact else {}),
         "gaussians": len(trained.gaussians),
         "held_out_views": list(trained.held_out),
         "images": report.images,

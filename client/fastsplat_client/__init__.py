@@ -47,6 +47,7 @@ from fastsplat_contract.scenes import (
     SceneVersion,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.things import NameSuggestion, PickedThing, SceneThing
 
 __all__ = [
     "Answer",
@@ -65,11 +66,13 @@ __all__ = [
     "LimitExceededError",
     "Match",
     "MissingPackageError",
+    "NameSuggestion",
     "NotFoundError",
     "NotReadyError",
     "Operation",
     "OperationError",
     "PermissionDeniedError",
+    "PickedThing",
     "PictureRequest",
     "Pose",
     "PoseAnswer",
@@ -83,6 +86,7 @@ __all__ = [
     "SceneObject",
     "SceneOptions",
     "SceneSummary",
+    "SceneThing",
     "SceneVersion",
     "Segmentation",
     "ServerInfo",

@@ -15,7 +15,7 @@ from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import Scene, write_ply, write_scene
+from fastsplat.service.scene import Scene, Things, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
@@ -36,7 +36,7 @@ class Versions:
         self._settings = settings
         self._scenes = scenes
 
-    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
+    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "") -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
         Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
@@ -47,15 +47,17 @@ class Versions:
             scene_id: which scene.
             edits: at least one.
             request_id: the same id with the same edits returns the version that they made; "" for none.
+            looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
 
         Raises:
-            NotFoundError: there is no such scene, label or object.
+            NotFoundError: there is no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
             LimitExceededError: too many edits.
-            ConflictError: the request id was used before for other edits.
+            ConflictError: the request id was used before for other edits, or a person has given a thing another name.
         """
         self._check(edits, request_id)
+        check_texts(looked_at, "version")
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         current = self._scenes.version(scene_id, "")
@@ -66,7 +68,7 @@ class Versions:
                 if earlier is not None:
                     return self._in_force(earlier, current)
                 try:
-                    made = self._make(scene_id, current, edits, request_id, digest, rows)
+                    made = self._make(scene_id, current, edits, request_id, digest, rows, looked_at)
                 except ConflictError:  # a server on another machine was faster; this one is made of its result
                     if not remaining:
                         raise
@@ -141,12 +143,15 @@ class Versions:
         request_id: str,
         digest: str,
         rows: Sequence[Mapping[str, Any]],
+        looked_at: str,
     ) -> SceneVersion:
-        edited, counts = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits))
+        seen: Things | None = None
+        if looked_at:
+            seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
+        index = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits, seen))
+        edited = index.scene
         version = f"e{secrets.token_hex(8)}"
-        dictionary = [
-            {**row, "gaussian_count": counts[row["label_id"]]} for row in self._store.scenes.scene(scene_id).dictionary
-        ]
+        dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
         self._write(edited, scene_id, version)
         try:
             self._store.versions.publish(
@@ -155,22 +160,23 @@ class Versions:
         except BaseException:
             self._store.blobs.drop_version(scene_id, version)
             raise
+        self._scenes.keep(scene_id, version, index)
         return self._named(scene_id, version)
 
-    def _apply(self, index: SceneIndex, edits: Sequence[Edit]) -> tuple[Scene, list[int]]:
+    def _apply(self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None) -> SceneIndex:
         from fastsplat.service.query.edits import Edit as SceneEdit
         from fastsplat.service.query.edits import apply_edit
 
+        before = index.things.table
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}))
-            except (InvalidInputError, NotFoundError) as error:
+                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}), seen, before)
+            except (InvalidInputError, NotFoundError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = self._scenes.index_of(scene)
             check_cancelled()
-        classes = np.bincount(index.gaussian_classes, minlength=len(index.scene.dictionary) + 1)
-        return index.scene, classes.tolist()
+        return index
 
     def _write(self, scene: Scene, scene_id: str, version: str) -> None:
         """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload."""
@@ -196,6 +202,24 @@ class Versions:
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
             )
+
+
+def _dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
+    """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
+    entries = index.scene.dictionary.entries
+    counts = np.bincount(index.gaussian_classes, minlength=len(entries) + 1).tolist()
+    known = {row["label_id"]: row for row in rows}
+    nowhere = {"pixels": 0, "views": 0}
+    return [
+        {
+            **known.get(label_id, nowhere),
+            "label_id": label_id,
+            "label": entry.label,
+            "aliases": list(entry.aliases),
+            "gaussian_count": counts[label_id],
+        }
+        for label_id, entry in enumerate(entries, start=1)
+    ]
 
 
 def _version_of(record: VersionRecord, current: str) -> SceneVersion:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, ThingSemantics, semantics_of
 
 _CHUNK_LOGITS = 4 << 20
 
@@ -27,9 +27,12 @@ class GaussianLabels:
 
 
 def label_gaussians(scene: Scene) -> GaussianLabels:
-    """The most probable class of each Gaussian: by its code (softmax of W·code + b) or by its evidence (Dirichlet
-    posterior), see `semantics_of`."""
+    """The most probable class of each Gaussian: by its code (softmax of W·code + b), by its evidence (Dirichlet
+    posterior), or the name of its most probable thing, see `semantics_of`."""
     semantics = semantics_of(scene)
+    if isinstance(semantics, ThingSemantics):
+        belief = posterior(semantics.membership, len(semantics.label_ids))
+        return GaussianLabels(semantics.label_ids[belief.classes], belief.confidence)
     if isinstance(semantics, Evidence):
         belief = posterior(semantics, len(scene.dictionary) + 1)
         return GaussianLabels(belief.classes, belief.confidence)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.query.embeddings import embed_labels, embed_names
 from fastsplat.service.query.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.types import Scene, SemanticHead, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import Answer
@@ -24,6 +28,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
+    from fastsplat.service.query.scene_things import SceneThings
 
 _DEFAULTS = QuerySettings()
 
@@ -51,11 +56,14 @@ class SceneIndex:
         self.settings = settings
         self._labels = label_gaussians(scene)
         counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
-        self._ranker = Ranker(scene, counts, encoder, settings)
+        self._encoder = encoder
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._instances: tuple[Instance, ...] | None = None
         self._instances_lock = threading.Lock()
+        self._things: SceneThings | None = None
+        self._things_lock = threading.Lock()
+        self._ranker = Ranker(scene, counts, encoder, settings, None if scene.things is None else self.things)
 
     @property
     def calibrated(self) -> bool:
@@ -100,7 +108,14 @@ class SceneIndex:
 
     def answer(self, query: TextQuery) -> tuple[Answer, ...]:
         """One answer per text of a question that was checked already, in order; see `ask`."""
-        return self._ranker.rank(query)
+        answers = self._ranker.rank(query)
+        if self.scene.things is None:
+            return answers
+        ids = self.things.by_label
+        return tuple(
+            replace(answer, things=tuple(chain.from_iterable(ids.get(label, ()) for label in answer.relevant_ids)))
+            for answer in answers
+        )
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """bool [G]: Gaussians whose most probable class is a relevant entry; row number = Gaussian id.
@@ -114,13 +129,54 @@ class SceneIndex:
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """All things of this scene with their Gaussians, see `find_objects`; made by the first question for them."""
-        from fastsplat.service.query.objects import find_objects
+        """All named things of this scene with their Gaussians, see `objects_of_things`, or the objects of its labels,
+        see `find_objects`; made by the first question for them."""
+        from fastsplat.service.query.objects import find_objects, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
-                self._instances = find_objects(self.scene, self._labels)
+                find = find_objects if self.scene.things is None else objects_of_things
+                self._instances = find(self.scene, self._labels)
             return self._instances
+
+    @property
+    def things(self) -> SceneThings:
+        """All things of this scene, with or without a name: those that it stores, else those of its labels, see
+        `labeled_things`."""
+        from fastsplat.service.query.labeled_things import labeled_things, with_things
+        from fastsplat.service.query.scene_things import SceneThings
+
+        instances = self.instances if self.scene.things is None else ()
+        with self._things_lock:
+            if self._things is None:
+                stored = self.scene.things
+                things = labeled_things(self.scene, instances, self._labels) if stored is None else stored
+                self._things = SceneThings(with_things(self.scene, things), stored is not None, self._thing_map)
+            return self._things
+
+    def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
+        """A scene of this index with one more label, embedded, and with the head that knows it.
+
+        Raises:
+            ModelUnavailableError: the encoder answers with something else than embeddings.
+        """
+        encoder, templates = self._encoder, scene.label_templates
+        dictionary = Dictionary((*scene.dictionary.entries, entry))
+        own = (encoder.name, encoder.sha256)
+        if len(scene.dictionary) and scene.text_encoder == own:
+            new = embed_names([entry.label], encoder, templates)
+            embeddings = np.concatenate([scene.label_embeddings, new])
+        else:
+            templates = self.settings.templates
+            embeddings = embed_labels(dictionary, encoder, templates)
+        return replace(
+            scene,
+            dictionary=dictionary,
+            head=head,
+            label_embeddings=embeddings,
+            text_encoder=own,
+            label_templates=templates,
+        )
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
@@ -174,6 +230,9 @@ class SceneIndex:
             LimitExceededError: the image is larger than the settings allow.
         """
         return self._renderer_for(posed).label_map(posed)
+
+    def _thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
+        return self._renderer_for(posed).thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         if any(not 1 <= match.label_id <= len(self.scene.dictionary) for match in answer.matches):
