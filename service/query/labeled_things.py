@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.query.gaussian_labels import GaussianLabels
-from fastsplat.service.query.objects import Instance, solid_rows
+from fastsplat.service.query.objects import Instance
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import NameSource, Scene, Thing, Things
 
@@ -23,8 +23,8 @@ _MAX_THINGS = 65535
 def labeled_things(scene: Scene, instances: Sequence[Instance], labels: GaussianLabels) -> Things:
     """The objects of the labels as things, numbered in their order, so that the same scene always has the same ids.
 
-    A thing bears the name of its label. Gaussians of the label that are too faint to be part of an object belong to the
-    thing of that label that they lie in or beside. Strays, visible or with no thing so near, belong to no thing.
+    A thing bears the name of its label. Gaussians of the label that are too faint, or too few, to be an object belong
+    to the thing of that label that they lie in or beside; those with none so near are strays, and belong to no thing.
 
     Args:
         scene: one that stores no things.
@@ -40,9 +40,7 @@ def labeled_things(scene: Scene, instances: Sequence[Instance], labels: Gaussian
         sure = scene.dictionary.entries[thing.label_id - 1].confidence
         table.append(Thing(thing.thing_id, thing.label, source, sure))
     means = scene.gaussians.means
-    faint = np.isfinite(means).all(axis=1)
-    faint[solid_rows(scene.gaussians)] = False
-    free = np.flatnonzero(faint & (labels.classes > 0))
+    free = np.flatnonzero((owner == 0) & (labels.classes > 0) & np.isfinite(means).all(axis=1))
     for label_id in np.unique(labels.classes[free]).tolist():
         own = np.flatnonzero((owner > 0) & (labels.classes == label_id))
         rest = free[labels.classes[free] == label_id]

@@ -15,7 +15,7 @@ from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import F32, Gaussians, Scene
+from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject
 
@@ -82,6 +82,18 @@ def objects_of_things(scene: Scene, field: GaussianLabels) -> tuple[Instance, ..
             object=replace(instance.object, score=instance.object.score * things[instance.object.thing_id].probability)
         )
         for instance in _instances(scene, field, parts, areas)
+    )
+
+
+def numbered_as_things(instances: Sequence[Instance], things: Things | None) -> tuple[Instance, ...]:
+    """The instances with the ids of the things that most of their Gaussians belong to, 0 for none; as they are without
+    things."""
+    if things is None:
+        return tuple(instances)
+    owner = thing_rows(things)
+    return tuple(
+        instance._replace(object=replace(instance.object, thing_id=int(np.bincount(owner[instance.rows]).argmax())))
+        for instance in instances
     )
 
 

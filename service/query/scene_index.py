@@ -129,14 +129,17 @@ class SceneIndex:
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """All named things of this scene with their Gaussians, see `objects_of_things`, or the objects of its labels,
-        see `find_objects`; made by the first question for them."""
-        from fastsplat.service.query.objects import find_objects, objects_of_things
+        """The objects of this scene with their Gaussians; made by the first question for them. Where the names of
+        things are the labels, these are the named things, see `objects_of_things`; else the objects of the labels, see
+        `find_objects`, each with the id of the thing that most of it is."""
+        from fastsplat.service.query.objects import find_objects, numbered_as_things, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
-                find = find_objects if self.scene.things is None else objects_of_things
-                self._instances = find(self.scene, self._labels)
+                if self.scene.label_mode == "things":
+                    self._instances = objects_of_things(self.scene, self._labels)
+                else:
+                    self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
             return self._instances
 
     @property
