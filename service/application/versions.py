@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import secrets
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,11 +150,14 @@ class Versions:
         seen: Things | None = None
         if looked_at:
             seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
-        index = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits, seen))
+        before, index = self._scenes.reading(
+            scene_id, parent, lambda index, _: (index, self._apply(index, edits, seen))
+        )
         edited = index.scene
         version = f"e{secrets.token_hex(8)}"
         dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
-        self._write(edited, scene_id, version)
+        same = edited.gaussians is before.scene.gaussians
+        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent) if same else None)
         try:
             self._store.versions.publish(
                 NewVersion(scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows)
@@ -174,17 +179,19 @@ class Versions:
                 scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}), seen, before)
             except (InvalidInputError, NotFoundError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
-            index = self._scenes.index_of(scene)
+            index = index.after(scene)
             check_cancelled()
         return index
 
-    def _write(self, scene: Scene, scene_id: str, version: str) -> None:
-        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload."""
+    def _write(self, scene: Scene, scene_id: str, version: str, same_gaussians: Path | None) -> None:
+        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The folder
+        `same_gaussians`, of a version that has the same, lends its PLY file."""
         scratch = self._store.blobs.upload(version)
         try:
             scratch.mkdir(parents=True)
             write_scene(scene, scratch / "artefact")
-            write_ply(scene.gaussians, scratch / "scene.ply")
+            if same_gaussians is None or not _linked(same_gaussians / "scene.ply", scratch / "scene.ply"):
+                write_ply(scene.gaussians, scratch / "scene.ply")
             self._store.blobs.publish(scratch, scene_id, version)
         finally:
             remove(scratch)
@@ -202,6 +209,15 @@ class Versions:
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
             )
+
+
+def _linked(file: Path, place: Path) -> bool:
+    """Whether `place` is the same file now; not every file system has links."""
+    try:
+        os.link(file, place)
+    except OSError:
+        return False
+    return True
 
 
 def _dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:

@@ -58,6 +58,7 @@ class Ranker:
         encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
         settings: see `QuerySettings`.
         things: those that the scene stores, or None.
+        before: one with the same encoder and settings, whose embeddings are used again.
 
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
@@ -70,6 +71,7 @@ class Ranker:
         encoder: TextEncoder,
         settings: QuerySettings,
         things: SceneThings | None = None,
+        before: Ranker | None = None,
     ) -> None:
         self._things = things
         self._searched = searched_without_things(scene) if things is None else things.searched
@@ -84,7 +86,9 @@ class Ranker:
             self._confidence = np.array(sure, dtype=np.float64)
             self._present = np.array([label_id in things.by_label for label_id in range(1, len(entries) + 1)], np.bool_)
         self._names = NameIndex(scene.dictionary)
-        self._cache = TextCache(encoder, settings.templates, settings.cached_texts)
+        self._cache: TextCache = (
+            TextCache(encoder, settings.templates, settings.cached_texts) if before is None else before._cache
+        )
         self._contexts = PromptContexts(scene, encoder, self._cache, settings)
 
     @property

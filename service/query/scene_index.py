@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.embeddings import embed_labels, embed_names
-from fastsplat.service.query.gaussian_labels import GaussianLabels, label_gaussians
+from fastsplat.service.query.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import Scene, SemanticHead, Things
+from fastsplat.service.scene.types import Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import Answer
@@ -46,16 +46,23 @@ class SceneIndex:
         encoder: embeds queries; the labels are embedded anew if the scene's came from another encoder or other
             templates.
         settings: see `QuerySettings`.
+        before: of the scene that this one was edited from, with the same encoder and settings; what the edit did not
+            change is used again.
 
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
     """
 
-    def __init__(self, scene: Scene, encoder: TextEncoder, settings: QuerySettings = _DEFAULTS) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        encoder: TextEncoder,
+        settings: QuerySettings = _DEFAULTS,
+        before: SceneIndex | None = None,
+    ) -> None:
         self.scene = scene
         self.settings = settings
-        self._labels = label_gaussians(scene)
-        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
+        self._before = before
         self._encoder = encoder
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
@@ -63,7 +70,23 @@ class SceneIndex:
         self._instances_lock = threading.Lock()
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
-        self._ranker = Ranker(scene, counts, encoder, settings, None if scene.things is None else self.things)
+        semantics = semantics_of(scene)
+        if isinstance(semantics, ThingSemantics):
+            self._labels = label_by_things(semantics, self.things.belief)
+        else:
+            self._labels = label_gaussians(scene)
+        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
+        things = None if scene.things is None else self.things
+        self._ranker: Ranker = Ranker(
+            scene, counts, encoder, settings, things, None if before is None else before._ranker
+        )
+        if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
+            self._renderer = before._renderer.relabeled(scene)
+        self._before = None
+
+    def after(self, scene: Scene) -> SceneIndex:
+        """The index of a scene that this one's was edited to."""
+        return SceneIndex(scene, self._encoder, self.settings, self)
 
     @property
     def calibrated(self) -> bool:
@@ -154,7 +177,8 @@ class SceneIndex:
             if self._things is None:
                 stored = self.scene.things
                 things = labeled_things(self.scene, instances, self._labels) if stored is None else stored
-                self._things = SceneThings(with_things(self.scene, things), stored is not None, self._thing_map)
+                before = None if self._before is None else self._before._things
+                self._things = SceneThings(with_things(self.scene, things), stored is not None, self._thing_map, before)
             return self._things
 
     def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:

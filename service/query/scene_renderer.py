@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import F32, Scene, Things
+from fastsplat.service.scene.types import F32, Scene, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
@@ -32,6 +33,19 @@ class Renderer:
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
         self._things = self._labels.things if isinstance(self._labels, ThingBlend) else None
+
+    def relabeled(self, scene: Scene) -> Renderer:
+        """The renderer of a scene with the same Gaussians and other labels."""
+        other = copy.copy(self)
+        other._classes = len(scene.dictionary) + 1
+        semantics = semantics_of(scene)
+        drawn = self._things
+        if drawn and isinstance(semantics, ThingSemantics) and semantics.membership is drawn.evidence:
+            other._labels = ThingBlend(semantics, self._device, drawn)
+            return other
+        other._labels = label_blend(scene, self._device)
+        other._things = other._labels.things if isinstance(other._labels, ThingBlend) else None
+        return other
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3], on black."""

@@ -15,7 +15,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.absence import searched_names
 from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
-from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -33,6 +33,10 @@ _REACH = 3.0
 _MAX_UNNAMED = 100
 
 
+_OF_MEMBERSHIP = ("belief", "owner", "counts", "_boxes", "_solid")
+"""What depends on the Gaussians and on which thing they belong to, and on no name."""
+
+
 class SceneThings:
     """The things of a scene, ready to be asked. Threads may share it.
 
@@ -40,9 +44,16 @@ class SceneThings:
         scene: with things.
         stored: whether the scene's file has them.
         draw: the thing of each pixel of a view, 0 for none.
+        before: those of the scene that this one was edited from; what names alone do not change is taken from it.
     """
 
-    def __init__(self, scene: Scene, stored: bool, draw: Callable[[PosedCamera, Things], ThingMap]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        stored: bool,
+        draw: Callable[[PosedCamera, Things], ThingMap],
+        before: SceneThings | None = None,
+    ) -> None:
         assert scene.things is not None
         self.scene = scene
         self.stored = stored
@@ -50,11 +61,22 @@ class SceneThings:
         self._draw = draw
         self._maps: OrderedDict[tuple[Camera, bytes], ThingMap] = OrderedDict()
         self._lock = threading.Lock()
+        same = before is not None and before.scene.gaussians is scene.gaussians
+        if before is not None and same and before.table.membership is scene.things.membership:
+            with before._lock:
+                self._maps.update(before._maps)
+            known = vars(before)
+            vars(self).update({name: known[name] for name in _OF_MEMBERSHIP if name in known})
+
+    @cached_property
+    def belief(self) -> Posterior:
+        """The probability of each Gaussian's things."""
+        return posterior(self.table.membership, max((thing.id for thing in self.table.table), default=0) + 1)
 
     @cached_property
     def owner(self) -> NDArray[np.int32]:
         """int32 [G]: the thing of each Gaussian, 0 for none."""
-        return thing_rows(self.table)
+        return self.belief.classes
 
     @cached_property
     def counts(self) -> NDArray[np.int64]:
@@ -107,8 +129,7 @@ class SceneThings:
     @cached_property
     def listed(self) -> tuple[SceneThing, ...]:
         """Every thing that has Gaussians, by id."""
-        boxes = self._boxes()
-        return tuple(self._described(thing, boxes.get(thing.id)) for thing in self.present)
+        return tuple(self._described(thing, self._boxes.get(thing.id)) for thing in self.present)
 
     def get(self, thing_id: int) -> SceneThing:
         """The thing with this id, as listed.
@@ -223,6 +244,7 @@ class SceneThings:
         reach = _REACH * np.exp(self.scene.gaussians.log_scales[rows].astype(np.float64).max(axis=1, initial=-np.inf))
         return (cKDTree(self.scene.gaussians.means[rows]) if len(rows) else None), rows, reach
 
+    @cached_property
     def _boxes(self) -> dict[int, Box]:
         gaussians = self.scene.gaussians
         weights = masses(gaussians.log_scales, gaussians.logit_opacities)

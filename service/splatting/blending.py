@@ -141,6 +141,7 @@ class EvidenceBlend:
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
+        self.evidence = evidence
         mean = posterior(evidence, classes)
         rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
         order = np.argsort(evidence.labels, kind="stable")
@@ -206,14 +207,15 @@ class ThingBlend:
     Args:
         semantics: of G Gaussians.
         device: where the Gaussians are.
+        things: draws the things themselves; None: made of `semantics`.
 
     Attributes:
-        things: draws the things themselves.
+        things: see above.
     """
 
-    def __init__(self, semantics: ThingSemantics, device: torch.device) -> None:
+    def __init__(self, semantics: ThingSemantics, device: torch.device, things: EvidenceBlend | None = None) -> None:
         self._label_ids = semantics.label_ids
-        self.things = EvidenceBlend(semantics.membership, len(semantics.label_ids), device)
+        self.things = things or EvidenceBlend(semantics.membership, len(semantics.label_ids), device)
 
     def render(
         self,
