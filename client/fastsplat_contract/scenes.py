@@ -15,7 +15,7 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
-EditAction = Literal["recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard"]
+EditAction = Literal["recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert"]
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -127,6 +127,14 @@ class Color(NamedTuple):
 
 
 @dataclass(frozen=True)
+class InsertSource(Request):
+    """The scene that inserted things come from."""
+
+    scene_id: Annotated[str, Field(description="of the same project")]
+    version: Annotated[str, Field(description="of that scene; empty: its current one")] = ""
+
+
+@dataclass(frozen=True)
 class Edit(Request):
     """What to do to everything of a label, to one object, or to things."""
 
@@ -135,7 +143,7 @@ class Edit(Request):
         Field(
             description="recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change "
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
-            "Gaussians, which then belong to no thing"
+            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids"
         ),
     ]
     label: str | None = None
@@ -145,7 +153,7 @@ class Edit(Request):
         Pose | None,
         Field(
             description="for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved "
-            "or of its copy"
+            "or of its copy; for insert: from the other scene's world frame and units into this one's"
         ),
     ] = None
     things: Annotated[
@@ -156,6 +164,10 @@ class Edit(Request):
         Field(description="for name: one line of 1 to 200 characters; things of one name have one label"),
     ] = None
     aliases: Annotated[Many[str], Field(description="for name: other names of the same label")] = ()
+    source: Annotated[
+        InsertSource | None,
+        Field(description="for insert: the other scene; label, object_id and things are then of that one"),
+    ] = None
 
 
 @dataclass(frozen=True)

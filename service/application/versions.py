@@ -22,10 +22,10 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
-from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.scenes import Color, Edit, InsertSource, SceneVersion
 
 _TRIES = 5
 
@@ -176,16 +176,34 @@ class Versions:
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}), seen, before)
-            except (InvalidInputError, NotFoundError, ConflictError) as error:
+                source = None if edit.source is None or edit.action != "insert" else self._source(edit.source)
+                scene = apply_edit(index, SceneEdit(**{**vars(edit), "transform": matrix}), seen, before, source)
+                self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
+            except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = index.after(scene)
             check_cancelled()
         return index
 
+    def _source(self, source: InsertSource) -> SceneIndex:
+        try:
+            return self._scenes.reading(source.scene_id, source.version, lambda index, _: index)
+        except (NotFoundError, NotReadyError) as error:
+            raise error.within("source") from error
+
+    def _check_growth(self, before: int, after: int) -> None:
+        limit = self._settings.store.max_gaussians
+        if after > max(before, limit):
+            raise LimitExceededError(
+                f"{after} Gaussians",
+                field="things",
+                limit=f"{limit} (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+                hint="Add fewer, or remove some first.",
+            )
+
     def _write(self, scene: Scene, scene_id: str, version: str, same_gaussians: Path | None) -> None:
-        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The folder
-        `same_gaussians`, of a version that has the same, lends its PLY file."""
+        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The
+        folder `same_gaussians`, of a version that has the same, lends its PLY file."""
         scratch = self._store.blobs.upload(version)
         try:
             scratch.mkdir(parents=True)

@@ -26,7 +26,7 @@ from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_ro
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.scenes import EditAction
+from fastsplat_contract.scenes import EditAction, InsertSource
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -56,6 +56,7 @@ class Edit:
         transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
             units; None otherwise.
         name, aliases: for `name`, see `edit_things`.
+        source: for `insert`, where the things come from; None otherwise.
     """
 
     action: EditAction
@@ -66,9 +67,16 @@ class Edit:
     things: tuple[int, ...] = ()
     name: str | None = None
     aliases: tuple[str, ...] = ()
+    source: InsertSource | None = None
 
 
-def apply_edit(index: SceneIndex, edit: Edit, seen: Things | None = None, before: Things | None = None) -> Scene:
+def apply_edit(
+    index: SceneIndex,
+    edit: Edit,
+    seen: Things | None = None,
+    before: Things | None = None,
+    source: SceneIndex | None = None,
+) -> Scene:
     """The scene after the edit; evidence, codes and things go along with their rows. The index's own scene stays as it
     is.
 
@@ -79,6 +87,7 @@ def apply_edit(index: SceneIndex, edit: Edit, seen: Things | None = None, before
         edit: what to do.
         seen: the things that whoever edits has looked at; None: unknown.
         before: the things before the request that the edit is part of; None: those of the index.
+        source: of the scene that `insert` takes things from; None for other edits.
 
     Raises:
         NotFoundError: no such label, object or thing here.
@@ -86,6 +95,7 @@ def apply_edit(index: SceneIndex, edit: Edit, seen: Things | None = None, before
             that is missing, superfluous, out of range or not rigid.
         LimitExceededError, ConflictError: see `edit_things`.
     """
+    from fastsplat.service.query.insertion import insert_things
     from fastsplat.service.query.thing_edits import edit_things
 
     actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
@@ -97,12 +107,15 @@ def apply_edit(index: SceneIndex, edit: Edit, seen: Things | None = None, before
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
         return edit_things(index, edit, seen, before or index.things.table)
+    if edit.name is not None or edit.aliases:
+        raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
+    if edit.action == "insert":
+        assert source is not None
+        return insert_things(index, source, edit)
     if edit.action not in actions:
         raise InvalidInputError(
             f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction))}."
         )
-    if edit.name is not None or edit.aliases:
-        raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
     return actions[edit.action](index.things.scene, edited_rows(index, edit), edit)
 
 
@@ -140,7 +153,8 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
 def _check_extras(edit: Edit) -> None:
     for name, value, needed in (
         ("color", edit.color, edit.action == "recolor"),
-        ("transform", edit.transform, edit.action in ("move", "duplicate")),
+        ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
+        ("source", edit.source, edit.action == "insert"),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(
@@ -190,7 +204,7 @@ def _remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 
 def _move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    moved = _moved(_part(scene.gaussians, rows), edit)
+    moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), edit.transform)
     return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
 
 
@@ -200,7 +214,7 @@ def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     copies = np.arange(count, count + len(rows))
     if scene.things is not None and grown.things is not None:
         grown = replace(grown, things=_copied(scene.things, grown.things, rows))
-    moved = _moved(_part(grown.gaussians, copies), edit)
+    moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), edit.transform)
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
 
 
@@ -231,7 +245,7 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
 def _recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     """The luminance of each Gaussian, in every direction, relative to the mean one, times the new color: what was in
     the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
-    part = _part(scene.gaussians, rows)
+    part = gaussians_of_rows(scene.gaussians, rows)
     if not len(rows):
         return scene
     target = np.asarray(edit.color, dtype=np.float64)
@@ -245,8 +259,9 @@ def _recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
 
 
-def _moved(part: Gaussians, edit: Edit) -> Gaussians:
-    pose = np.asarray(edit.transform, dtype=np.float64)
+def moved_gaussians(part: Gaussians, transform: F64 | None) -> Gaussians:
+    """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
+    pose = np.asarray(transform, dtype=np.float64)
     turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
     rotation = turn.as_matrix()
     means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
@@ -298,7 +313,8 @@ def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
     return turned.astype(np.float32)
 
 
-def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
+def gaussians_of_rows(gaussians: Gaussians, rows: Rows) -> Gaussians:
+    """The Gaussians `rows` [K], in that order."""
     return Gaussians(
         means=gaussians.means[rows],
         quats=gaussians.quats[rows],
@@ -312,7 +328,7 @@ def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
 def _select(scene: Scene, rows: Rows) -> Scene:
     evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
     things = things_of_rows(scene.things, rows)
-    return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence, things=things)
+    return replace(scene, gaussians=gaussians_of_rows(scene.gaussians, rows), evidence=evidence, things=things)
 
 
 def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:

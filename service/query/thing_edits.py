@@ -117,7 +117,7 @@ def _check_seen(ids: Sequence[int], name: str | None, seen: Things | None, befor
 
 
 def _name(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
-    scene, label = _with_label(index, scene, edit.name or "", edit.aliases)
+    scene, label = with_label(index, scene, edit.name or "", edit.aliases)
     return _changed(scene, ids, lambda thing: replace(thing, name=label, source="person", probability=1.0))
 
 
@@ -138,9 +138,13 @@ def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing])
     return replace(scene, things=replace(scene.things, table=table))
 
 
-def _with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str]) -> tuple[Scene, str]:
+def with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str]) -> tuple[Scene, str]:
     """The scene with a dictionary entry of this name and these aliases, and the entry's label. Case, plural and
-    spelling variants of a known name are that name."""
+    spelling variants of a known name are that name.
+
+    Raises:
+        InvalidInputError, LimitExceededError, ConflictError: see `edit_things`.
+    """
     text = checked_name(name, "name")
     if len(aliases) > MAX_ALIASES:
         raise LimitExceededError(f"{len(aliases)} aliases", field="aliases", limit=f"{MAX_ALIASES} aliases")

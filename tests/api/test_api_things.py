@@ -12,17 +12,20 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import Edit, EditIn
+from fastsplat_contract.scenes import Edit, EditIn, InsertSource
 from fastsplat_contract.things import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene, turned
+from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.scenes import finish_job, queued_job
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
@@ -204,3 +207,45 @@ def test_bad_names_leave_no_version(client: Client, own: str, text: str) -> None
         client.name_things(own, 1, text)
     assert raised.value.field == "edits[0].name"
     assert len(client.versions(own)) == 1
+
+
+def test_a_thing_of_another_scene_is_inserted_and_taken_back(
+    client: Client, service: SceneService, api_settings: Settings, own: str
+) -> None:
+    other = add_scene(service, api_settings, "other")
+    client.name_things(other, 1, "violin")
+    up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(other))
+    made = client.edit_scene(own, [edit])
+    assert made.edits == (edit,) and made.gaussians > client.scene(other).gaussians
+    (answer,) = client.query(own, "violin", outputs=["objects"])
+    assert answer.verdict == "exact" and [item.thing_id for item in answer.objects or ()] == [4] == list(answer.things)
+    (there,) = client.objects(other, label="violin")
+    (here,) = answer.objects or ()
+    np.testing.assert_allclose(np.subtract(here.centroid, there.centroid), up.position, atol=1e-4)
+    client.undo_edit(own)
+    assert client.query(own, "violin")[0].verdict == "absent"
+    for source in (InsertSource("0" * 32), InsertSource(other, "e0"), InsertSource(other, "1")):
+        wrong = replace(edit, source=source) if source.version != "1" else replace(edit, source=source, things=(9,))
+        with pytest.raises(NotFoundError) as raised:
+            client.edit_scene(own, [wrong])
+        assert raised.value.field.startswith("edits[0].")
+    service.delete_scene(other)
+
+
+def test_things_of_another_project_do_not_exist(service: SceneService, api_settings: Settings, own: str) -> None:
+    service.admin.projects.create("next-door")
+    up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    foreign = service.in_project("next-door")
+    encoder = open_text_encoder(ENCODER, api_settings.models)
+    with pytest.raises(NotFoundError):
+        foreign.answers.list_things(own)
+    job = replace(queued_job("theirs"), project="next-door")
+    foreign._store.scenes.create(job)
+    finish_job(foreign._store, job.operation_id, made_scene(encoder))
+    assert len(foreign.answers.list_things(job.scene_id).things) == 3
+    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(own))
+    with pytest.raises(NotFoundError) as raised:
+        foreign.versions.edit(job.scene_id, [edit])
+    assert raised.value.field == "edits[0].source.scene"
+    foreign.delete_scene(job.scene_id)

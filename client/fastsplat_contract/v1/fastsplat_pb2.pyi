@@ -135,6 +135,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_UNNAME: _EditAction.ValueType  # 6
     EDIT_ACTION_MERGE: _EditAction.ValueType  # 7
     EDIT_ACTION_DISCARD: _EditAction.ValueType  # 8
+    EDIT_ACTION_INSERT: _EditAction.ValueType  # 9
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -149,6 +150,7 @@ EDIT_ACTION_NAME: EditAction.ValueType  # 5
 EDIT_ACTION_UNNAME: EditAction.ValueType  # 6
 EDIT_ACTION_MERGE: EditAction.ValueType  # 7
 EDIT_ACTION_DISCARD: EditAction.ValueType  # 8
+EDIT_ACTION_INSERT: EditAction.ValueType  # 9
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -1321,6 +1323,32 @@ class Color(_message.Message):
 Global___Color: _TypeAlias = Color  # noqa: Y015
 
 @_typing.final
+class InsertSource(_message.Message):
+    """The scene that inserted things come from."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """of the same project"""
+    version: _builtins.str
+    """of that scene; empty: its current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___InsertSource: _TypeAlias = InsertSource  # noqa: Y015
+
+@_typing.final
 class Edit(_message.Message):
     """What to do to everything of a label, to one object, or to things."""
 
@@ -1334,10 +1362,11 @@ class Edit(_message.Message):
     THINGS_FIELD_NUMBER: _builtins.int
     NAME_FIELD_NUMBER: _builtins.int
     ALIASES_FIELD_NUMBER: _builtins.int
+    SOURCE_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
-    no thing
+    no thing. insert: adds things of another scene, which get new ids
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -1350,7 +1379,9 @@ class Edit(_message.Message):
 
     @_builtins.property
     def transform(self) -> Global___Pose:
-        """for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved or of its copy"""
+        """for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved or of its copy; for
+        insert: from the other scene's world frame and units into this one's
+        """
 
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
@@ -1359,6 +1390,10 @@ class Edit(_message.Message):
     @_builtins.property
     def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """for name: other names of the same label"""
+
+    @_builtins.property
+    def source(self) -> Global___InsertSource:
+        """for insert: the other scene; label, object_id and things are then of that one"""
 
     def __init__(
         self,
@@ -1371,10 +1406,11 @@ class Edit(_message.Message):
         things: _abc.Iterable[_builtins.int] | None = ...,
         name: _builtins.str | None = ...,
         aliases: _abc.Iterable[_builtins.str] | None = ...,
+        source: Global___InsertSource | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
