@@ -33,7 +33,7 @@ def labeled_things(scene: Scene, instances: Sequence[Instance], labels: Gaussian
     """
     owner = np.zeros(len(scene.gaussians), np.int32)
     table = []
-    source: NameSource = "detected" if scene.quality.get("label_source") == "detected" else "given"
+    source: NameSource = "given" if scene.quality.get("label_source") == "given" else "detected"
     for instance in instances[:_MAX_THINGS]:
         thing = instance.object
         owner[instance.rows] = thing.thing_id

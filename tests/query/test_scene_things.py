@@ -89,7 +89,9 @@ def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(open
     np.testing.assert_array_equal(again.things.owner, index.things.owner)
     # Every Gaussian of a label that is near a thing is the thing's: faint ones do not stay behind.
     np.testing.assert_array_equal(index.things.owner > 0, index.gaussian_classes > 0)
-    assert all(thing.source == "given" and thing.probability == 1 for thing in index.things.listed)
+    assert all(thing.source == "detected" and thing.probability == 1 for thing in index.things.listed)
+    given = opened(replace(labeled, quality={"label_source": "given"}))
+    assert {thing.source for thing in given.things.listed} == {"given"}
     assert index.things.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
 
 
