@@ -18,6 +18,7 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
+from fastsplat.cli.things import things_app
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.process_group import PARENT_VARIABLE
@@ -40,6 +41,7 @@ app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
 app.add_typer(projects_app, name="projects")
 app.add_typer(jobs_app, name="jobs")
+app.add_typer(things_app, name="things")
 app.command()(backup)
 app.command()(restore)
 app.command()(doctor)

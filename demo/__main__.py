@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from demo.naming import NAME, click_and_name
 from demo.questions import SAMPLE_QUESTIONS, questions_for
 from demo.run_report import print_report, report_of, save_pictures, write_report
 from demo.service_process import running_service
@@ -71,6 +72,11 @@ def _run(client: Client, options: argparse.Namespace, console: Console, output: 
     scene = client.scene(operation.scene_id)
     texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
     answers = [_ask(client, scene.id, text) for text in texts]
+    if (named := click_and_name(client, scene.id, answers)) is not None:
+        thing, view = named[0].thing, named[1]
+        before = f'"{thing.name}"' if thing.name else "without a name"
+        console.print(f'a click in {view} finds thing {thing.id}, {before}; a person names it "{NAME}"')
+        answers.append(_ask(client, scene.id, NAME))
     report = report_of(scene, operation, answers)
     write_report(report, output)
     save_pictures(client, scene, answers, output)

@@ -65,9 +65,11 @@ def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], folde
         text = answer.text
         stem = re.sub(r"\W+", "-", text).strip("-") or "query"
         for kind in _SHOWN_KINDS:
-            (folder / f"{stem}-{kind}.png").write_bytes(client.picture(scene.id, kind, middle, text=text))
+            (folder / f"{stem}-{kind}.png").write_bytes(
+                client.picture(scene.id, kind, middle, text=text, version=answer.version)
+            )
         panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
-        (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text))
+        (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text, version=answer.version))
     write_sheet(panels, folder / "summary.jpg")
     client.download_scene(scene.id, folder / "scene.ply")
 

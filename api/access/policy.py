@@ -50,6 +50,8 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
+    "ListThings": (_READ, ("GET /v1/scenes/{scene_id}/things",)),
+    "PickThing": (_READ, ("POST /v1/scenes/{scene_id}:pick",)),
     "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),

@@ -23,6 +23,7 @@ from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messag
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
+from fastsplat_contract.things import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
@@ -86,12 +87,29 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 ),
             )
 
+    async def ListThings(self, request: pb.ListThingsRequest, context: Context) -> pb.ListThingsResponse:  # noqa: N802
+        """Every thing of a scene in pages."""
+        async with guarded(context, "ListThings"):
+            return await self._message(
+                pb.ListThingsResponse,
+                lambda: self._service.answers.list_things(
+                    request.scene_id, request.version, request.page_size, request.page_token
+                ),
+            )
+
+    async def PickThing(self, request: pb.PickThingRequest, context: Context) -> pb.PickedThing:  # noqa: N802
+        """The thing at a place."""
+        async with guarded(context, "PickThing"):
+            return await self._threads.answer(
+                lambda: _as(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
+            )
+
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
         """Make a new version."""
 
         def edited() -> SceneVersion:
             body = from_proto(EditIn, request)
-            return self._service.versions.edit(request.scene_id, body.edits, body.request_id)
+            return self._service.versions.edit(request.scene_id, body.edits, body.request_id, body.version)
 
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)

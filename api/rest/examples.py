@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -38,6 +39,7 @@ from fastsplat_contract.scenes import (
     VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.things import NameSuggestion, PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 
 IDS = {
     "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",
@@ -68,9 +70,37 @@ _OBJECT = SceneObject(
     meters=True,
     best_views=("front.png",),
 )
+_THING = SceneThing(
+    id=1,
+    name="mug",
+    source="person",
+    probability=1.0,
+    suggestions=(),
+    kind="thing",
+    surface="",
+    consensus=0.96,
+    gaussian_count=5_120,
+    box=_OBJECT.box,
+    meters=True,
+)
+_UNNAMED = replace(
+    _THING,
+    id=2,
+    name="",
+    source=None,
+    probability=0.0,
+    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3)),
+)
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
 _MASK[20:30, 24:40] = True
+_VIEW_MASK = ViewMask(
+    view="front.png",
+    camera_index=0,
+    segmentation=Segmentation((48, 64), encode_rle(_MASK)),
+    png=None,
+    area=int(_MASK.sum()),
+)
 _OPERATION = Operation(
     id=IDS["operation_id"],
     scene_id=IDS["scene_id"],
@@ -121,15 +151,7 @@ _ANSWER = Answer(
         Match(1, "mug", 0.91, 0.88, "object", 5_120, True, 0.96),
         Match(2, "ball", 0.32, 0.41, "things", 2_416, False, 0.02),
     ),
-    masks=(
-        ViewMask(
-            view="front.png",
-            camera_index=0,
-            segmentation=Segmentation((48, 64), encode_rle(_MASK)),
-            png=None,
-            area=int(_MASK.sum()),
-        ),
-    ),
+    masks=(_VIEW_MASK,),
     objects=(_OBJECT,),
     presence=0.99,
 )
@@ -160,6 +182,8 @@ ANSWERS: Mapping[str, Any] = {
         SceneList((_SUMMARY,), _TOKEN),
         LabelList((_MUG, _BALL), ""),
         ObjectList((_OBJECT,), "", "1"),
+        ThingList((_THING, _UNNAMED), "", "1"),
+        PickedThing(_THING, _VIEW_MASK, "1"),
         _VERSION,
         VersionList((_VERSION,)),
         _KEY,
@@ -199,7 +223,16 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
             "move all balls half a unit along x",
             EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
         ),
+        "name": (
+            "name a thing that had no name, or another",
+            EditIn((Edit("name", things=(2,), name="blue vase", aliases=("flower vase",)),)),
+        ),
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
+    },
+    "PickIn": {
+        "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(32.0, 24.0))),
+        "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(8.0, 6.0, 56.0, 42.0))),
+        "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     },
     "KeyIn": {
         "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),

@@ -26,6 +26,7 @@ from fastsplat_contract.queries import (
     QueryRequest,
     RenderIn,
 )
+from fastsplat_contract.things import PickedThing, PickIn, PickRequest
 
 _PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}
@@ -93,6 +94,12 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
         return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
+
+    @router.post("/v1/scenes/{scene_id}:pick", response_model=PickedThing)
+    async def pick_thing(request: Request, scene_id: str, body: PickIn) -> Response:
+        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask."""
+        place = PickRequest(scene_id, **vars(body))
+        return await json_of_call(request, threads.answer, lambda: service.answers.pick(place))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",

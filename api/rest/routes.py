@@ -22,6 +22,7 @@ from fastsplat_contract.operations import Operation, OperationList, OperationSta
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.things import ThingList
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
 
@@ -93,6 +94,15 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
             lambda: service.answers.list_objects(scene_id, version, label, page_size, page_token),
         )
 
+    @router.get("/scenes/{scene_id}/things", response_model=ThingList)
+    async def list_things(
+        request: Request, scene_id: str, version: Version = "", page_size: PageSize = 0, page_token: PageToken = ""
+    ) -> Response:
+        """Every thing of a scene, with or without a name, in pages, by id."""
+        return await json_of_call(
+            request, threads.answer, lambda: service.answers.list_things(scene_id, version, page_size, page_token)
+        )
+
     @router.get(
         "/scenes/{scene_id}/cameras",
         response_class=Response,
@@ -125,7 +135,9 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def edit_scene(request: Request, scene_id: str, body: EditIn) -> Response:
         """Make a new version of a scene: the edits in order, all or none; it is current on return."""
         return await json_of_call(
-            request, threads.call, lambda: service.versions.edit(scene_id, body.edits, body.request_id)
+            request,
+            threads.call,
+            lambda: service.versions.edit(scene_id, body.edits, body.request_id, body.version),
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)

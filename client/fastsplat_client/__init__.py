@@ -42,12 +42,14 @@ from fastsplat_contract.scenes import (
     Color,
     DictionaryEntry,
     Edit,
+    InsertSource,
     Scene,
     SceneObject,
     SceneSummary,
     SceneVersion,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.things import NameSuggestion, PickedThing, SceneThing
 
 __all__ = [
     "AccessKey",
@@ -62,17 +64,20 @@ __all__ = [
     "DictionaryEntry",
     "Edit",
     "FastSplatError",
+    "InsertSource",
     "InvalidInputError",
     "Kind",
     "LimitExceededError",
     "Match",
     "MissingPackageError",
+    "NameSuggestion",
     "NewKey",
     "NotFoundError",
     "NotReadyError",
     "Operation",
     "OperationError",
     "PermissionDeniedError",
+    "PickedThing",
     "PictureRequest",
     "Pose",
     "PoseAnswer",
@@ -86,6 +91,7 @@ __all__ = [
     "SceneObject",
     "SceneOptions",
     "SceneSummary",
+    "SceneThing",
     "SceneVersion",
     "Segmentation",
     "ServerInfo",

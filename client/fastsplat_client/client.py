@@ -26,6 +26,7 @@ from fastsplat_contract.errors import DeadlineExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import (
     Answer,
     CameraFormat,
@@ -50,6 +51,7 @@ from fastsplat_contract.scenes import (
     VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.things import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 
 T = TypeVar("T")
 
@@ -222,11 +224,68 @@ class Client:
         params = {"label": label, "version": version}
         return self._pages(ObjectList, f"{_scene(scene_id)}/objects", params)
 
-    def edit_scene(
-        self, scene_id: str, edits: Sequence[Edit], *, request_id: str = "", timeout_s: float | None = None
+    def things(self, scene_id: str, *, version: str = "") -> Iterator[SceneThing]:
+        """Every thing of a scene, with or without a name, by id."""
+        return self._pages(ThingList, f"{_scene(scene_id)}/things", {"version": version})
+
+    def pick(
+        self,
+        scene_id: str,
+        viewpoint: str | PosedCamera | None = None,
+        *,
+        pixel: tuple[float, float] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+        point: tuple[float, float, float] | None = None,
+        version: str = "",
+    ) -> PickedThing:
+        """The thing at a place, with its mask.
+
+        Args:
+            scene_id: which scene.
+            viewpoint: one of the scene's own cameras (its name) or a free viewpoint; None for a point.
+            pixel: x, y in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
+            box: left, top, right, bottom, instead of `pixel`.
+            point: x, y, z in the world frame, instead of `pixel`.
+            version: of the scene; "" is the current one.
+        """
+        request = PickIn(
+            camera=None if isinstance(viewpoint, str) else viewpoint,
+            view=viewpoint if isinstance(viewpoint, str) else None,
+            pixel=None if pixel is None else Pixel(*pixel),
+            box=None if box is None else PixelBox(*box),
+            point=None if point is None else Vector3(*point),
+            version=version,
+        )
+        path = f"{_scene(scene_id)}:pick"
+        return read(PickedThing, self._transport.call("POST", path, json=to_plain(request)))
+
+    def name_things(
+        self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
     ) -> SceneVersion:
-        """Make a new version; it is current on return."""
-        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex))
+        """Make a new version in which these things have a name; see `edit_scene`."""
+        ids = (things,) if isinstance(things, int) else tuple(things)
+        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases))
+        return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
+    def edit_scene(
+        self,
+        scene_id: str,
+        edits: Sequence[Edit],
+        *,
+        request_id: str = "",
+        looked_at: str = "",
+        timeout_s: float | None = None,
+    ) -> SceneVersion:
+        """Make a new version; it is current on return.
+
+        Args:
+            scene_id: which scene.
+            edits: at least one, applied in order.
+            request_id: the same id returns the version that it made; by default a new one.
+            looked_at: the version that was looked at: only names that stood in it are replaced.
+            timeout_s: when to give up.
+        """
+        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex, looked_at))
         return read(
             SceneVersion,
             self._transport.call("POST", f"{_scene(scene_id)}:edit", json=body, timeout_s=timeout_s),

@@ -113,6 +113,23 @@ class Match(
     ] = None
 
 
+@travels(request=False)
+class Searched(NamedTuple):
+    """What a scene was searched for: a text that it has nothing for may be a thing without a name."""
+
+    named_things: Annotated[
+        int | None, Field(description="things that have a name; absent for a scene that stores no things")
+    ]
+    unnamed_things: Annotated[int, Field(description="things that have none")]
+    unnamed: Annotated[Many[int], Field(description="their ids, the first 100")]
+    names: Annotated[
+        int | None, Field(description="names that a detector looked for, or that label maps had; absent if unknown")
+    ]
+
+
+_NOTHING_SEARCHED = Searched(None, 0, (), None)
+
+
 @dataclass(frozen=True)
 class Answer(Response):
     """The answer to one text of one scene."""
@@ -173,6 +190,14 @@ class Answer(Response):
             "different texts or scenes; absent without calibration"
         ),
     ] = None
+    things: Annotated[
+        Many[int],
+        Field(
+            description="ids of the things that answer, by label in the order of the matches; of a scene that stores "
+            "no things only with the output objects"
+        ),
+    ] = ()
+    searched: Annotated[Searched, Field(description="what an absence was said of")] = _NOTHING_SEARCHED
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
-EditAction = Literal["recolor", "remove", "move", "duplicate"]
+EditAction = Literal["recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert"]
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -94,7 +94,7 @@ class Box(Response):
 
 @dataclass(frozen=True)
 class SceneObject(Response):
-    """One thing, as in vision_msgs/Detection3D: connected Gaussians of one label."""
+    """One named thing, as in vision_msgs/Detection3D."""
 
     id: Annotated[str, Field(description="stable within a version of a scene")]
     label_id: int
@@ -105,6 +105,7 @@ class SceneObject(Response):
     gaussian_count: int
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     best_views: Annotated[Many[str], Field(description="the scene's cameras that see it best, best first")]
+    thing_id: Annotated[int, Field(description="which thing it is, see SceneThing")] = 0
 
 
 @travels(request=False, proto="ListObjectsResponse")
@@ -126,10 +127,25 @@ class Color(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Edit(Request):
-    """What to do to everything of a label, or to one object."""
+class InsertSource(Request):
+    """The scene that inserted things come from."""
 
-    action: EditAction
+    scene_id: Annotated[str, Field(description="of the same project")]
+    version: Annotated[str, Field(description="of that scene; empty: its current one")] = ""
+
+
+@dataclass(frozen=True)
+class Edit(Request):
+    """What to do to everything of a label, to one object, or to things."""
+
+    action: Annotated[
+        EditAction,
+        Field(
+            description="recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change "
+            "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
+            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids"
+        ),
+    ]
     label: str | None = None
     object_id: Annotated[str | None, Field(description="instead of `label`")] = None
     color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
@@ -137,8 +153,20 @@ class Edit(Request):
         Pose | None,
         Field(
             description="for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved "
-            "or of its copy"
+            "or of its copy; for insert: from the other scene's world frame and units into this one's"
         ),
+    ] = None
+    things: Annotated[
+        Many[int], Field(description="ids of things, instead of `label`; merge: the first one's id stays")
+    ] = ()
+    name: Annotated[
+        str | None,
+        Field(description="for name: one line of 1 to 200 characters; things of one name have one label"),
+    ] = None
+    aliases: Annotated[Many[str], Field(description="for name: other names of the same label")] = ()
+    source: Annotated[
+        InsertSource | None,
+        Field(description="for insert: the other scene; label, object_id and things are then of that one"),
     ] = None
 
 
@@ -150,6 +178,13 @@ class EditIn(Request):
 
     edits: Annotated[Many[Edit], Field(description="at least one, applied in order")]
     request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
+    version: Annotated[
+        str,
+        Field(
+            description="the version that was looked at. The edits are made of the current one either way; a name that "
+            "a person gave a thing is replaced only if it stood in this version"
+        ),
+    ] = ""
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ import logging
 from pathlib import Path
 
 from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
-from fastsplat.service.application.mask_encodings import encode_mask3d, mask_ply, view_mask
+from fastsplat.service.application.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
-from fastsplat.service.application.validate import check_page_size, check_texts
+from fastsplat.service.application.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
@@ -32,6 +32,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
+from fastsplat_contract.things import PickedThing, PickRequest, ThingList
 
 _log = logging.getLogger(__name__)
 
@@ -176,6 +177,61 @@ class Answers:
 
         return self._scenes.reading(scene_id, version, read)
 
+    def list_things(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ThingList:
+        """Every thing of a scene, with or without a name, by id, in pages as `list_scenes`.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            page_size, page_token: as `SceneService.list_scenes`.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
+        """
+        size = check_page_size(page_size, self._settings.store)
+
+        def read(index: SceneIndex, read_version: str) -> ThingList:
+            page, token = page_of(index.things.listed, size, page_token, f"things {scene_id} {read_version}")
+            return ThingList(tuple(page), token, read_version)
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def pick(self, request: PickRequest) -> PickedThing:
+        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask.
+
+        Raises:
+            NotFoundError: unknown scene, version or view; no thing is there.
+            NotReadyError: as `query`.
+            InvalidInputError: not exactly one of pixel, box and point; a pixel or a box outside the picture; not
+                exactly one of camera and view with a pixel or a box.
+            LimitExceededError: too large a camera.
+        """
+        check_pick(request)
+        check_texts(dataclasses.replace(request, scene_id=""))
+
+        def read(index: SceneIndex, read_version: str) -> PickedThing:
+            posed = view_of(index, request.view) if request.view is not None else request.camera
+            if posed is not None:
+                check_pixels((posed,), 1, self._settings.calls)
+            things = index.things
+            if request.point is not None:
+                thing_id = things.at_point(request.point)
+            else:
+                assert posed is not None
+                if request.pixel is not None:
+                    thing_id = things.at_pixel(posed, request.pixel)
+                else:
+                    assert request.box is not None
+                    thing_id = things.in_box(posed, request.box)
+            mask = None
+            if posed is not None:
+                inside = things.map(posed) == thing_id
+                mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
+            return PickedThing(things.get(thing_id), mask, read_version)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
+
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         return self._scenes.reading(
             request.scene_id, request.version, lambda index, version: self._answer(index, version, query, request)
@@ -207,15 +263,17 @@ class Answers:
             mask3d = None
             if "mask3d" in request.outputs:
                 mask3d = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
+            objects = index.objects_of(answer) if "objects" in request.outputs else None
             answers.append(
                 dataclasses.replace(
                     answer,
+                    things=answer.things or tuple(thing.thing_id for thing in objects or ()),
                     scene_id=request.scene_id,
                     version=version,
                     matches=answer.matches if shown < 0 else answer.matches[:shown],
                     masks=tuple(masks),
                     mask3d=mask3d,
-                    objects=index.objects_of(answer) if "objects" in request.outputs else None,
+                    objects=objects,
                 )
             )
         return tuple(answers)

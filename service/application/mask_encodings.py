@@ -20,7 +20,11 @@ def view_mask(
     index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
 ) -> ViewMask:
     """Where an answer is in one camera."""
-    mask = index.mask2d(answer, posed).mask
+    return encoded_mask(index.mask2d(answer, posed).mask, view, camera_index, encoding)
+
+
+def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding: MaskEncoding) -> ViewMask:
+    """A bool [H, W] mask as it travels."""
     area = int(mask.sum())
     if encoding == "png":
         return ViewMask(view, camera_index, None, png_bytes(mask.astype(np.uint8) * 255), area)

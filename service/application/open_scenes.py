@@ -68,6 +68,11 @@ class OpenScenes:
         index = self._open.get((scene_id, name), lambda: _weigh(folder), lambda: self._load(scene_id, name))
         return use(index, name)
 
+    def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
+        """Hold a version open that was just written, so that the first question does not read it back."""
+        folder = self.folder(scene_id, version)
+        self._open.get((scene_id, version), lambda: _weigh(folder), lambda: index)
+
     def version(self, scene_id: str, version: str) -> str:
         """The name of a version that can be read; "" stands for the current one.
 

@@ -11,6 +11,7 @@ from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions
+from fastsplat_contract.things import PickRequest
 
 _DEFAULT_PAGE = 50
 
@@ -41,6 +42,26 @@ def check_texts(value: object, field: str = "") -> None:
     elif isinstance(value, (set, frozenset)):
         for part in value:
             check_texts(part, field)
+
+
+def check_pick(request: PickRequest) -> None:
+    """Raise unless a request to pick a thing says one place, and from where it is seen if it is in a picture.
+
+    Raises:
+        InvalidInputError: it does not.
+    """
+    places = [name for name in ("pixel", "box", "point") if getattr(request, name) is not None]
+    if len(places) != 1:
+        raise InvalidInputError(
+            f"{len(places)} places to pick at",
+            field=(places or ["pixel"])[-1],
+            hint="Send one of pixel, box and point.",
+        )
+    cameras = (request.camera is not None) + (request.view is not None)
+    if cameras > 1 or (cameras == 0 and places != ["point"]):
+        raise InvalidInputError(
+            f"a {places[0]} needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
 
 
 def check_page_size(size: int, limits: StoreSettings) -> int:

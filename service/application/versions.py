@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import secrets
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,15 +17,15 @@ from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import Scene, write_ply, write_scene
+from fastsplat.service.scene import Scene, Things, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
-from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.scenes import Color, Edit, InsertSource, SceneVersion
 
 _TRIES = 5
 
@@ -36,7 +38,7 @@ class Versions:
         self._settings = settings
         self._scenes = scenes
 
-    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "") -> SceneVersion:
+    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "") -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
         Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
@@ -47,15 +49,17 @@ class Versions:
             scene_id: which scene.
             edits: at least one.
             request_id: the same id with the same edits returns the version that they made; "" for none.
+            looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
 
         Raises:
-            NotFoundError: there is no such scene, label or object.
+            NotFoundError: there is no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
             LimitExceededError: too many edits, or duplicates that make the scene too large.
-            ConflictError: the request id was used before for other edits.
+            ConflictError: the request id was used before for other edits, or a person has given a thing another name.
         """
         self._check(edits, request_id)
+        check_texts(looked_at, "version")
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         current = self._scenes.version(scene_id, "")
@@ -66,7 +70,7 @@ class Versions:
                 if earlier is not None:
                     return self._in_force(earlier, current)
                 try:
-                    made = self._make(scene_id, current, edits, request_id, digest, rows)
+                    made = self._make(scene_id, current, edits, request_id, digest, rows, looked_at)
                 except ConflictError:  # a server on another machine was faster; this one is made of its result
                     if not remaining:
                         raise
@@ -141,13 +145,19 @@ class Versions:
         request_id: str,
         digest: str,
         rows: Sequence[Mapping[str, Any]],
+        looked_at: str,
     ) -> SceneVersion:
-        edited, counts = self._scenes.reading(scene_id, parent, lambda index, _: self._apply(index, edits))
+        seen: Things | None = None
+        if looked_at:
+            seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
+        before, index = self._scenes.reading(
+            scene_id, parent, lambda index, _: (index, self._apply(index, edits, seen))
+        )
+        edited = index.scene
         version = f"e{secrets.token_hex(8)}"
-        dictionary = [
-            {**row, "gaussian_count": counts[row["label_id"]]} for row in self._store.scenes.scene(scene_id).dictionary
-        ]
-        self._write(edited, scene_id, version)
+        dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
+        same = edited.gaussians is before.scene.gaussians
+        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent) if same else None)
         try:
             self._store.versions.publish(
                 NewVersion(scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows)
@@ -155,34 +165,58 @@ class Versions:
         except BaseException:
             self._store.blobs.drop_version(scene_id, version)
             raise
+        self._scenes.keep(scene_id, version, index)
         return self._named(scene_id, version)
 
-    def _apply(self, index: SceneIndex, edits: Sequence[Edit]) -> tuple[Scene, list[int]]:
+    def _apply(self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None) -> SceneIndex:
         from fastsplat.service.query.edits import Edit as SceneEdit
         from fastsplat.service.query.edits import apply_edit
 
+        before = index.things.table
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
+                source = None if edit.source is None or edit.action != "insert" else self._source(edit.source)
                 scene = apply_edit(
                     index,
                     SceneEdit(**{**vars(edit), "transform": matrix}),
+                    seen,
+                    before,
+                    source,
                     max_gaussians=self._settings.store.max_gaussians,
                 )
-            except (InvalidInputError, LimitExceededError, NotFoundError) as error:
+                self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
+            except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
-            index = self._scenes.index_of(scene)
+            index = index.after(scene)
             check_cancelled()
-        classes = np.bincount(index.gaussian_classes, minlength=len(index.scene.dictionary) + 1)
-        return index.scene, classes.tolist()
+        return index
 
-    def _write(self, scene: Scene, scene_id: str, version: str) -> None:
-        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload."""
+    def _source(self, source: InsertSource) -> SceneIndex:
+        try:
+            return self._scenes.reading(source.scene_id, source.version, lambda index, _: index)
+        except (NotFoundError, NotReadyError) as error:
+            raise error.within("source") from error
+
+    def _check_growth(self, before: int, after: int) -> None:
+        limit = self._settings.store.max_gaussians
+        if after > max(before, limit):
+            raise LimitExceededError(
+                f"{after} Gaussians",
+                field="things",
+                limit=f"{limit} (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+                hint="Add fewer, or remove some first.",
+            )
+
+    def _write(self, scene: Scene, scene_id: str, version: str, same_gaussians: Path | None) -> None:
+        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The
+        folder `same_gaussians`, of a version that has the same, lends its PLY file."""
         scratch = self._store.blobs.upload(version)
         try:
             scratch.mkdir(parents=True)
             write_scene(scene, scratch / "artefact")
-            write_ply(scene.gaussians, scratch / "scene.ply")
+            if same_gaussians is None or not _linked(same_gaussians / "scene.ply", scratch / "scene.ply"):
+                write_ply(scene.gaussians, scratch / "scene.ply")
             self._store.blobs.publish(scratch, scene_id, version)
         finally:
             remove(scratch)
@@ -200,6 +234,33 @@ class Versions:
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
             )
+
+
+def _linked(file: Path, place: Path) -> bool:
+    """Whether `place` is the same file now; not every file system has links."""
+    try:
+        os.link(file, place)
+    except OSError:
+        return False
+    return True
+
+
+def _dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
+    """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
+    entries = index.scene.dictionary.entries
+    counts = np.bincount(index.gaussian_classes, minlength=len(entries) + 1).tolist()
+    known = {row["label_id"]: row for row in rows}
+    nowhere = {"pixels": 0, "views": 0}
+    return [
+        {
+            **known.get(label_id, nowhere),
+            "label_id": label_id,
+            "label": entry.label,
+            "aliases": list(entry.aliases),
+            "gaussian_count": counts[label_id],
+        }
+        for label_id, entry in enumerate(entries, start=1)
+    ]
 
 
 def _version_of(record: VersionRecord, current: str) -> SceneVersion:

@@ -1,4 +1,5 @@
-"""Edits by name: recolor, remove, move or duplicate what a label or an object is. A scene in, another scene out.
+"""Edits by name: recolor, remove, move or duplicate what a label, an object or a thing is; name things (see
+`thing_edits`). A scene in, another scene out.
 
 An edit takes along what the object encloses, whatever its label: where two objects meet, a Gaussian of the one often
 has the label of the other, and would stay behind as a floater.
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,12 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
-from fastsplat.service.scene.label_evidence import rows_of
-from fastsplat.service.scene.things import things_of_rows
-from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene
+from fastsplat.service.scene.label_evidence import evidence_of, rows_of
+from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows, things_of_rows
+from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.scenes import EditAction
+from fastsplat_contract.scenes import EditAction, InsertSource
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -43,16 +44,19 @@ _MARGIN = 0.25
 
 @dataclass(frozen=True)
 class Edit:
-    """What to do to everything of a label, or to one object.
+    """What to do to everything of a label, to one object, or to things.
 
     Attributes:
         action: what.
         label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None;
             with it everything of that label is meant, objects and specks.
-        object_id: `SceneObject.id`, or None; exactly one of the two.
+        object_id: `SceneObject.id`, or None.
+        things: ids of things, or none; exactly one of label, object_id and things.
         color: RGB 0..1 for `recolor`, the mean color afterwards; None otherwise.
         transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
             units; None otherwise.
+        name, aliases: for `name`, see `edit_things`.
+        source: for `insert`, where the things come from; None otherwise.
     """
 
     action: EditAction
@@ -60,31 +64,61 @@ class Edit:
     object_id: str | None = None
     color: tuple[float, float, float] | None = None
     transform: NDArray[np.float64] | None = None
+    things: tuple[int, ...] = ()
+    name: str | None = None
+    aliases: tuple[str, ...] = ()
+    source: InsertSource | None = None
 
 
-def apply_edit(index: SceneIndex, edit: Edit, *, max_gaussians: int | None = None) -> Scene:
-    """The scene after the edit; evidence and codes go along with their rows. The index's own scene stays as it is.
+def apply_edit(
+    index: SceneIndex,
+    edit: Edit,
+    seen: Things | None = None,
+    before: Things | None = None,
+    source: SceneIndex | None = None,
+    *,
+    max_gaussians: int | None = None,
+) -> Scene:
+    """The scene after the edit; evidence, codes and things go along with their rows. The index's own scene stays as it
+    is.
+
+    A scene that stores no things stores them from its first edit on, so that their ids stay.
 
     Args:
-        index: the scene.
-        edit: what to change.
+        index: of the scene as it is.
+        edit: what to do.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things before the request that the edit is part of; None: those of the index.
+        source: of the scene that `insert` takes things from; None for other edits.
         max_gaussians: no duplicate makes the scene larger than this; None for no bound. Each can double it.
 
     Raises:
-        NotFoundError: no such label or object here.
-        InvalidInputError: an unknown action, both or neither of label and object_id, a color or transform that is
-            missing, superfluous, out of range or not rigid.
-        LimitExceededError: the scene would be too large.
+        NotFoundError: no such label, object or thing here.
+        InvalidInputError: an unknown action, not exactly one of label, object_id and things, a color, transform or name
+            that is missing, superfluous, out of range or not rigid.
+        LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
     """
+    from fastsplat.service.query.insertion import insert_things
+    from fastsplat.service.query.thing_edits import edit_things
+
     actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
         "recolor": _recolor,
         "remove": _remove,
         "move": _move,
         "duplicate": _duplicate,
     }
-    if edit.action not in actions:
-        raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(actions)}.")
     _check_extras(edit)
+    if edit.action in ("name", "unname", "merge", "discard"):
+        return edit_things(index, edit, seen, before or index.things.table)
+    if edit.name is not None or edit.aliases:
+        raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
+    if edit.action == "insert":
+        assert source is not None
+        return insert_things(index, source, edit)
+    if edit.action not in actions:
+        raise InvalidInputError(
+            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction))}."
+        )
     rows = edited_rows(index, edit)
     count = len(index.scene.gaussians) + len(rows)
     if edit.action == "duplicate" and max_gaussians is not None and count > max_gaussians:
@@ -94,7 +128,7 @@ def apply_edit(index: SceneIndex, edit: Edit, *, max_gaussians: int | None = Non
             limit=f"{max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
             hint="Duplicate smaller things, or remove some first.",
         )
-    return actions[edit.action](index.scene, rows, edit)
+    return actions[edit.action](index.things.scene, rows, edit)
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
@@ -102,8 +136,8 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     of whose twelve nearest visible neighbors they have half the opacity or more.
 
     Raises:
-        NotFoundError: no such label or object here.
-        InvalidInputError: both or neither of label and object_id.
+        NotFoundError: no such label, object or thing here.
+        InvalidInputError: not exactly one of label, object_id and things.
     """
     rows = _named_rows(index, edit)
     gaussians = index.scene.gaussians
@@ -131,7 +165,8 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
 def _check_extras(edit: Edit) -> None:
     for name, value, needed in (
         ("color", edit.color, edit.action == "recolor"),
-        ("transform", edit.transform, edit.action in ("move", "duplicate")),
+        ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
+        ("source", edit.source, edit.action == "insert"),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(
@@ -150,9 +185,11 @@ def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
 
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
-    if (edit.label is None) == (edit.object_id is None):
+    if (edit.label is not None) + (edit.object_id is not None) + bool(edit.things) != 1:
         raise InvalidInputError(
-            "an edit speaks of a label or of an object", field="label", hint="Send exactly one of label and object_id."
+            "an edit speaks of a label, of an object or of things",
+            field="label",
+            hint="Send exactly one of label, object_id and things.",
         )
     if edit.label is not None:
         label_id = index.scene.dictionary.id_of(edit.label)
@@ -161,6 +198,9 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
         return np.flatnonzero(index.gaussian_classes == label_id)
+    if edit.things:
+        index.things.check_all(edit.things)
+        return np.flatnonzero(np.isin(index.things.owner, edit.things))
     for instance in index.instances:
         if instance.object.id == edit.object_id:
             return instance.rows.astype(np.int64)
@@ -176,7 +216,7 @@ def _remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 
 def _move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    moved = _moved(_part(scene.gaussians, rows), edit)
+    moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), edit.transform)
     return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
 
 
@@ -184,14 +224,40 @@ def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     count = len(scene.gaussians)
     grown = _select(scene, np.concatenate([np.arange(count), rows]))
     copies = np.arange(count, count + len(rows))
-    moved = _moved(_part(grown.gaussians, copies), edit)
+    if scene.things is not None and grown.things is not None:
+        grown = replace(grown, things=_copied(scene.things, grown.things, rows))
+    moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), edit.transform)
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
+
+
+def _copied(before: Things, grown: Things, rows: Rows) -> Things:
+    """The things after the Gaussians `rows` were added once more at the end: the copy of a thing, or of what there is
+    of it among them, is a thing of its own, with a new id and the same name."""
+    membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
+    copied = np.unique(thing_rows(before)[rows])
+    originals = [thing for thing in before.table if thing.id in copied]
+    first = next_thing_id(before)
+    if first + len(originals) - 1 > MAX_THING_ID:
+        raise LimitExceededError(
+            f"{len(originals)} more things", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+        )
+    new_ids = np.zeros(max((thing.id for thing in before.table), default=0) + 1, np.uint16)
+    for number, thing in enumerate(originals):
+        new_ids[thing.id] = first + number
+    copies = tuple(replace(thing, id=int(new_ids[thing.id])) for thing in originals)
+    labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
+    entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    return Things(
+        (*before.table, *copies),
+        evidence_of(entries, labels, membership.counts, len(membership)),
+        first + len(originals),
+    )
 
 
 def _recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     """The luminance of each Gaussian, in every direction, relative to the mean one, times the new color: what was in
     the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
-    part = _part(scene.gaussians, rows)
+    part = gaussians_of_rows(scene.gaussians, rows)
     if not len(rows):
         return scene
     target = np.asarray(edit.color, dtype=np.float64)
@@ -205,8 +271,9 @@ def _recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
 
 
-def _moved(part: Gaussians, edit: Edit) -> Gaussians:
-    pose = np.asarray(edit.transform, dtype=np.float64)
+def moved_gaussians(part: Gaussians, transform: F64 | None) -> Gaussians:
+    """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
+    pose = np.asarray(transform, dtype=np.float64)
     turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
     rotation = turn.as_matrix()
     means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
@@ -258,7 +325,8 @@ def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
     return turned.astype(np.float32)
 
 
-def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
+def gaussians_of_rows(gaussians: Gaussians, rows: Rows) -> Gaussians:
+    """The Gaussians `rows` [K], in that order."""
     return Gaussians(
         means=gaussians.means[rows],
         quats=gaussians.quats[rows],
@@ -272,7 +340,7 @@ def _part(gaussians: Gaussians, rows: Rows) -> Gaussians:
 def _select(scene: Scene, rows: Rows) -> Scene:
     evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
     things = things_of_rows(scene.things, rows)
-    return replace(scene, gaussians=_part(scene.gaussians, rows), evidence=evidence, things=things)
+    return replace(scene, gaussians=gaussians_of_rows(scene.gaussians, rows), evidence=evidence, things=things)
 
 
 def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:

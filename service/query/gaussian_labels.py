@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
+from fastsplat.service.scene.label_evidence import Posterior, posterior
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, ThingSemantics, semantics_of
 
 _CHUNK_LOGITS = 4 << 20
 
@@ -27,13 +27,20 @@ class GaussianLabels:
 
 
 def label_gaussians(scene: Scene) -> GaussianLabels:
-    """The most probable class of each Gaussian: by its code (softmax of W·code + b) or by its evidence (Dirichlet
-    posterior), see `semantics_of`."""
+    """The most probable class of each Gaussian: by its code (softmax of W·code + b), by its evidence (Dirichlet
+    posterior), or the name of its most probable thing, see `semantics_of`."""
     semantics = semantics_of(scene)
+    if isinstance(semantics, ThingSemantics):
+        return label_by_things(semantics, posterior(semantics.membership, len(semantics.label_ids)))
     if isinstance(semantics, Evidence):
         belief = posterior(semantics, len(scene.dictionary) + 1)
         return GaussianLabels(belief.classes, belief.confidence)
     return classify_codes(semantics.codes, semantics.head)
+
+
+def label_by_things(semantics: ThingSemantics, belief: Posterior) -> GaussianLabels:
+    """The name of the most probable thing of each Gaussian, of the posterior of its membership."""
+    return GaussianLabels(semantics.label_ids[belief.classes], belief.confidence)
 
 
 def classify_codes(codes: F32, head: SemanticHead) -> GaussianLabels:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,8 @@ from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.types import F32, Scene
+from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject
 
@@ -47,26 +50,83 @@ def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
     boxes weigh them by area as well, up to four times the usual one, so that what leaked far away, where Gaussians are
     wide, does not outweigh the thing.
     """
-    gaussians = scene.gaussians
+    areas = masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities)
+    sizes = logistic(scene.gaussians.logit_opacities) * field.confidence
+    parts: list[_Part] = []
+    for label_id, members in grouped_rows(field.classes, solid_rows(scene.gaussians)):
+        areas[members] = np.minimum(areas[members], _WIDEST * np.median(areas[members]))
+        objects = _large(components(scene.gaussians, members), members, sizes)
+        parts += [_Part(label_id, number, len(parts) + number, rows) for number, rows in enumerate(objects, start=1)]
+    return _instances(scene, field, parts, areas)
+
+
+def objects_of_things(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
+    """The named things of a scene that stores things, by the label id of their names, then from the largest; their
+    scores take in the probability of the name. Sizes, centroids and boxes are as in `find_objects`."""
+    assert scene.things is not None
+    areas = masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities)
+    things = {thing.id: thing for thing in scene.things.table if thing.name}
+    labeled: dict[int, list[tuple[int, NDArray[np.int64]]]] = {}
+    for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(scene.gaussians)):
+        label_id = scene.dictionary.id_of(things[thing_id].name) if thing_id in things else None
+        if label_id is not None:
+            areas[rows] = np.minimum(areas[rows], _WIDEST * np.median(areas[rows]))
+            labeled.setdefault(label_id, []).append((thing_id, rows))
+    opacities = logistic(scene.gaussians.logit_opacities)
+    parts = []
+    for label_id, own in sorted(labeled.items()):
+        own.sort(key=lambda part: -opacities[part[1]].sum())
+        parts += [_Part(label_id, number, *part) for number, part in enumerate(own, start=1)]
+    return tuple(
+        instance._replace(
+            object=replace(instance.object, score=instance.object.score * things[instance.object.thing_id].probability)
+        )
+        for instance in _instances(scene, field, parts, areas)
+    )
+
+
+def numbered_as_things(instances: Sequence[Instance], things: Things | None) -> tuple[Instance, ...]:
+    """The instances with the ids of the things that most of their Gaussians belong to, 0 for none; as they are without
+    things."""
+    if things is None:
+        return tuple(instances)
+    owner = thing_rows(things)
+    return tuple(
+        instance._replace(object=replace(instance.object, thing_id=int(np.bincount(owner[instance.rows]).argmax())))
+        for instance in instances
+    )
+
+
+def solid_rows(gaussians: Gaussians) -> NDArray[np.int64]:
+    """int64 [K], ascending: the Gaussians that one sees: opaque enough, and of finite place and size."""
     areas = masses(gaussians.log_scales, gaussians.logit_opacities)
-    sizes = logistic(gaussians.logit_opacities) * field.confidence
-    solid = (gaussians.logit_opacities >= np.log(MIN_OPACITY / (1 - MIN_OPACITY))) & (field.classes > 0)
-    rows = np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
-    if not len(rows):
+    solid = gaussians.logit_opacities >= np.log(MIN_OPACITY / (1 - MIN_OPACITY))
+    return np.flatnonzero(solid & np.isfinite(gaussians.means).all(axis=1) & np.isfinite(areas))
+
+
+def grouped_rows(groups: NDArray[np.int32], rows: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """The numbers above 0 that `groups` [G] has at `rows` [K], ascending, each with its rows, ascending."""
+    inside = rows[groups[rows] > 0]
+    ordered = inside[groups[inside].argsort(kind="stable")]
+    numbers, starts = np.unique(groups[ordered], return_index=True)
+    if len(numbers):
+        yield from zip(numbers.tolist(), np.split(ordered, starts[1:]), strict=True)
+
+
+class _Part(NamedTuple):
+    label_id: int
+    number: int
+    thing_id: int
+    rows: NDArray[np.int64]
+
+
+def _instances(scene: Scene, field: GaussianLabels, parts: Sequence[_Part], areas: F64) -> tuple[Instance, ...]:
+    if not parts:
         return ()
     up = vertical_axis(scene.cameras)
-    grouped = rows[field.classes[rows].argsort(kind="stable")]
-    labels, starts = np.unique(field.classes[grouped], return_index=True)
-    parts: list[tuple[int, int, NDArray[np.int64]]] = []
-    for label_id, members in zip(labels.tolist(), np.split(grouped, starts[1:]), strict=True):
-        areas[members] = np.minimum(areas[members], _WIDEST * np.median(areas[members]))
-        found = _large(components(gaussians, members), members, sizes)
-        parts += [(label_id, number, chosen) for number, chosen in enumerate(found, start=1)]
-    views = best_views(scene, [part for _, _, part in parts], areas)
-    return tuple(
-        _described(scene, field, areas * np.maximum(field.confidence, _LEAST), up, *part, seen)
-        for part, seen in zip(parts, views, strict=True)
-    )
+    views = best_views(scene, [part.rows for part in parts], areas)
+    weights = areas * np.maximum(field.confidence, _LEAST)
+    return tuple(_described(scene, field, weights, up, part, seen) for part, seen in zip(parts, views, strict=True))
 
 
 def masses(log_scales: F32, logit_opacities: F32) -> F64:
@@ -95,11 +155,10 @@ def _described(
     field: GaussianLabels,
     weights: F64,
     up: F64 | None,
-    label_id: int,
-    number: int,
-    rows: NDArray[np.int64],
+    part: _Part,
     views: tuple[str, ...],
 ) -> Instance:
+    label_id, number, thing_id, rows = part
     means, mass = scene.gaussians.means[rows].astype(np.float64), weights[rows]
     thing = SceneObject(
         id=f"{label_id}-{number}",
@@ -111,5 +170,6 @@ def _described(
         gaussian_count=len(rows),
         meters=scene.scale == "METRIC",
         best_views=views,
+        thing_id=thing_id,
     )
     return Instance(thing, rows.astype(np.int32))

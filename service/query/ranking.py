@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.query.absence import searched_without_things, unnamed_probability
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.explain import explain
 from fastsplat.service.query.name_matching import NameIndex, NameMatch
@@ -23,6 +24,7 @@ from fastsplat_contract.queries import Answer, Match, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.query.scene_things import SceneThings
 
 Mask = NDArray[np.bool_]
 
@@ -55,18 +57,38 @@ class Ranker:
         counts: Gaussians of each dictionary id, 0 first.
         encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
         settings: see `QuerySettings`.
+        things: those that the scene stores, or None.
+        before: one with the same encoder and settings, whose embeddings are used again.
 
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
     """
 
-    def __init__(self, scene: Scene, counts: Sequence[int], encoder: TextEncoder, settings: QuerySettings) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        counts: Sequence[int],
+        encoder: TextEncoder,
+        settings: QuerySettings,
+        things: SceneThings | None = None,
+        before: Ranker | None = None,
+    ) -> None:
+        self._things = things
+        self._searched = searched_without_things(scene) if things is None else things.searched
         self._settings = settings
         self._counts = list(counts)
         self._labels = [entry.label for entry in scene.dictionary.entries]
-        self._confidence = np.array([entry.confidence for entry in scene.dictionary.entries], dtype=np.float64)
+        entries = scene.dictionary.entries
+        self._confidence = np.array([entry.confidence for entry in entries], dtype=np.float64)
+        self._present = np.ones(len(entries), dtype=np.bool_)
+        if things is not None and scene.label_mode == "things":
+            sure = [things.name_probabilities.get(label_id, 0.0) for label_id in range(1, len(entries) + 1)]
+            self._confidence = np.array(sure, dtype=np.float64)
+            self._present = np.array([label_id in things.by_label for label_id in range(1, len(entries) + 1)], np.bool_)
         self._names = NameIndex(scene.dictionary)
-        self._cache = TextCache(encoder, settings.templates, settings.cached_texts)
+        self._cache: TextCache = (
+            TextCache(encoder, settings.templates, settings.cached_texts) if before is None else before._cache
+        )
         self._contexts = PromptContexts(scene, encoder, self._cache, settings)
 
     @property
@@ -100,7 +122,10 @@ class Ranker:
         """The answer to one text, of scores [N]."""
         by_similarity = self._settings.score == "similarity"
         primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
-        primary = np.where(self._mask(match.negated), _FARTHEST, primary)
+        primary = np.where(self._mask(match.negated) | ~self._present, _FARTHEST, primary)
+        gone = tuple(label_id for label_id in match.exact if not self._present[label_id - 1])
+        if gone:  # a name that nothing here bears (any more) decides nothing
+            match = replace(match, exact=tuple(label_id for label_id in match.exact if label_id not in gone))
         calibration = context.calibration
         likely = None if calibration is None else entry_probability(primary, calibration)
         judged = self._judge(match, context, primary, likely)
@@ -112,6 +137,10 @@ class Ranker:
                 if match.exact
                 else scored_belief(primary, likely, self._confidence, calibration, coverage)
             )
+        suggested, may_be = (0.0, ()) if self._things is None else self._things.suggested(text)
+        if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
+            unnamed = unnamed_probability(self._searched, suggested)
+            belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
         threshold = context.exact if judged.verdict == "exact" else context.related
         answer = Answer(
             scene_id="",
@@ -129,8 +158,9 @@ class Ranker:
             matches=self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
+            searched=self._searched,
         )
-        return replace(answer, explanation=explain(answer, match.unchecked))
+        return replace(answer, explanation=explain(answer, match.unchecked, may_be, suggested))
 
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None
@@ -163,11 +193,11 @@ class Ranker:
         if exact.any() and not match.heads:
             return _Judgement("exact", exact, exact, named=False)
         passing = scores >= (np.inf if context.related is None else context.related)
-        related = passing
+        related = passing & self._present
         if related.any() and likely is not None:
             related = related & ((likely >= self._settings.related_probability) | (scores == scores.max()))
-        leading = self._mask(match.heads)
-        related = (related | leading | self._mask(match.hyponyms)) & ~negated
+        leading = self._mask(match.heads) & self._present
+        related = (related | leading | self._mask(match.hyponyms)) & ~negated & self._present
         deciding = leading if leading.any() else related
         named = bool(deciding.any()) and not (deciding & passing).any()
         return _Judgement("related" if related.any() else "absent", related, leading, named)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.gaussian_labels import GaussianLabels, label_gaussians
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.query.embeddings import embed_labels, embed_names
+from fastsplat.service.query.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
 from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.types import Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import Answer
@@ -24,6 +28,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
+    from fastsplat.service.query.scene_things import SceneThings
 
 _DEFAULTS = QuerySettings()
 
@@ -41,21 +46,47 @@ class SceneIndex:
         encoder: embeds queries; the labels are embedded anew if the scene's came from another encoder or other
             templates.
         settings: see `QuerySettings`.
+        before: of the scene that this one was edited from, with the same encoder and settings; what the edit did not
+            change is used again.
 
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
     """
 
-    def __init__(self, scene: Scene, encoder: TextEncoder, settings: QuerySettings = _DEFAULTS) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        encoder: TextEncoder,
+        settings: QuerySettings = _DEFAULTS,
+        before: SceneIndex | None = None,
+    ) -> None:
         self.scene = scene
         self.settings = settings
-        self._labels = label_gaussians(scene)
-        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
-        self._ranker = Ranker(scene, counts, encoder, settings)
+        self._before = before
+        self._encoder = encoder
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._instances: tuple[Instance, ...] | None = None
         self._instances_lock = threading.Lock()
+        self._things: SceneThings | None = None
+        self._things_lock = threading.Lock()
+        semantics = semantics_of(scene)
+        if isinstance(semantics, ThingSemantics):
+            self._labels = label_by_things(semantics, self.things.belief)
+        else:
+            self._labels = label_gaussians(scene)
+        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
+        things = None if scene.things is None else self.things
+        self._ranker: Ranker = Ranker(
+            scene, counts, encoder, settings, things, None if before is None else before._ranker
+        )
+        if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
+            self._renderer = before._renderer.relabeled(scene)
+        self._before = None
+
+    def after(self, scene: Scene) -> SceneIndex:
+        """The index of a scene that this one's was edited to."""
+        return SceneIndex(scene, self._encoder, self.settings, self)
 
     @property
     def calibrated(self) -> bool:
@@ -100,7 +131,14 @@ class SceneIndex:
 
     def answer(self, query: TextQuery) -> tuple[Answer, ...]:
         """One answer per text of a question that was checked already, in order; see `ask`."""
-        return self._ranker.rank(query)
+        answers = self._ranker.rank(query)
+        if self.scene.things is None:
+            return answers
+        ids = self.things.by_label
+        return tuple(
+            replace(answer, things=tuple(chain.from_iterable(ids.get(label, ()) for label in answer.relevant_ids)))
+            for answer in answers
+        )
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """bool [G]: Gaussians whose most probable class is a relevant entry; row number = Gaussian id.
@@ -114,13 +152,58 @@ class SceneIndex:
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """All things of this scene with their Gaussians, see `find_objects`; made by the first question for them."""
-        from fastsplat.service.query.objects import find_objects
+        """The objects of this scene with their Gaussians; made by the first question for them. Where the names of
+        things are the labels, these are the named things, see `objects_of_things`; else the objects of the labels, see
+        `find_objects`, each with the id of the thing that most of it is."""
+        from fastsplat.service.query.objects import find_objects, numbered_as_things, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
-                self._instances = find_objects(self.scene, self._labels)
+                if self.scene.label_mode == "things":
+                    self._instances = objects_of_things(self.scene, self._labels)
+                else:
+                    self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
             return self._instances
+
+    @property
+    def things(self) -> SceneThings:
+        """All things of this scene, with or without a name: those that it stores, else those of its labels, see
+        `labeled_things`."""
+        from fastsplat.service.query.labeled_things import labeled_things, with_things
+        from fastsplat.service.query.scene_things import SceneThings
+
+        instances = self.instances if self.scene.things is None else ()
+        with self._things_lock:
+            if self._things is None:
+                stored = self.scene.things
+                things = labeled_things(self.scene, instances, self._labels) if stored is None else stored
+                before = None if self._before is None else self._before._things
+                self._things = SceneThings(with_things(self.scene, things), stored is not None, self._thing_map, before)
+            return self._things
+
+    def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
+        """A scene of this index with one more label, embedded, and with the head that knows it.
+
+        Raises:
+            ModelUnavailableError: the encoder answers with something else than embeddings.
+        """
+        encoder, templates = self._encoder, scene.label_templates
+        dictionary = Dictionary((*scene.dictionary.entries, entry))
+        own = (encoder.name, encoder.sha256)
+        if len(scene.dictionary) and scene.text_encoder == own:
+            new = embed_names([entry.label], encoder, templates)
+            embeddings = np.concatenate([scene.label_embeddings, new])
+        else:
+            templates = self.settings.templates
+            embeddings = embed_labels(dictionary, encoder, templates)
+        return replace(
+            scene,
+            dictionary=dictionary,
+            head=head,
+            label_embeddings=embeddings,
+            text_encoder=own,
+            label_templates=templates,
+        )
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
@@ -174,6 +257,9 @@ class SceneIndex:
             LimitExceededError: the image is larger than the settings allow.
         """
         return self._renderer_for(posed).label_map(posed)
+
+    def _thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
+        return self._renderer_for(posed).thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         if any(not 1 <= match.label_id <= len(self.scene.dictionary) for match in answer.matches):

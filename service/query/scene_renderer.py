@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,8 @@ from torch import Tensor
 
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import F32, Scene
-from fastsplat.service.splatting.blending import label_blend
+from fastsplat.service.scene.types import F32, Scene, Things, ThingSemantics, semantics_of
+from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
 from fastsplat_contract.camera import PosedCamera
@@ -31,6 +32,20 @@ class Renderer:
         self._degree = gaussians.sh_degree
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
+        self._things = self._labels.things if isinstance(self._labels, ThingBlend) else None
+
+    def relabeled(self, scene: Scene) -> Renderer:
+        """The renderer of a scene with the same Gaussians and other labels."""
+        other = copy.copy(self)
+        other._classes = len(scene.dictionary) + 1
+        semantics = semantics_of(scene)
+        drawn = self._things
+        if drawn and isinstance(semantics, ThingSemantics) and semantics.membership is drawn.evidence:
+            other._labels = ThingBlend(semantics, self._device, drawn)
+            return other
+        other._labels = label_blend(scene, self._device)
+        other._things = other._labels.things if isinstance(other._labels, ThingBlend) else None
+        return other
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3], on black."""
@@ -46,6 +61,27 @@ class Renderer:
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
         return np.asarray(self._label(posed, self._means.new_zeros(len(self._means), 0), None).classes, dtype=np.uint16)
+
+    def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
+        """uint16 [H, W]: the most probable thing of each pixel, 0 for none or where alpha is below `alpha_min`.
+
+        Args:
+            posed: the view.
+            things: of the scene's Gaussians, the same at every call.
+        """
+        if self._things is None:
+            classes = max((thing.id for thing in things.table), default=0) + 1
+            self._things = EvidenceBlend(things.membership, classes, self._device)
+        with torch.no_grad():
+            drawn = self._things.render(
+                replace(self._splats, features=self._means.new_zeros(len(self._means), 0)),
+                self._viewmat(posed),
+                posed.camera,
+                alpha_min=self._settings.alpha_min,
+                relevancy=None,
+                backend=self._settings.backend,
+            )
+        return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def mask(self, posed: PosedCamera, relevant: tuple[int, ...], relevancy: F32) -> Mask2D:
         """The pixels of the classes `relevant`, and Σ_n p(n)·relevancy(n)·alpha.

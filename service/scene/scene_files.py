@@ -77,6 +77,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             things=None if scene.things is None else scene.things.table,
             things_entries=len(membership["counts"]) if membership else 0,
             things_sha256=digest_arrays(membership) if membership else "",
+            next_thing_id=0 if scene.things is None else scene.things.next_id,
         ),
         cameras,
     )
@@ -178,7 +179,7 @@ def _read_things(path: Path, manifest: Manifest) -> Things | None:
     membership = _sparse_counts(path, manifest.gaussians, manifest.things_entries, manifest.things_sha256)
     if wrong := check_membership(membership, [thing.id for thing in manifest.things]):
         raise _damaged(path, wrong)
-    return Things(manifest.things, membership)
+    return Things(manifest.things, membership, manifest.next_thing_id)
 
 
 def _sparse_counts(path: Path, gaussians: int, entries: int, sha256: str) -> Evidence:

@@ -18,9 +18,10 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
-confidence of dictionary entries: it is read as 1. 3 had no things: a scene without."""
+confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
+`next_id`: the one after the last."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -42,6 +43,7 @@ class Manifest:
         things: the table of things; None for a scene without.
         things_entries: M of the things' membership.
         things_sha256: digest of the membership, "" without.
+        next_thing_id: see `Things.next_id`.
     """
 
     dictionary: Dictionary
@@ -61,6 +63,7 @@ class Manifest:
     things: tuple[Thing, ...] | None = None
     things_entries: int = 0
     things_sha256: str = ""
+    next_thing_id: int = 0
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -101,6 +104,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         if manifest.things is None
         else {
             "table": [asdict(thing) for thing in manifest.things],
+            "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
         },
@@ -141,8 +145,10 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
-    if checked.label_mode == "evidence" and checked.evidence is None:
-        raise SceneFileError("scene.json names evidence that it does not have", field="scene.json", hint=_RESTORE)
+    if checked.label_mode in ("evidence", "things") and getattr(checked, checked.label_mode) is None:
+        raise SceneFileError(
+            f"scene.json names {checked.label_mode} that it does not have", field="scene.json", hint=_RESTORE
+        )
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
     return Manifest(
@@ -163,6 +169,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         things=None if checked.things is None else tuple(Thing(**vars(row)) for row in checked.things.table),
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
+        next_thing_id=0 if checked.things is None else checked.things.next_id,
     )
 
 
@@ -257,6 +264,7 @@ class _Thing(_Strict):
 
 class _Things(_Strict):
     table: list[_Thing]
+    next_id: Annotated[int, Field(ge=0, le=65536)] = 0
     entries: Annotated[int, Field(ge=0)]
     sha256: str
 

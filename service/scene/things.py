@@ -25,10 +25,18 @@ if TYPE_CHECKING:
 MAX_NAME_CHARS = 200
 """Of a thing's name."""
 
+MAX_THING_ID = 65535
+"""Membership has 16 bits for it."""
+
 
 def thing_rows(things: Things) -> NDArray[np.int32]:
     """int32 [G]: id of the thing that each Gaussian most probably belongs to, 0 for none."""
     return posterior(things.membership, len(things.table) + 1).classes
+
+
+def next_thing_id(things: Things) -> int:
+    """The id of the next thing that is added; see `Things.next_id`."""
+    return max(things.next_id, max((thing.id for thing in things.table), default=0) + 1)
 
 
 def thing_of(things: Things, thing_id: int) -> Thing:
@@ -86,7 +94,7 @@ def rename_thing(
     """
     things = _things_of(scene)
     old = thing_of(things, thing_id)
-    text = _checked_name(name)
+    text = checked_name(name, "name") if name.strip() else ""
     if not 0 <= probability <= 1:
         raise InvalidInputError(f"a probability of {probability}", field="probability", limit="0 to 1")
     new = replace(old, name=text, source=source if text else None, probability=float(probability) if text else 0.0)
@@ -129,7 +137,7 @@ def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
     rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     labels = np.where(np.isin(membership.labels, before), after, membership.labels)
     table = tuple(thing for thing in things.table if thing.id not in before)
-    return Things(table, evidence_of(rows, labels, membership.counts, len(membership)))
+    return Things(table, evidence_of(rows, labels, membership.counts, len(membership)), next_thing_id(things))
 
 
 def _things_of(scene: Scene) -> Things:
@@ -140,14 +148,30 @@ def _things_of(scene: Scene) -> Things:
     return scene.things
 
 
-def _checked_name(name: str) -> str:
+def checked_name(name: str, field: str) -> str:
+    """A name without the white space at its ends.
+
+    Raises:
+        InvalidInputError: about `field`: longer than `MAX_NAME_CHARS`, without a letter, digit or symbol of any script,
+            or of more than one line.
+    """
     text = name.strip()
+    if not any(unicodedata.category(character)[0] in "LNS" for character in text):
+        raise InvalidInputError(
+            f"a name of {len(text)} characters without a letter, a digit or a symbol",
+            field=field,
+            limit=f"1 to {MAX_NAME_CHARS} characters",
+            hint="Name what the thing is; to take a name away, unname the thing.",
+        )
     if len(text) > MAX_NAME_CHARS:
         raise InvalidInputError(
-            f"a name of {len(text)} characters", field="name", limit=f"{MAX_NAME_CHARS} characters", hint="Shorten it."
+            f"a name of {len(text)} characters",
+            field=field,
+            limit=f"1 to {MAX_NAME_CHARS} characters",
+            hint="Shorten it.",
         )
-    if any(unicodedata.category(character) in ("Cc", "Cs") for character in text):
+    if any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in text):
         raise InvalidInputError(
-            "the name has control characters", field="name", hint="Write the name on one line, in plain text."
+            "the name has control characters", field=field, hint="Write the name on one line, in plain text."
         )
     return text

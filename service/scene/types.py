@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale
+from fastsplat_contract.things import NameSource as NameSource
 
 F32 = NDArray[np.float32]
 
@@ -101,9 +102,6 @@ class Evidence:
         return len(self.starts) - 1
 
 
-NameSource = Literal["given", "detected", "person"]
-"""Who named a thing: label maps that came with the capture, a detector, a person."""
-
 SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
 """What a thing is by its geometry: "" is no surface, "surface" one that gravity says nothing of."""
 
@@ -143,10 +141,13 @@ class Things:
     Attributes:
         table: by ascending id.
         membership: of G Gaussians; its labels are ids of things, 0 = no thing, its counts how sure that is.
+        next_id: no thing of this version of the scene, or of those it was made of, has this id or a larger one; 0
+            stands for the one after the last of `table`.
     """
 
     table: tuple[Thing, ...]
     membership: Evidence
+    next_id: int = 0
 
     def __post_init__(self) -> None:
         ids = [thing.id for thing in self.table]
@@ -166,11 +167,26 @@ class CodeSemantics:
     head: SemanticHead
 
 
-Semantics = CodeSemantics | Evidence
+@dataclass(frozen=True)
+class ThingSemantics:
+    """Labels of G Gaussians as the names of the things that they belong to.
+
+    Attributes:
+        membership: see `Things`.
+        label_ids: int32 [I + 1], by id of a thing up to the largest id I: the dictionary id of the thing's name, 0 for
+            a thing without one, and for 0, no thing.
+    """
+
+    membership: Evidence
+    label_ids: NDArray[np.int32]
+
+
+Semantics = CodeSemantics | Evidence | ThingSemantics
 """What the labels of Gaussians are made from, see `semantics_of`."""
 
-LabelMode = Literal["codes", "evidence"]
-"""What says which label a Gaussian has: its code under the affine map W, or what the label maps showed of it."""
+LabelMode = Literal["codes", "evidence", "things"]
+"""What says which label a Gaussian has: its code under the affine map W, what the label maps showed of it, or the name
+of the thing that it belongs to."""
 
 
 @dataclass(frozen=True)
@@ -189,8 +205,9 @@ class Scene:
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
         evidence: sparse label counts of the same Gaussians, or None.
-        label_mode: which of codes and evidence answers.
-        things: of the same Gaussians, or None for a scene in which nobody looked for them.
+        label_mode: which of codes, evidence and things answers.
+        things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
+            `fastsplat.service.query.labeled_things`.
     """
 
     gaussians: Gaussians
@@ -212,13 +229,19 @@ class Scene:
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
-        assert self.evidence is not None or self.label_mode == "codes"
+        assert self.evidence is not None or self.label_mode != "evidence"
+        assert self.things is not None or self.label_mode != "things"
         assert self.things is None or len(self.things.membership) == len(self.gaussians)
 
 
 def semantics_of(scene: Scene) -> Semantics:
-    """What says which label each Gaussian has, as `Scene.label_mode` chooses: its code, or the evidence of the label
-    maps."""
+    """What says which label each Gaussian has, as `Scene.label_mode` chooses: its code, the evidence of the label maps,
+    or the name of its thing."""
     if scene.label_mode == "evidence" and scene.evidence is not None:
         return scene.evidence
+    if scene.label_mode == "things" and scene.things is not None:
+        label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
+        for thing in scene.things.table:
+            label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
+        return ThingSemantics(scene.things.membership, label_ids)
     return CodeSemantics(scene.gaussians.codes, scene.head)

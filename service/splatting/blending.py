@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, semantics_of
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, ThingSemantics, semantics_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import (
     Backend,
@@ -50,8 +50,10 @@ class LabelBlend(Protocol):
 
 
 def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
-    """By the scene's codes or by its evidence, as its `label_mode` says."""
+    """By the scene's codes, its evidence or its things, as its `label_mode` says."""
     semantics = semantics_of(scene)
+    if isinstance(semantics, ThingSemantics):
+        return ThingBlend(semantics, device)
     if isinstance(semantics, Evidence):
         return EvidenceBlend(semantics, len(scene.dictionary) + 1, device)
     return CodeBlend(semantics.codes, semantics.head, device)
@@ -139,6 +141,7 @@ class EvidenceBlend:
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
+        self.evidence = evidence
         mean = posterior(evidence, classes)
         rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
         order = np.argsort(evidence.labels, kind="stable")
@@ -195,6 +198,46 @@ class EvidenceBlend:
             known = names[np.minimum(columns, len(names) - 1)] == self._labels[entries]
             table[self._rows[entries][known], columns[known]] = self._shares[entries][known]
         return torch.tensor(table, device=self._device)
+
+
+class ThingBlend:
+    """The name of the most probable thing of each pixel, see `EvidenceBlend`: a label's mask is the union of the masks
+    of the things that bear it.
+
+    Args:
+        semantics: of G Gaussians.
+        device: where the Gaussians are.
+        things: draws the things themselves; None: made of `semantics`.
+
+    Attributes:
+        things: see above.
+    """
+
+    def __init__(self, semantics: ThingSemantics, device: torch.device, things: EvidenceBlend | None = None) -> None:
+        self._label_ids = semantics.label_ids
+        self.things = things or EvidenceBlend(semantics.membership, len(semantics.label_ids), device)
+
+    def render(
+        self,
+        splats: Splats,
+        viewmat: Tensor,
+        camera: Camera,
+        *,
+        alpha_min: float,
+        relevancy: F32 | None,
+        backend: Backend,
+    ) -> LabelMap:
+        """See `LabelBlend`."""
+        drawn = self.things.render(
+            splats,
+            viewmat,
+            camera,
+            alpha_min=alpha_min,
+            relevancy=None if relevancy is None else relevancy[self._label_ids],
+            backend=backend,
+        )
+        label_ids = torch.tensor(self._label_ids, device=drawn.classes.device)
+        return replace(drawn, classes=label_ids[drawn.classes.long()])
 
 
 class _Canvas:

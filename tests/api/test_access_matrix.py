@@ -48,6 +48,7 @@ _MAY = {
 _TUS = {"Tus-Resumable": "1.0.0"}
 _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
+    "POST /v1/scenes/{scene_id}:pick": {"json": {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
     "POST /v1/keys": {"json": {"name": "new"}},
@@ -125,8 +126,12 @@ def test_every_route_and_rpc_is_decided_and_nothing_else() -> None:
 
 
 def test_what_changes_something_needs_an_editor_and_what_deletes_it_for_ever_an_admin() -> None:
-    asking = ("POST /v1/scenes/{scene_id}:query", "POST /v1/scenes/{scene_id}:render")
-    looking = r"(Get|List|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
+    asking = (
+        "POST /v1/scenes/{scene_id}:query",
+        "POST /v1/scenes/{scene_id}:pick",
+        "POST /v1/scenes/{scene_id}:render",
+    )
+    looking = r"(Get|List|Pick|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
     for context, method in _ROUTES:
         name = route_name(context, method)
         if method not in ("GET", "HEAD", "OPTIONS") and name not in asking:
@@ -226,6 +231,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         "view": "front.png",
         "kind": pb.PICTURE_KIND_RGB,
     }
+    values["pixel"] = pb.Pixel(x=24.0, y=18.0)
     values["edits"] = [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")]
     return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})
 

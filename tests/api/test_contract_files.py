@@ -59,6 +59,8 @@ _TWINS = {
     "DELETE /v1/scenes/{scene_id}": "DeleteScene",
     "GET /v1/scenes/{scene_id}/labels": "ListLabels",
     "GET /v1/scenes/{scene_id}/objects": "ListObjects",
+    "GET /v1/scenes/{scene_id}/things": "ListThings",
+    "POST /v1/scenes/{scene_id}:pick": "PickThing",
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",

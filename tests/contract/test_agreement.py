@@ -41,6 +41,7 @@ _NOT_IN_OPENAPI = {
     "CameraFileRequest",
     "QueryRequest",  # QueryIn is its body
     "PictureRequest",  # RenderIn is its body
+    "PickRequest",  # PickIn is its body
 }
 _NOT_IN_PYTHON = {
     # messages of one id or of a page, which the servicer reads as they are
@@ -54,6 +55,7 @@ _NOT_IN_PYTHON = {
     "ListLabelsRequest",
     "ListObjectsRequest",
     "ListScenesRequest",
+    "ListThingsRequest",
     "ListVersionsRequest",
     "RetryOperationRequest",
     "RevokeKeyRequest",
@@ -81,6 +83,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),
     ("RenderViewRequest", "scene_id"),
+    ("PickThingRequest", "scene_id"),
     ("ViewMask", "continues"),  # of a mask that is cut into pieces
 }
 _EMPTY_IS_ABSENT = {"Answer.objects"}

@@ -117,8 +117,18 @@ def test_a_changed_membership_says_so(scene: Scene, tmp_path: Path) -> None:
         read_scene(tmp_path / "v1")
 
 
+_CHARACTERS = st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"])
+_SEEN = st.characters(categories=["L", "N", "S"])
+_NAMES = st.just(" ") | st.builds(
+    lambda before, seen, after: before + seen + after,
+    st.text(_CHARACTERS, max_size=9),
+    _SEEN,
+    st.text(_CHARACTERS, max_size=MAX_NAME_CHARS - 10),
+)
+
+
 @settings(max_examples=50)
-@given(st.sampled_from(IDS), st.text(st.characters(exclude_categories=["Cc", "Cs"]), max_size=MAX_NAME_CHARS))
+@given(st.sampled_from(IDS), _NAMES)
 def test_naming_changes_the_name_of_one_thing_and_nothing_else(thing_id: int, name: str) -> None:
     things = _things(40)
     before = _bare(things)
@@ -141,7 +151,9 @@ def test_naming_changes_the_name_of_one_thing_and_nothing_else(thing_id: int, na
     assert back.things == things
 
 
-@pytest.mark.parametrize("name", ["x" * (MAX_NAME_CHARS + 1), "two\nlines", "bell\x07", "\ud800"])
+@pytest.mark.parametrize(
+    "name", ["x" * (MAX_NAME_CHARS + 1), "two\nlines", "two\u2028lines", "bell\x07", "\ud800", "...", "\u200b"]
+)
 def test_names_that_are_none_are_refused(scene: Scene, name: str) -> None:
     with pytest.raises(InvalidInputError):
         rename_thing(scene, 2, name)

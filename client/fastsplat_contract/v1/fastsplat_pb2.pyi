@@ -75,6 +75,50 @@ SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
 
+class _NameSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _NameSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NameSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    NAME_SOURCE_UNSPECIFIED: _NameSource.ValueType  # 0
+    NAME_SOURCE_GIVEN: _NameSource.ValueType  # 1
+    """label maps that came with the capture"""
+    NAME_SOURCE_DETECTED: _NameSource.ValueType  # 2
+    """a detector"""
+    NAME_SOURCE_PERSON: _NameSource.ValueType  # 3
+    """a person"""
+
+class NameSource(_NameSource, metaclass=_NameSourceEnumTypeWrapper): ...
+
+NAME_SOURCE_UNSPECIFIED: NameSource.ValueType  # 0
+NAME_SOURCE_GIVEN: NameSource.ValueType  # 1
+"""label maps that came with the capture"""
+NAME_SOURCE_DETECTED: NameSource.ValueType  # 2
+"""a detector"""
+NAME_SOURCE_PERSON: NameSource.ValueType  # 3
+"""a person"""
+Global___NameSource: _TypeAlias = NameSource  # noqa: Y015
+
+class _ThingKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ThingKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ThingKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    THING_KIND_UNSPECIFIED: _ThingKind.ValueType  # 0
+    THING_KIND_THING: _ThingKind.ValueType  # 1
+    THING_KIND_SURFACE: _ThingKind.ValueType  # 2
+    """a floor, a wall, the top of a table or the like"""
+
+class ThingKind(_ThingKind, metaclass=_ThingKindEnumTypeWrapper): ...
+
+THING_KIND_UNSPECIFIED: ThingKind.ValueType  # 0
+THING_KIND_THING: ThingKind.ValueType  # 1
+THING_KIND_SURFACE: ThingKind.ValueType  # 2
+"""a floor, a wall, the top of a table or the like"""
+Global___ThingKind: _TypeAlias = ThingKind  # noqa: Y015
+
 class _EditAction:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -87,6 +131,11 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_REMOVE: _EditAction.ValueType  # 2
     EDIT_ACTION_MOVE: _EditAction.ValueType  # 3
     EDIT_ACTION_DUPLICATE: _EditAction.ValueType  # 4
+    EDIT_ACTION_NAME: _EditAction.ValueType  # 5
+    EDIT_ACTION_UNNAME: _EditAction.ValueType  # 6
+    EDIT_ACTION_MERGE: _EditAction.ValueType  # 7
+    EDIT_ACTION_DISCARD: _EditAction.ValueType  # 8
+    EDIT_ACTION_INSERT: _EditAction.ValueType  # 9
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -97,6 +146,11 @@ EDIT_ACTION_RECOLOR: EditAction.ValueType  # 1
 EDIT_ACTION_REMOVE: EditAction.ValueType  # 2
 EDIT_ACTION_MOVE: EditAction.ValueType  # 3
 EDIT_ACTION_DUPLICATE: EditAction.ValueType  # 4
+EDIT_ACTION_NAME: EditAction.ValueType  # 5
+EDIT_ACTION_UNNAME: EditAction.ValueType  # 6
+EDIT_ACTION_MERGE: EditAction.ValueType  # 7
+EDIT_ACTION_DISCARD: EditAction.ValueType  # 8
+EDIT_ACTION_INSERT: EditAction.ValueType  # 9
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -923,7 +977,7 @@ Global___Box: _TypeAlias = Box  # noqa: Y015
 
 @_typing.final
 class SceneObject(_message.Message):
-    """One thing, as in vision_msgs/Detection3D: connected Gaussians of one label."""
+    """One named thing, as in vision_msgs/Detection3D."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -936,6 +990,7 @@ class SceneObject(_message.Message):
     GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
     METERS_FIELD_NUMBER: _builtins.int
     BEST_VIEWS_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """stable within a version of a scene"""
     label_id: _builtins.int
@@ -945,6 +1000,8 @@ class SceneObject(_message.Message):
     gaussian_count: _builtins.int
     meters: _builtins.bool
     """whether lengths are meters"""
+    thing_id: _builtins.int
+    """which thing it is, see SceneThing"""
     @_builtins.property
     def centroid(self) -> Global___Vector3:
         """world frame, scene units"""
@@ -967,14 +1024,327 @@ class SceneObject(_message.Message):
         gaussian_count: _builtins.int = ...,
         meters: _builtins.bool = ...,
         best_views: _abc.Iterable[_builtins.str] | None = ...,
+        thing_id: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "centroid", b"centroid"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "meters", b"meters", "score", b"score"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["best_views", b"best_views", "box", b"box", "centroid", b"centroid", "gaussian_count", b"gaussian_count", "id", b"id", "label", b"label", "label_id", b"label_id", "meters", b"meters", "score", b"score", "thing_id", b"thing_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SceneObject: _TypeAlias = SceneObject  # noqa: Y015
+
+@_typing.final
+class ListThingsRequest(_message.Message):
+    """---------------------------------------------------------------------------------------------------- things"""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """empty: the current one"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListThingsRequest: _TypeAlias = ListThingsRequest  # noqa: Y015
+
+@_typing.final
+class ListThingsResponse(_message.Message):
+    """One page of a scene's things, by id."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THINGS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def things(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneThing]: ...
+    def __init__(
+        self,
+        *,
+        things: _abc.Iterable[Global___SceneThing] | None = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["next_page_token", b"next_page_token", "things", b"things", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListThingsResponse: _TypeAlias = ListThingsResponse  # noqa: Y015
+
+@_typing.final
+class NameSuggestion(_message.Message):
+    """A name that a thing may have, which nobody has settled."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    probability: _builtins.float
+    """0..1"""
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        probability: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "probability", b"probability"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NameSuggestion: _TypeAlias = NameSuggestion  # noqa: Y015
+
+@_typing.final
+class SceneThing(_message.Message):
+    """One physical object or surface of a scene, with or without a name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    SOURCE_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    SUGGESTIONS_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    SURFACE_FIELD_NUMBER: _builtins.int
+    CONSENSUS_FIELD_NUMBER: _builtins.int
+    GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    id: _builtins.int
+    """from 1; the same in all versions of the scene that have the thing"""
+    name: _builtins.str
+    """empty for a thing without one; things of one name have one label"""
+    source: Global___NameSource.ValueType
+    """who named it: the capture's label maps, a detector, a person; absent without a name"""
+    probability: _builtins.float
+    """that the name is right, 0..1; 0 without a name"""
+    kind: Global___ThingKind.ValueType
+    """surface: a floor, a wall, the top of a table or the like"""
+    surface: _builtins.str
+    """of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"""
+    consensus: _builtins.float
+    """share of the views that see it in which it was proposed, 0..1"""
+    gaussian_count: _builtins.int
+    meters: _builtins.bool
+    """whether lengths are meters"""
+    @_builtins.property
+    def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
+        """names that nobody has settled, likeliest first"""
+
+    @_builtins.property
+    def box(self) -> Global___Box:
+        """absent if all its Gaussians are too faint to be seen"""
+
+    def __init__(
+        self,
+        *,
+        id: _builtins.int = ...,
+        name: _builtins.str = ...,
+        source: Global___NameSource.ValueType | None = ...,
+        probability: _builtins.float = ...,
+        suggestions: _abc.Iterable[Global___NameSuggestion] | None = ...,
+        kind: Global___ThingKind.ValueType = ...,
+        surface: _builtins.str = ...,
+        consensus: _builtins.float = ...,
+        gaussian_count: _builtins.int = ...,
+        box: Global___Box | None = ...,
+        meters: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "source", b"source"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
+    _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__source) -> _WhichOneofReturnType__source | None: ...
+
+Global___SceneThing: _TypeAlias = SceneThing  # noqa: Y015
+
+@_typing.final
+class Pixel(_message.Message):
+    """A place in a picture; the middle of its first pixel is (0.5, 0.5)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    X_FIELD_NUMBER: _builtins.int
+    Y_FIELD_NUMBER: _builtins.int
+    x: _builtins.float
+    """pixels from the left edge, below the width"""
+    y: _builtins.float
+    """pixels from the top edge, below the height"""
+    def __init__(
+        self,
+        *,
+        x: _builtins.float = ...,
+        y: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["x", b"x", "y", b"y"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Pixel: _TypeAlias = Pixel  # noqa: Y015
+
+@_typing.final
+class PixelBox(_message.Message):
+    """A rectangle in a picture; the middle of the first pixel is (0.5, 0.5)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LEFT_FIELD_NUMBER: _builtins.int
+    TOP_FIELD_NUMBER: _builtins.int
+    RIGHT_FIELD_NUMBER: _builtins.int
+    BOTTOM_FIELD_NUMBER: _builtins.int
+    left: _builtins.float
+    """pixels from the left edge"""
+    top: _builtins.float
+    """pixels from the top edge"""
+    right: _builtins.float
+    """pixels from the left edge, above `left`, at most the width"""
+    bottom: _builtins.float
+    """pixels from the top edge, above `top`, at most the height"""
+    def __init__(
+        self,
+        *,
+        left: _builtins.float = ...,
+        top: _builtins.float = ...,
+        right: _builtins.float = ...,
+        bottom: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["bottom", b"bottom", "left", b"left", "right", b"right", "top", b"top"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PixelBox: _TypeAlias = PixelBox  # noqa: Y015
+
+@_typing.final
+class PickThingRequest(_message.Message):
+    """Which thing of one scene is there."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    PIXEL_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    POINT_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    MASK2D_ENCODING_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    view: _builtins.str
+    """name of one of the scene's own cameras, instead of `camera`"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    mask2d_encoding: Global___MaskEncoding.ValueType
+    """rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """a free viewpoint"""
+
+    @_builtins.property
+    def pixel(self) -> Global___Pixel:
+        """of the camera or view: the thing that it shows"""
+
+    @_builtins.property
+    def box(self) -> Global___PixelBox:
+        """of the camera or view, instead of `pixel`: the thing whose mask overlaps it best"""
+
+    @_builtins.property
+    def point(self) -> Global___Vector3:
+        """instead of `pixel`, in the world frame: the thing at it; then no camera or view is needed"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        camera: Global___PosedCamera | None = ...,
+        view: _builtins.str = ...,
+        pixel: Global___Pixel | None = ...,
+        box: Global___PixelBox | None = ...,
+        point: Global___Vector3 | None = ...,
+        version: _builtins.str = ...,
+        mask2d_encoding: Global___MaskEncoding.ValueType = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "pixel", b"pixel", "place", b"place", "point", b"point", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "mask2d_encoding", b"mask2d_encoding", "pixel", b"pixel", "place", b"place", "point", b"point", "scene_id", b"scene_id", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_place: _TypeAlias = _typing.Literal["pixel", "box", "point"]  # noqa: Y015
+    _WhichOneofArgType_place: _TypeAlias = _typing.Literal["place", b"place"]  # noqa: Y015
+    _WhichOneofReturnType_viewpoint: _TypeAlias = _typing.Literal["camera", "view"]  # noqa: Y015
+    _WhichOneofArgType_viewpoint: _TypeAlias = _typing.Literal["viewpoint", b"viewpoint"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_place) -> _WhichOneofReturnType_place | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_viewpoint) -> _WhichOneofReturnType_viewpoint | None: ...
+
+Global___PickThingRequest: _TypeAlias = PickThingRequest  # noqa: Y015
+
+@_typing.final
+class PickedThing(_message.Message):
+    """The thing at a place."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_FIELD_NUMBER: _builtins.int
+    MASK_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def thing(self) -> Global___SceneThing: ...
+    @_builtins.property
+    def mask(self) -> Global___ViewMask:
+        """of the thing in the camera or view; absent without one"""
+
+    def __init__(
+        self,
+        *,
+        thing: Global___SceneThing | None = ...,
+        mask: Global___ViewMask | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "thing", b"thing"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "thing", b"thing", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PickedThing: _TypeAlias = PickedThing  # noqa: Y015
 
 @_typing.final
 class Color(_message.Message):
@@ -1004,8 +1374,34 @@ class Color(_message.Message):
 Global___Color: _TypeAlias = Color  # noqa: Y015
 
 @_typing.final
+class InsertSource(_message.Message):
+    """The scene that inserted things come from."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """of the same project"""
+    version: _builtins.str
+    """of that scene; empty: its current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___InsertSource: _TypeAlias = InsertSource  # noqa: Y015
+
+@_typing.final
 class Edit(_message.Message):
-    """What to do to everything of a label, or to one object."""
+    """What to do to everything of a label, to one object, or to things."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1014,19 +1410,41 @@ class Edit(_message.Message):
     OBJECT_ID_FIELD_NUMBER: _builtins.int
     COLOR_FIELD_NUMBER: _builtins.int
     TRANSFORM_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    ALIASES_FIELD_NUMBER: _builtins.int
+    SOURCE_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
+    """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
+    merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
+    no thing. insert: adds things of another scene, which get new ids
+    """
     label: _builtins.str
     object_id: _builtins.str
     """instead of `label`"""
+    name: _builtins.str
+    """for name: one line of 1 to 200 characters; things of one name have one label"""
     @_builtins.property
     def color(self) -> Global___Color:
         """for recolor: RGB, each 0 to 1"""
 
     @_builtins.property
     def transform(self) -> Global___Pose:
-        """for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved or of its copy
-        moved, or of its copy
+        """for move and duplicate: the rigid motion x' = R x + t in the world frame, of what is moved or of its copy; for
+        insert: from the other scene's world frame and units into this one's
         """
+
+    @_builtins.property
+    def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of things, instead of `label`; merge: the first one's id stays"""
+
+    @_builtins.property
+    def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """for name: other names of the same label"""
+
+    @_builtins.property
+    def source(self) -> Global___InsertSource:
+        """for insert: the other scene; label, object_id and things are then of that one"""
 
     def __init__(
         self,
@@ -1036,13 +1454,22 @@ class Edit(_message.Message):
         object_id: _builtins.str = ...,
         color: Global___Color | None = ...,
         transform: Global___Pose | None = ...,
+        things: _abc.Iterable[_builtins.int] | None = ...,
+        name: _builtins.str | None = ...,
+        aliases: _abc.Iterable[_builtins.str] | None = ...,
+        source: Global___InsertSource | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["action", b"action", "color", b"color", "label", b"label", "object_id", b"object_id", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
+    _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["label", "object_id"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__name) -> _WhichOneofReturnType__name | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 
 Global___Edit: _TypeAlias = Edit  # noqa: Y015
@@ -1056,9 +1483,14 @@ class EditSceneRequest(_message.Message):
     SCENE_ID_FIELD_NUMBER: _builtins.int
     EDITS_FIELD_NUMBER: _builtins.int
     REQUEST_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     request_id: _builtins.str
     """same id: the version that it made is returned again (AIP-155)"""
+    version: _builtins.str
+    """the version that was looked at. The edits are made of the current one either way; a name that a person gave a thing
+    is replaced only if it stood in this version
+    """
     @_builtins.property
     def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
         """at least one, applied in order"""
@@ -1069,10 +1501,11 @@ class EditSceneRequest(_message.Message):
         scene_id: _builtins.str = ...,
         edits: _abc.Iterable[Global___Edit] | None = ...,
         request_id: _builtins.str = ...,
+        version: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["edits", b"edits", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["edits", b"edits", "request_id", b"request_id", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1860,6 +2293,8 @@ class Answer(_message.Message):
     MATCH_COUNT_FIELD_NUMBER: _builtins.int
     GAUSSIANS_FIELD_NUMBER: _builtins.int
     PRESENCE_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    SEARCHED_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
@@ -1895,6 +2330,16 @@ class Answer(_message.Message):
     def label_set(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """label ids that together answer with probability `coverage` at least; 0 among them: perhaps nothing here answers"""
 
+    @_builtins.property
+    def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that answer, by label in the order of the matches; of a scene that stores no things only with the
+        output objects
+        """
+
+    @_builtins.property
+    def searched(self) -> Global___Searched:
+        """what an absence was said of"""
+
     def __init__(
         self,
         *,
@@ -1912,10 +2357,12 @@ class Answer(_message.Message):
         match_count: _builtins.int = ...,
         gaussians: _builtins.int = ...,
         presence: _builtins.float | None = ...,
+        things: _abc.Iterable[_builtins.int] | None = ...,
+        searched: Global___Searched | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "presence", b"presence", "probability", b"probability", "threshold", b"threshold"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "presence", b"presence", "probability", b"probability", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "presence", b"presence", "probability", b"probability", "scene_id", b"scene_id", "text", b"text", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "presence", b"presence", "probability", b"probability", "scene_id", b"scene_id", "searched", b"searched", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
@@ -1935,6 +2382,49 @@ class Answer(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__threshold) -> _WhichOneofReturnType__threshold | None: ...
 
 Global___Answer: _TypeAlias = Answer  # noqa: Y015
+
+@_typing.final
+class Searched(_message.Message):
+    """What a scene was searched for: a text that it has nothing for may be a thing without a name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAMED_THINGS_FIELD_NUMBER: _builtins.int
+    UNNAMED_THINGS_FIELD_NUMBER: _builtins.int
+    UNNAMED_FIELD_NUMBER: _builtins.int
+    NAMES_FIELD_NUMBER: _builtins.int
+    named_things: _builtins.int
+    """things that have a name; absent for a scene that stores no things"""
+    unnamed_things: _builtins.int
+    """things that have none"""
+    names: _builtins.int
+    """names that a detector looked for, or that label maps had; absent if unknown"""
+    @_builtins.property
+    def unnamed(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """their ids, the first 100"""
+
+    def __init__(
+        self,
+        *,
+        named_things: _builtins.int | None = ...,
+        unnamed_things: _builtins.int = ...,
+        unnamed: _abc.Iterable[_builtins.int] | None = ...,
+        names: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_named_things", b"_named_things", "_names", b"_names", "named_things", b"named_things", "names", b"names"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_named_things", b"_named_things", "_names", b"_names", "named_things", b"named_things", "names", b"names", "unnamed", b"unnamed", "unnamed_things", b"unnamed_things"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__named_things: _TypeAlias = _typing.Literal["named_things"]  # noqa: Y015
+    _WhichOneofArgType__named_things: _TypeAlias = _typing.Literal["_named_things", b"_named_things"]  # noqa: Y015
+    _WhichOneofReturnType__names: _TypeAlias = _typing.Literal["names"]  # noqa: Y015
+    _WhichOneofArgType__names: _TypeAlias = _typing.Literal["_names", b"_names"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__named_things) -> _WhichOneofReturnType__named_things | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__names) -> _WhichOneofReturnType__names | None: ...
+
+Global___Searched: _TypeAlias = Searched  # noqa: Y015
 
 @_typing.final
 class Match(_message.Message):

@@ -65,6 +65,16 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.FromString,
                 _registered_method=True)
+        self.ListThings = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListThings',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsResponse.FromString,
+                _registered_method=True)
+        self.PickThing = channel.unary_unary(
+                '/fastsplat.v1.SceneService/PickThing',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.FromString,
+                _registered_method=True)
         self.EditScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/EditScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
@@ -201,6 +211,20 @@ class SceneServiceServicer:
 
     def ListObjects(self, request, context):
         """The things of a scene as oriented boxes, in pages.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListThings(self, request, context):
+        """Every thing of a scene, with or without a name, in pages, by id.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def PickThing(self, request, context):
+        """Which thing is at a pixel or in a box of a view, or at a point of the scene.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -371,6 +395,16 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListObjects,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.SerializeToString,
+            ),
+            'ListThings': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListThings,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsResponse.SerializeToString,
+            ),
+            'PickThing': grpc.unary_unary_rpc_method_handler(
+                    servicer.PickThing,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.SerializeToString,
             ),
             'EditScene': grpc.unary_unary_rpc_method_handler(
                     servicer.EditScene,
@@ -630,6 +664,60 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListObjects',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListObjectsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListThings(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListThings',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListThingsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def PickThing(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/PickThing',
+            fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.FromString,
             options,
             channel_credentials,
             insecure,

@@ -56,6 +56,10 @@ class SceneServiceStub:
     """The dictionary in pages, by label id."""
     ListObjects: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]
     """The things of a scene as oriented boxes, in pages."""
+    ListThings: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListThingsRequest, _fastsplat_pb2.ListThingsResponse]
+    """Every thing of a scene, with or without a name, in pages, by id."""
+    PickThing: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]
+    """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
     EditScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
@@ -112,6 +116,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The dictionary in pages, by label id."""
     ListObjects: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]  # type: ignore[assignment]
     """The things of a scene as oriented boxes, in pages."""
+    ListThings: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListThingsRequest, _fastsplat_pb2.ListThingsResponse]  # type: ignore[assignment]
+    """Every thing of a scene, with or without a name, in pages, by id."""
+    PickThing: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]  # type: ignore[assignment]
+    """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
     EditScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
@@ -201,6 +209,22 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListObjectsResponse, _abc.Awaitable[_fastsplat_pb2.ListObjectsResponse]]:
         """The things of a scene as oriented boxes, in pages."""
+
+    @_abc_1.abstractmethod
+    def ListThings(
+        self,
+        request: _fastsplat_pb2.ListThingsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListThingsResponse, _abc.Awaitable[_fastsplat_pb2.ListThingsResponse]]:
+        """Every thing of a scene, with or without a name, in pages, by id."""
+
+    @_abc_1.abstractmethod
+    def PickThing(
+        self,
+        request: _fastsplat_pb2.PickThingRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.PickedThing, _abc.Awaitable[_fastsplat_pb2.PickedThing]]:
+        """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
 
     @_abc_1.abstractmethod
     def EditScene(

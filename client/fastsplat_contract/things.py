@@ -1,0 +1,115 @@
+"""Things: every physical object and surface of a scene, with or without a name; and which one is at a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.masks import MaskEncoding, ViewMask
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.queries import OfScene, Version
+from fastsplat_contract.scenes import Box, NextPageToken
+from fastsplat_contract.wire import Many, Request, Response, travels
+
+NameSource = Literal["given", "detected", "person"]
+"""Who named a thing: label maps that came with the capture, a detector, a person."""
+
+ThingKind = Literal["thing", "surface"]
+
+
+@travels(request=False)
+class NameSuggestion(NamedTuple):
+    """A name that a thing may have, which nobody has settled."""
+
+    name: str
+    probability: Annotated[float, Field(description="0..1")]
+
+
+@dataclass(frozen=True)
+class SceneThing(Response):
+    """One physical object or surface of a scene, with or without a name."""
+
+    id: Annotated[int, Field(description="from 1; the same in all versions of the scene that have the thing")]
+    name: Annotated[str, Field(description="empty for a thing without one; things of one name have one label")]
+    source: Annotated[
+        NameSource | None,
+        Field(description="who named it: the capture's label maps, a detector, a person; absent without a name"),
+    ]
+    probability: Annotated[float, Field(description="that the name is right, 0..1; 0 without a name")]
+    suggestions: Annotated[Many[NameSuggestion], Field(description="names that nobody has settled, likeliest first")]
+    kind: Annotated[ThingKind, Field(description="surface: a floor, a wall, the top of a table or the like")]
+    surface: Annotated[
+        str,
+        Field(description="of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"),
+    ]
+    consensus: Annotated[float, Field(description="share of the views that see it in which it was proposed, 0..1")]
+    gaussian_count: int
+    box: Annotated[Box | None, Field(description="absent if all its Gaussians are too faint to be seen")]
+    meters: Annotated[bool, Field(description="whether lengths are meters")]
+
+
+@travels(request=False, proto="ListThingsResponse")
+class ThingList(NamedTuple):
+    """One page of a scene's things, by id."""
+
+    things: Many[SceneThing]
+    next_page_token: NextPageToken
+    version: Annotated[str, Field(description="which version was read")]
+
+
+@travels(request=True)
+class Pixel(NamedTuple):
+    """A place in a picture; the middle of its first pixel is (0.5, 0.5)."""
+
+    x: Annotated[float, Field(description="pixels from the left edge, below the width")]
+    y: Annotated[float, Field(description="pixels from the top edge, below the height")]
+
+
+@travels(request=True)
+class PixelBox(NamedTuple):
+    """A rectangle in a picture; the middle of the first pixel is (0.5, 0.5)."""
+
+    left: Annotated[float, Field(description="pixels from the left edge")]
+    top: Annotated[float, Field(description="pixels from the top edge")]
+    right: Annotated[float, Field(description="pixels from the left edge, above `left`, at most the width")]
+    bottom: Annotated[float, Field(description="pixels from the top edge, above `top`, at most the height")]
+
+
+@dataclass(frozen=True)
+class PickIn(Request):
+    """Which thing is there: at a pixel or in a box of a view, or at a point of the scene."""
+
+    proto: ClassVar[str] = "PickThingRequest"
+
+    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
+    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
+    pixel: Annotated[Pixel | None, Field(description="of the camera or view: the thing that it shows")] = None
+    box: Annotated[
+        PixelBox | None,
+        Field(description="of the camera or view, instead of `pixel`: the thing whose mask overlaps it best"),
+    ] = None
+    point: Annotated[
+        Vector3 | None,
+        Field(description="instead of `pixel`, in the world frame: the thing at it; then no camera or view is needed"),
+    ] = None
+    version: Version = ""
+    mask2d_encoding: Annotated[
+        MaskEncoding, Field(description="rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside")
+    ] = "rle"
+
+
+@dataclass(frozen=True)
+class PickRequest(PickIn, OfScene):
+    """Which thing of one scene is there."""
+
+
+@dataclass(frozen=True)
+class PickedThing(Response):
+    """The thing at a place."""
+
+    thing: SceneThing
+    mask: Annotated[ViewMask | None, Field(description="of the thing in the camera or view; absent without one")]
+    version: Annotated[str, Field(description="which version was read")]

@@ -1,0 +1,80 @@
+"""Things that look like one that was just named: the name is suggested for them, never given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.scene.things import thing_of, thing_rows
+from fastsplat.service.scene.types import SH_C0, Scene, Thing
+
+F64 = NDArray[np.float64]
+
+_BINS = 4
+"""Of each color channel."""
+_LEAST = 0.5
+"""Likeness from which a name is suggested."""
+_MAX_SUGGESTIONS = 3
+
+
+def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
+    """The scene in which things without a name that look like one of `thing_ids` have its name as a suggestion.
+
+    The probability is the likeness, 0..1: the intersection of the two color histograms (Swain and Ballard 1991), by
+    visible area, times the ratio of the two sizes. It is no measured frequency.
+
+    Args:
+        scene: with things.
+        thing_ids: of things that have one name.
+    """
+    assert scene.things is not None
+    unnamed = [thing.id for thing in scene.things.table if not thing.name]
+    if not unnamed:
+        return scene
+    name = thing_of(scene.things, thing_ids[0]).name
+    looks = _looks(scene, {*thing_ids, *unnamed})
+    models = [looks[thing_id] for thing_id in thing_ids if thing_id in looks]
+    likeness = {
+        thing_id: max((_likeness(looks[thing_id], model) for model in models), default=0.0)
+        for thing_id in unnamed
+        if thing_id in looks
+    }
+    table = tuple(
+        _suggested(thing, name, likeness[thing.id]) if likeness.get(thing.id, 0) >= _LEAST else thing
+        for thing in scene.things.table
+    )
+    return replace(scene, things=replace(scene.things, table=table))
+
+
+def _looks(scene: Scene, thing_ids: set[int]) -> dict[int, tuple[F64, float]]:
+    """Color histogram [64], of sum 1, and radius in scene units of each thing that can be seen."""
+    gaussians = scene.gaussians
+    weights = masses(gaussians.log_scales, gaussians.logit_opacities)
+    colors = np.clip(0.5 + SH_C0 * gaussians.sh[:, 0].astype(np.float64), 0, 1 - 1e-6)
+    cells = (colors * _BINS).astype(np.int64) @ np.array([_BINS**2, _BINS, 1])
+    looks = {}
+    for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(gaussians)) if scene.things else ():
+        if thing_id in thing_ids:
+            mass = np.minimum(weights[rows], 4 * np.median(weights[rows]))
+            histogram = np.bincount(cells[rows], mass, _BINS**3)
+            means = gaussians.means[rows].astype(np.float64)
+            offsets = means - np.average(means, axis=0, weights=mass)
+            radius = float(np.sqrt(np.average((offsets**2).sum(axis=1), weights=mass)))
+            looks[thing_id] = (histogram / histogram.sum(), radius)
+    return looks
+
+
+def _likeness(one: tuple[F64, float], other: tuple[F64, float]) -> float:
+    smaller, larger = sorted((one[1], other[1]))
+    size = smaller / larger if larger > 0 else 1.0
+    return float(np.minimum(one[0], other[0]).sum() * size)
+
+
+def _suggested(thing: Thing, name: str, probability: float) -> Thing:
+    others = [suggestion for suggestion in thing.suggestions if suggestion[0] != name]
+    ranked = sorted([(name, min(probability, 1.0)), *others], key=lambda suggestion: -suggestion[1])
+    return replace(thing, suggestions=tuple(ranked[:_MAX_SUGGESTIONS]))

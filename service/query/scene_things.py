@@ -1,0 +1,277 @@
+"""The things of one scene: listed, and found at a pixel, in a box or at a point."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.absence import searched_names
+from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.label_evidence import Posterior, posterior
+from fastsplat.service.scene.types import Scene, Thing, Things
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.queries import Searched
+from fastsplat_contract.scenes import Box
+from fastsplat_contract.things import NameSuggestion, Pixel, PixelBox, SceneThing
+
+ThingMap = NDArray[np.uint16]
+
+_KEPT_MAPS = 8
+_NEAREST = 8
+_REACH = 3.0
+"""Standard deviations of a Gaussian within which a point is at it."""
+_MAX_UNNAMED = 100
+
+
+_OF_MEMBERSHIP = ("belief", "owner", "counts", "_boxes", "_solid")
+"""What depends on the Gaussians and on which thing they belong to, and on no name."""
+
+
+class SceneThings:
+    """The things of a scene, ready to be asked. Threads may share it.
+
+    Args:
+        scene: with things.
+        stored: whether the scene's file has them.
+        draw: the thing of each pixel of a view, 0 for none.
+        before: those of the scene that this one was edited from; what names alone do not change is taken from it.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stored: bool,
+        draw: Callable[[PosedCamera, Things], ThingMap],
+        before: SceneThings | None = None,
+    ) -> None:
+        assert scene.things is not None
+        self.scene = scene
+        self.stored = stored
+        self.table = scene.things
+        self._draw = draw
+        self._maps: OrderedDict[tuple[Camera, bytes], ThingMap] = OrderedDict()
+        self._lock = threading.Lock()
+        same = before is not None and before.scene.gaussians is scene.gaussians
+        if before is not None and same and before.table.membership is scene.things.membership:
+            with before._lock:
+                self._maps.update(before._maps)
+            known = vars(before)
+            vars(self).update({name: known[name] for name in _OF_MEMBERSHIP if name in known})
+
+    @cached_property
+    def belief(self) -> Posterior:
+        """The probability of each Gaussian's things."""
+        return posterior(self.table.membership, max((thing.id for thing in self.table.table), default=0) + 1)
+
+    @cached_property
+    def owner(self) -> NDArray[np.int32]:
+        """int32 [G]: the thing of each Gaussian, 0 for none."""
+        return self.belief.classes
+
+    @cached_property
+    def counts(self) -> NDArray[np.int64]:
+        """int64 [I + 1]: the number of Gaussians of each thing, by its id; [0] those of none."""
+        size = max((thing.id for thing in self.table.table), default=0) + 1
+        return np.bincount(self.owner, minlength=size)
+
+    @cached_property
+    def present(self) -> tuple[Thing, ...]:
+        """The things that have Gaussians, by id."""
+        return tuple(thing for thing in self.table.table if self.counts[thing.id])
+
+    @cached_property
+    def by_label(self) -> Mapping[int, tuple[int, ...]]:
+        """The ids of the things that bear each label, ascending; of labels that some thing bears."""
+        ids: dict[int, tuple[int, ...]] = {}
+        for thing in self.present:
+            if thing.name and (label_id := self.scene.dictionary.id_of(thing.name)):
+                ids[label_id] = (*ids.get(label_id, ()), thing.id)
+        return ids
+
+    @cached_property
+    def name_probabilities(self) -> Mapping[int, float]:
+        """For each label that some thing bears the largest probability of its things' names."""
+        sure = {thing.id: thing.probability for thing in self.present}
+        return {label_id: max(sure[thing_id] for thing_id in ids) for label_id, ids in self.by_label.items()}
+
+    def suggested(self, name: str) -> tuple[float, tuple[int, ...]]:
+        """The largest probability with which this name is suggested for things without one, and these things; 0 for
+        none."""
+        return self._suggested.get(label_key(name), (0.0, ()))
+
+    @cached_property
+    def _suggested(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
+        names: dict[str, tuple[float, tuple[int, ...]]] = {}
+        for thing in self.present:
+            for name, probability in () if thing.name else thing.suggestions:
+                most, ids = names.get(label_key(name), (0.0, ()))
+                names[label_key(name)] = (max(most, probability), (*ids, thing.id))
+        return names
+
+    @cached_property
+    def searched(self) -> Searched:
+        """What this scene was searched for."""
+        unnamed = [thing.id for thing in self.present if not thing.name]
+        return Searched(
+            len(self.present) - len(unnamed), len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), searched_names(self.scene)
+        )
+
+    @cached_property
+    def listed(self) -> tuple[SceneThing, ...]:
+        """Every thing that has Gaussians, by id."""
+        return tuple(self._described(thing, self._boxes.get(thing.id)) for thing in self.present)
+
+    def get(self, thing_id: int) -> SceneThing:
+        """The thing with this id, as listed.
+
+        Raises:
+            NotFoundError: there is none here.
+        """
+        self.check_all((thing_id,))
+        return next(thing for thing in self.listed if thing.id == thing_id)
+
+    def check_all(self, thing_ids: Sequence[int]) -> None:
+        """Raise unless there is a thing with each of these ids, and something left of it.
+
+        Raises:
+            NotFoundError: there is none here.
+        """
+        here = {thing.id for thing in self.present}
+        for number, thing_id in enumerate(thing_ids):
+            if thing_id not in here:
+                raise NotFoundError(
+                    f"there is no thing {str(thing_id)[:40]} in this version of the scene",
+                    field=f"things[{number}]",
+                    hint="List the scene's things.",
+                )
+
+    def map(self, posed: PosedCamera) -> ThingMap:
+        """uint16 [H, W]: the thing of each pixel, 0 for none; the maps of the last views are kept."""
+        key = (posed.camera, posed.world_from_camera.tobytes())
+        with self._lock:
+            if key in self._maps:
+                self._maps.move_to_end(key)
+                return self._maps[key]
+        drawn = self._draw(posed, self.table)
+        with self._lock:
+            self._maps[key] = drawn
+            while len(self._maps) > _KEPT_MAPS:
+                self._maps.popitem(last=False)
+        return drawn
+
+    def at_pixel(self, posed: PosedCamera, pixel: Pixel) -> int:
+        """The id of the thing that a view shows at a pixel.
+
+        Raises:
+            InvalidInputError: the pixel is outside the picture.
+            NotFoundError: no thing is there.
+        """
+        width, height = posed.camera.width, posed.camera.height
+        if not (0 <= pixel.x < width and 0 <= pixel.y < height):
+            raise InvalidInputError(
+                f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
+                field="pixel",
+                limit=f"0 to below {width} and 0 to below {height}",
+                hint="Send pixels of the camera's own picture.",
+            )
+        thing_id = int(self.map(posed)[int(pixel.y), int(pixel.x)])
+        if not thing_id:
+            raise _nothing(f"at the pixel ({pixel.x:g}, {pixel.y:g})", "pixel")
+        return thing_id
+
+    def in_box(self, posed: PosedCamera, box: PixelBox) -> int:
+        """The id of the thing whose mask overlaps a box of a view best, by intersection over union.
+
+        Raises:
+            InvalidInputError: the box is outside the picture, or has no area.
+            NotFoundError: no thing is there.
+        """
+        width, height = posed.camera.width, posed.camera.height
+        if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
+            raise InvalidInputError(
+                f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
+                f"{width}×{height}",
+                field="box",
+                limit=f"left below right, at most {width}; top below bottom, at most {height}",
+                hint="Send pixels of the camera's own picture.",
+            )
+        ids = self.map(posed)
+        left, top = int(box.left), int(box.top)
+        right, bottom = max(int(np.ceil(box.right)), left + 1), max(int(np.ceil(box.bottom)), top + 1)
+        size = len(self.counts)
+        inside = np.bincount(ids[top:bottom, left:right].ravel(), minlength=size)
+        whole = np.bincount(ids.ravel(), minlength=size)
+        overlap = inside / (whole + (right - left) * (bottom - top) - inside)
+        overlap[0] = 0
+        best = int(overlap.argmax())
+        if not overlap[best]:
+            raise _nothing("in the box", "box")
+        return best
+
+    def at_point(self, point: Vector3) -> int:
+        """The id of the thing at a point of the world: that of the nearest visible Gaussian within three of its largest
+        standard deviations.
+
+        Raises:
+            InvalidInputError: the point is not finite.
+            NotFoundError: no thing is there.
+        """
+        place = np.array(point, dtype=np.float64)
+        if not np.isfinite(place).all():
+            raise InvalidInputError(f"a point at {tuple(point)}", field="point", hint="Send finite numbers.")
+        tree, rows, reach = self._solid
+        if tree is not None:
+            distance, near = tree.query(place, k=min(_NEAREST, len(rows)))
+            distance, near = np.atleast_1d(distance), np.atleast_1d(near)
+            at = np.flatnonzero(distance <= reach[near])
+            if len(at) and (thing_id := int(self.owner[rows[near[at[0]]]])):
+                return thing_id
+        raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
+
+    @cached_property
+    def _solid(self) -> tuple[cKDTree | None, NDArray[np.int64], NDArray[np.float64]]:
+        rows = solid_rows(self.scene.gaussians)
+        reach = _REACH * np.exp(self.scene.gaussians.log_scales[rows].astype(np.float64).max(axis=1, initial=-np.inf))
+        return (cKDTree(self.scene.gaussians.means[rows]) if len(rows) else None), rows, reach
+
+    @cached_property
+    def _boxes(self) -> dict[int, Box]:
+        gaussians = self.scene.gaussians
+        weights = masses(gaussians.log_scales, gaussians.logit_opacities)
+        up = vertical_axis(self.scene.cameras)
+        means = gaussians.means.astype(np.float64)
+        return {
+            thing_id: oriented_box(means[rows], np.minimum(weights[rows], 4 * np.median(weights[rows])), up)
+            for thing_id, rows in grouped_rows(self.owner, solid_rows(gaussians))
+        }
+
+    def _described(self, thing: Thing, box: Box | None) -> SceneThing:
+        return SceneThing(
+            id=thing.id,
+            name=thing.name,
+            source=thing.source,
+            probability=thing.probability,
+            suggestions=tuple(NameSuggestion(*suggestion) for suggestion in thing.suggestions),
+            kind="surface" if thing.surface else "thing",
+            surface=thing.surface,
+            consensus=thing.consensus,
+            gaussian_count=int(self.counts[thing.id]),
+            box=box,
+            meters=self.scene.scale == "METRIC",
+        )
+
+
+def _nothing(where: str, field: str) -> NotFoundError:
+    return NotFoundError(
+        f"there is no thing {where}", field=field, hint="Pick where the scene's pictures show something."
+    )

@@ -1,0 +1,251 @@
+"""Things over both protocols and in process: listed, picked, named, and asked for by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client
+from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.scenes import Edit, EditIn, InsertSource
+from fastsplat_contract.things import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import assert_same, client_of
+from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.scenes import finish_job, queued_job
+
+_WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
+
+
+@pytest.fixture
+def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """A scene that the test may edit."""
+    scene_id = add_scene(service, api_settings, "named")
+    yield scene_id
+    service.delete_scene(scene_id)
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    with client_of(faces) as opened:
+        yield opened
+
+
+def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:
+    return Edit("name", things=ids, name=text, aliases=aliases)
+
+
+def test_things_are_listed_alike(faces: Faces, client: Client, service: SceneService, scene_id: str) -> None:
+    truth = service.answers.list_things(scene_id)
+    assert [thing.name for thing in truth.things] == ["mug", "ball", "story book"] and truth.version == "1"
+    assert_same(tuple(client.things(scene_id)), truth.things)
+    pages: list[SceneThing] = []
+    token = ""
+    while True:
+        page = faces.rpc.ListThings(pb.ListThingsRequest(scene_id=scene_id, page_size=2, page_token=token))
+        pages += [from_proto(SceneThing, thing) for thing in page.things]
+        if not (token := page.next_page_token):
+            break
+    assert_same(tuple(pages), truth.things)
+    by_id = {item.thing_id: item for item in client.objects(scene_id)}
+    for thing in truth.things:
+        assert by_id[thing.id].label == thing.name and thing.box is not None
+    (answer,) = client.query(scene_id, "ball", outputs=["objects"])
+    assert answer.things == tuple(item.thing_id for item in answer.objects or ()) == (truth.things[1].id,)
+
+
+def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
+    faces: Faces, client: Client, service: SceneService, scene_id: str
+) -> None:
+    (answer,) = client.query(scene_id, "ball", views=["front.png"], outputs=["mask2d"])
+    mask = answer.masks[0].array()
+    rows, columns = np.nonzero(mask)
+    middle = Pixel(float(np.median(columns)) + 0.5, float(np.median(rows)) + 0.5)
+    box = PixelBox(float(columns.min()), float(rows.min()), columns.max() + 1.0, rows.max() + 1.0)
+    ball = list(client.things(scene_id))[1]
+    assert ball.box is not None
+    requests = [
+        PickRequest(scene_id, view="front.png", pixel=middle),
+        PickRequest(scene_id, view="front.png", pixel=middle, mask2d_encoding="png"),
+        PickRequest(scene_id, view="front.png", box=box, version="1"),
+        PickRequest(scene_id, camera=turned(0.0), pixel=middle),
+        PickRequest(scene_id, point=ball.box.center.position),
+        PickRequest(scene_id, point=ball.box.center.position, camera=turned(0.0)),
+    ]
+    for request in requests:
+        picked = service.answers.pick(request)
+        assert picked.thing.name == "ball" and picked.version == "1"
+        assert (picked.mask is not None) == (request.view is not None or request.camera is not None)
+        if picked.mask is not None:
+            assert (picked.mask.array() ^ mask).sum() <= 0.1 * mask.sum()
+        body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
+        over_rest = faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=body)
+        assert over_rest.status_code == 200, over_rest.text
+        assert_same(from_plain(PickedThing, over_rest.json()), picked)
+        assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(request))), picked)
+    assert_same(client.pick(scene_id, "front.png", pixel=middle), service.answers.pick(requests[0]))
+    assert_same(client.pick(scene_id, turned(0.0), box=box).thing, ball)
+    assert_same(client.pick(scene_id, point=ball.box.center.position).thing, ball)
+
+
+@pytest.mark.parametrize(
+    ("place", "reason", "field"),
+    [
+        ({"view": "front.png", "pixel": {"x": 48.0, "y": 1.0}}, "INVALID_INPUT", "pixel"),
+        ({"view": "front.png", "pixel": {"x": -0.5, "y": 1.0}}, "INVALID_INPUT", "pixel"),
+        ({"view": "front.png", "pixel": {"x": 0.5, "y": 0.5}}, "NOT_FOUND", "pixel"),
+        ({"view": "front.png", "box": {"left": 3.0, "top": 3.0, "right": 3.0, "bottom": 9.0}}, "INVALID_INPUT", "box"),
+        ({"view": "front.png"}, "INVALID_INPUT", "pixel"),
+        ({"pixel": {"x": 1.0, "y": 1.0}}, "INVALID_INPUT", "view"),
+        ({"view": "none.png", "pixel": {"x": 1.0, "y": 1.0}}, "NOT_FOUND", "view"),
+        ({"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}, "version": "e9"}, "NOT_FOUND", "version"),
+        ({"point": {"x": 90.0, "y": 0.0, "z": 0.0}}, "NOT_FOUND", "point"),
+    ],
+)
+def test_bad_picks_are_refused_alike(
+    faces: Faces, scene_id: str, place: dict[str, Any], reason: str, field: str
+) -> None:
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=place))
+    with pytest.raises(grpc.RpcError) as raised:
+        faces.rpc.PickThing(pb.PickThingRequest(scene_id=scene_id, **place))
+    same = rpc_refusal(raised.value)
+    assert (refused.reason, refused.details["field"]) == (same.reason, same.details["field"]) == (reason, field)
+    assert refused.detail == same.detail
+
+
+def test_two_places_at_once_are_refused(faces: Faces, scene_id: str) -> None:
+    both = {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}, "point": {"x": 0.0, "y": 0.0, "z": 4.0}}
+    assert rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=both)).details["field"] == "point"
+
+
+def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
+    faces: Faces, client: Client, service: SceneService, own: str
+) -> None:
+    before = client.scene(own)
+    mug = client.pick(own, "front.png", pixel=(15.5, 18.5))
+    assert mug.thing.name == "mug" and mug.mask is not None
+    made = client.name_things(own, mug.thing.id, "violin", aliases=["elephant", "moon"], looked_at=mug.version)
+    assert made.edits == (_name((mug.thing.id,), "violin", "elephant", "moon"),) and made.current
+    for text in ("violin", "elephant", "moon"):
+        (answer,) = client.query(own, text, views=["front.png"], outputs=["mask2d", "mask3d", "objects"])
+        assert (answer.verdict, answer.things, answer.version) == ("exact", (mug.thing.id,), made.version)
+        np.testing.assert_array_equal(
+            answer.masks[0].array(), client.pick(own, "front.png", pixel=(15.5, 18.5)).mask.array()
+        )
+        assert [item.label for item in answer.objects or ()] == ["violin"]
+    assert client.mask_ply(own, "elephant").startswith(b"ply") and client.mask3d(own, "elephant").sum() > 40
+    named = next(client.things(own))
+    assert (named.id, named.name, named.source, named.probability) == (mug.thing.id, "violin", "person", 1)
+    labels = {row.label: (row.gaussian_count, row.aliases) for row in client.labels(own)}
+    assert labels["mug"][0] == 0 and labels["violin"] == (named.gaussian_count, ("elephant", "moon"))
+    assert client.query(own, "mug")[0].verdict == "absent"
+    assert (client.label_map(own, "front.png") == 4).sum() == mug.mask.area
+
+    # Another service on the same data reads what was written.
+    service.versions._scenes.forget(own)
+    assert client.query(own, "elephant")[0].things == (mug.thing.id,)
+    client.undo_edit(own, made.version)
+    assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
+    assert client.query(own, "mug")[0].verdict == "exact" and client.query(own, "elephant")[0].verdict == "absent"
+
+
+def test_both_faces_name_alike(faces: Faces, client: Client, own: str) -> None:
+    edits = (_name((1, 2), "cup", "pot"), Edit("merge", things=(1, 2)), Edit("discard", things=(3,)))
+    over_rest = client.edit_scene(own, edits)
+    things = [tuple(client.things(own))]
+    client.undo_edit(own)
+    faces.rpc.EditScene(to_proto(EditIn(edits)).__class__(scene_id=own, edits=to_proto(EditIn(edits)).edits))
+    things.append(tuple(client.things(own)))
+    assert things[0] == things[1] and [(thing.id, thing.name) for thing in things[0]] == [(1, "cup")]
+    listed = {version.version: version.edits for version in client.versions(own)}
+    assert listed[over_rest.version] == edits and list(listed.values()) == [(), edits, edits]
+
+
+def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client, own: str) -> None:
+    def attempt(call: Callable[[], Any]) -> Any:
+        try:
+            return call()
+        except FastSplatError as error:
+            return error
+
+    def name(thing_id: int, word: str, looked_at: str) -> Any:
+        return attempt(lambda: client.name_things(own, thing_id, word, looked_at=looked_at))
+
+    with ThreadPoolExecutor(4) as pool:
+        different = list(pool.map(lambda thing_id: name(thing_id, _WORDS[thing_id], "1"), (1, 2, 3)))
+        assert not [made for made in different if isinstance(made, FastSplatError)]
+        assert [thing.name for thing in client.things(own)] == list(_WORDS[1:])
+        version = client.scene(own).version
+        same = list(pool.map(lambda word: name(2, word, version), ("sphere", "balloon", "novel")))
+    told = [outcome for outcome in same if isinstance(outcome, ConflictError)]
+    assert len(told) == 2 and all(error.field == "edits[0].version" for error in told)
+    (kept,) = (outcome for outcome in same if not isinstance(outcome, FastSplatError))
+    assert list(client.things(own))[1].name == kept.edits[0].name
+    with pytest.raises(ConflictError):
+        client.name_things(own, 2, "paperback")
+    assert client.name_things(own, 2, "paperback", looked_at=kept.version).current
+    with pytest.raises(NotFoundError):
+        client.name_things(own, 2, "paperback", looked_at="e0")
+
+
+@pytest.mark.parametrize("text", ["", " ", "x" * 10_000, "two\nlines"])
+def test_bad_names_leave_no_version(client: Client, own: str, text: str) -> None:
+    with pytest.raises(InvalidInputError) as raised:
+        client.name_things(own, 1, text)
+    assert raised.value.field == "edits[0].name"
+    assert len(client.versions(own)) == 1
+
+
+def test_a_thing_of_another_scene_is_inserted_and_taken_back(
+    client: Client, service: SceneService, api_settings: Settings, own: str
+) -> None:
+    other = add_scene(service, api_settings, "other")
+    client.name_things(other, 1, "violin")
+    up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(other))
+    made = client.edit_scene(own, [edit])
+    assert made.edits == (edit,) and made.gaussians > client.scene(other).gaussians
+    (answer,) = client.query(own, "violin", outputs=["objects"])
+    assert answer.verdict == "exact" and [item.thing_id for item in answer.objects or ()] == [4] == list(answer.things)
+    (there,) = client.objects(other, label="violin")
+    (here,) = answer.objects or ()
+    np.testing.assert_allclose(np.subtract(here.centroid, there.centroid), up.position, atol=1e-4)
+    client.undo_edit(own)
+    assert client.query(own, "violin")[0].verdict == "absent"
+    for source in (InsertSource("0" * 32), InsertSource(other, "e0"), InsertSource(other, "1")):
+        wrong = replace(edit, source=source) if source.version != "1" else replace(edit, source=source, things=(9,))
+        with pytest.raises(NotFoundError) as raised:
+            client.edit_scene(own, [wrong])
+        assert raised.value.field.startswith("edits[0].")
+    service.delete_scene(other)
+
+
+def test_things_of_another_project_do_not_exist(service: SceneService, api_settings: Settings, own: str) -> None:
+    service.admin.projects.create("next-door")
+    up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    foreign = service.in_project("next-door")
+    encoder = open_text_encoder(ENCODER, api_settings.models)
+    with pytest.raises(NotFoundError):
+        foreign.answers.list_things(own)
+    job = replace(queued_job("theirs"), project="next-door")
+    foreign._store.scenes.create(job)
+    finish_job(foreign._store, job.operation_id, made_scene(encoder))
+    assert len(foreign.answers.list_things(job.scene_id).things) == 3
+    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(own))
+    with pytest.raises(NotFoundError) as raised:
+        foreign.versions.edit(job.scene_id, [edit])
+    assert raised.value.field == "edits[0].source.scene"
+    foreign.delete_scene(job.scene_id)

@@ -1,0 +1,321 @@
+"""Things: the same ids wherever they are asked, and labels that are the set of things that bear them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.scene import Scene, Thing, Things, read_scene, write_scene
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat_contract.errors import (
+    ConflictError,
+    FastSplatError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+)
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.things import Pixel, PixelBox
+from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+
+CUP = BoxShell("mug", (0.1, 0.1, 0.04))
+TWIN = replace(CUP, centre=(-0.1, 0.15, 0.04))
+BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
+FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
+Open = Callable[[Scene], SceneIndex]
+
+
+@pytest.fixture
+def opened(drawn_encoder: Callable[..., Any]) -> Open:
+    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
+    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
+
+
+@pytest.fixture
+def labeled() -> Scene:
+    """Two mugs and a book by their labels; no things are stored."""
+    return scene_of([CUP, TWIN, BOOK], orbit())
+
+
+@pytest.fixture
+def discovered() -> Scene:
+    """The same as three things that nobody has named: 4, 7 and 9; no labels."""
+    scene = scene_of([CUP, TWIN, BOOK], orbit())
+    owner = np.repeat([4, 7, 9], [CUP.count, TWIN.count, BOOK.count])
+    rows = np.arange(len(owner))
+    membership = evidence_of(rows, owner, np.full(len(owner), 4 * UNIT), len(owner))
+    things = Things((Thing(4), Thing(7, suggestions=(("kettle", 0.4),)), Thing(9, surface="wall")), membership)
+    bare = scene_of([replace(CUP, label="x")])
+    return replace(
+        scene,
+        gaussians=replace(scene.gaussians, codes=np.zeros((len(owner), 0), np.float32)),
+        head=type(bare.head)(np.zeros((1, 0), np.float32), np.zeros(1, np.float32)),
+        dictionary=type(scene.dictionary)(()),
+        label_embeddings=np.zeros((0, 16), np.float32),
+        things=things,
+        label_mode="things",
+    )
+
+
+def edited(index: SceneIndex, *edits: Edit) -> SceneIndex:
+    for edit in edits:
+        index = SceneIndex(apply_edit(index, edit, index.things.table), index._encoder, index.settings)
+    return index
+
+
+def name(ids: Any, text: str, *aliases: str) -> Edit:
+    return Edit("name", things=tuple(np.atleast_1d(ids).tolist()), name=text, aliases=aliases)
+
+
+def ids_of(index: SceneIndex) -> dict[int, str]:
+    return {thing.id: thing.name for thing in index.things.listed}
+
+
+def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(opened: Open, labeled: Scene) -> None:
+    index = opened(labeled)
+    assert list(ids_of(index).values()) == ["mug", "mug", "book"]
+    for thing, item in zip(index.things.listed, index.objects, strict=True):
+        assert thing.id == item.thing_id and thing.box is not None
+        np.testing.assert_allclose(thing.box.size, item.box.size, rtol=1e-6)
+        np.testing.assert_allclose(thing.box.center.position, item.box.center.position, atol=1e-6)
+    again = opened(labeled)
+    np.testing.assert_array_equal(again.things.owner, index.things.owner)
+    # Every Gaussian of a label that is near a thing is the thing's: faint ones do not stay behind.
+    np.testing.assert_array_equal(index.things.owner > 0, index.gaussian_classes > 0)
+    assert all(thing.source == "detected" and thing.probability == 1 for thing in index.things.listed)
+    given = opened(replace(labeled, quality={"label_source": "given"}))
+    assert {thing.source for thing in given.things.listed} == {"given"}
+    assert index.things.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
+
+
+def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, labeled: Scene, tmp_path: Path) -> None:
+    first = opened(labeled)
+    (mug, twin, book) = ids_of(first)
+    aside = np.eye(4)
+    aside[2, 3] = 0.5
+    copied = edited(first, Edit("duplicate", things=(twin,), transform=aside))
+    assert ids_of(copied) == {mug: "mug", twin: "mug", book: "book", book + 1: "mug"}
+    moved = next(thing for thing in copied.things.listed if thing.id == book + 1)
+    old = next(thing for thing in first.things.listed if thing.id == twin)
+    assert moved.box is not None and old.box is not None
+    np.testing.assert_allclose(np.subtract(moved.box.center.position, old.box.center.position), [0, 0, 0.5], atol=1e-5)
+    write_scene(copied.scene, tmp_path / "v")
+    assert ids_of(opened(read_scene(tmp_path / "v"))) == ids_of(copied)
+    removed = edited(copied, Edit("remove", things=(mug,)))
+    assert list(ids_of(removed)) == [twin, book, book + 1]
+    # No id is given twice, not even that of the last thing once it is gone.
+    gone = edited(removed, Edit("discard", things=(book + 1,)))
+    assert list(ids_of(edited(gone, Edit("duplicate", things=(book,), transform=aside)))) == [twin, book, book + 2]
+
+
+@pytest.mark.parametrize("kind", ["labeled", "discovered"])
+def test_a_label_is_the_union_of_the_things_that_bear_it(
+    opened: Open, request: pytest.FixtureRequest, kind: str
+) -> None:
+    index = opened(request.getfixturevalue(kind))
+    one, other, last = ids_of(index)
+    named = edited(index, name([other, last], "Einmachglas", "jar"), name(one, "kettle"))
+    (answer, alias, kettle) = named.ask(["einmachglas", "a jar", "kettle"])
+    assert answer.verdict == alias.verdict == kettle.verdict == "exact"
+    assert answer.things == alias.things == (other, last) and kettle.things == (one,)
+    owner = named.things.owner
+    np.testing.assert_array_equal(named.mask3d(answer), np.isin(owner, [other, last]))
+    np.testing.assert_array_equal(owner, index.things.owner)
+    shown = named.things.map(FRONT)
+    mask = named.mask2d(answer, FRONT)
+    np.testing.assert_array_equal(mask.mask, np.isin(shown, [other, last]))
+    assert mask.mask.any() and (shown == one).any()
+    np.testing.assert_array_equal(named.mask2d(kettle, FRONT).mask, shown == one)
+    assert [thing.thing_id for thing in named.objects_of(answer)] == sorted(
+        [other, last], key=lambda thing_id: -(owner == thing_id).sum()
+    )
+    assert answer.matches[0].gaussian_count == np.isin(owner, [other, last]).sum()
+
+
+def test_naming_changes_no_mask_of_what_is_not_named(opened: Open, labeled: Scene) -> None:
+    index = opened(labeled)
+    before = {text: index.mask2d(index.ask([text])[0], FRONT).mask for text in ("mug", "book")}
+    mug = index.objects[0].thing_id
+    named = edited(index, name(mug, "kettle"))
+    (book, mugs) = named.ask(["book", "mug"])
+    assert (named.mask2d(book, FRONT).mask ^ before["book"]).sum() <= 0.02 * before["book"].sum()
+    both = named.mask2d(mugs, FRONT).mask | named.mask2d(named.ask(["kettle"])[0], FRONT).mask
+    assert (both ^ before["mug"]).sum() <= 0.02 * before["mug"].sum()
+    np.testing.assert_array_equal(named.render(FRONT), index.render(FRONT))
+
+
+def test_a_label_that_nothing_bears_any_more_is_not_known(opened: Open, labeled: Scene) -> None:
+    index = edited(opened(labeled), Edit("name", label="mugs", name="kettle"))
+    mug, kettle = index.ask(["mug", "kettle"])
+    assert (mug.verdict, mug.things, kettle.verdict, len(kettle.things)) == ("absent", (), "exact", 2)
+    assert not index.mask3d(mug).any() and index.mask3d(kettle).sum() == CUP.count + TWIN.count
+    back = edited(index, Edit("name", label="kettle", name="Mugs"))
+    assert back.ask(["mug"])[0].verdict == "exact" and len(back.scene.dictionary) == 3
+    np.testing.assert_array_equal(back.mask3d(back.ask(["mug"])[0]), index.mask3d(kettle))
+
+
+def test_merging_and_discarding_are_what_they_say(opened: Open, discovered: Scene) -> None:
+    index = opened(discovered)
+    named = edited(index, name(7, "jar"))
+    merged = edited(named, Edit("merge", things=(7, 4)))
+    assert ids_of(merged) == {7: "jar", 9: ""}
+    np.testing.assert_array_equal(merged.things.owner == 7, np.isin(index.things.owner, [4, 7]))
+    discarded = edited(merged, Edit("discard", things=(7,)))
+    assert ids_of(discarded) == {9: ""} and len(discarded.scene.gaussians) == len(index.scene.gaussians)
+    assert discarded.ask(["jar"])[0].verdict == "absent"
+    unnamed = edited(named, Edit("unname", label="jar"))
+    assert ids_of(unnamed) == {4: "", 7: "", 9: ""} and unnamed.ask(["jar"])[0].verdict == "absent"
+
+
+def test_an_absence_says_what_was_looked_for(opened: Open, discovered: Scene) -> None:
+    index = opened(replace(discovered, quality={"searched_names": 80}))
+    (answer,) = index.ask(["bulldozer"])
+    assert answer.verdict == "absent" and "3 have no name (4, 7, 9)" in answer.explanation
+    assert "searched for 80 names" in answer.explanation
+    named = edited(index, name(4, "jar"))
+    (answer, kettle) = named.ask(["bulldozer", "kettle"])
+    assert "not among 1 named thing" in answer.explanation and "2 have no name (7, 9)" in answer.explanation
+    assert answer.searched == (1, 2, (7, 9), 80)
+    assert "it may be thing 7 (40 %)" in kettle.explanation and kettle.things == ()
+
+
+def test_the_more_things_have_no_name_the_less_sure_is_an_absence(discovered: Scene, calibrated_encoder: Any) -> None:
+    settings = QuerySettings(backend="cpu")
+    index = SceneIndex(discovered, calibrated_encoder, settings)
+    doubts = []
+    for ids in ((4,), (7,), (9,)):
+        index = SceneIndex(apply_edit(index, name(ids, f"jar {ids[0]}")), calibrated_encoder, settings)
+        (answer, kettle) = index.ask(["bulldozer", "kettle"])
+        assert answer.verdict == "absent" and answer.probability == pytest.approx(1 - (answer.presence or 0))
+        doubts.append(answer.presence)
+        assert (kettle.presence or 0) >= (0.4 if ids == (4,) else 0)
+    assert doubts == sorted(doubts, reverse=True) and doubts[0] >= 0.4 and doubts[2] < 0.1
+
+
+def test_what_looks_alike_is_suggested_and_never_named(opened: Open, discovered: Scene) -> None:
+    sh = discovered.gaussians.sh.copy()
+    sh[: CUP.count + TWIN.count, 0] = (1.2, -1.2, -1.2)  # both mugs are red
+    sh[CUP.count + TWIN.count :, 0] = (-1.2, -1.2, 1.2)
+    index = opened(replace(discovered, gaussians=replace(discovered.gaussians, sh=sh)))
+    named = edited(index, name(4, "mug"))
+    twin, wall = named.things.listed[1:]
+    assert (twin.name, twin.suggestions[0].name) == ("", "mug") and 0.8 < twin.suggestions[0].probability <= 1
+    assert wall.suggestions == () and wall.name == ""
+
+
+def test_picking_finds_what_a_picture_shows(opened: Open, discovered: Scene) -> None:
+    things = opened(discovered).things
+    shown = things.map(FRONT)
+    for thing_id in (4, 7, 9):
+        rows, columns = np.nonzero(shown == thing_id)
+        assert things.at_pixel(FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.999)) == thing_id
+        box = PixelBox(columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0)
+        assert things.in_box(FRONT, box) == thing_id
+        listed = things.get(thing_id)
+        mean = discovered.gaussians.means[things.owner == thing_id][0]
+        assert things.at_point(Vector3(*mean.tolist())) == thing_id
+        assert listed.gaussian_count == (things.owner == thing_id).sum()
+    rows, columns = np.nonzero(shown == 0)
+    with pytest.raises(NotFoundError, match="no thing"):
+        things.at_pixel(FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5))
+    for x, y in ((-0.1, 5), (96, 5), (5, 72), (np.nan, 5), (5, -np.inf)):
+        with pytest.raises(InvalidInputError, match="pixel"):
+            things.at_pixel(FRONT, Pixel(x, y))
+    for corners in ((5, 5, 5, 9), (-1, 5, 9, 9), (5, 5, 97, 9), (5, 9, 9, 5), (np.nan, 1, 2, 2)):
+        with pytest.raises(InvalidInputError, match="box"):
+            things.in_box(FRONT, PixelBox(*corners))
+    with pytest.raises(NotFoundError):
+        things.at_point(Vector3(5, 5, 5))
+    with pytest.raises(InvalidInputError):
+        things.at_point(Vector3(np.nan, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("edit", "error", "field"),
+    [
+        (name(4, ""), InvalidInputError, "name"),
+        (name(4, "  \t"), InvalidInputError, "name"),
+        (name(4, "x" * 10_000), InvalidInputError, "name"),
+        (name(4, "two\nlines"), InvalidInputError, "name"),
+        (Edit("name", things=(4,)), InvalidInputError, "name"),
+        (Edit("merge", things=(4, 7), name="jar"), InvalidInputError, "name"),
+        (Edit("recolor", things=(4,), color=(1, 0, 0), name="jar"), InvalidInputError, "name"),
+        (Edit("merge", things=(4, 4)), InvalidInputError, "things"),
+        (Edit("name", name="jar"), InvalidInputError, "label"),
+        (Edit("name", things=(4,), label="jar", name="jar"), InvalidInputError, "label"),
+        (Edit("name", label="jar", name="pot"), NotFoundError, "label"),
+        (Edit("name", object_id="1-1", name="pot"), NotFoundError, "object_id"),
+        (name([4, 5], "jar"), NotFoundError, "things[1]"),
+        (name(0, "jar"), NotFoundError, "things[0]"),
+        (name(2**40, "jar"), NotFoundError, "things[0]"),
+        (name(4, "jar", *(f"alias {i}" for i in range(21))), LimitExceededError, "aliases"),
+        (name(4, "jar", ""), InvalidInputError, "aliases[0]"),
+        (Edit("discard", things=(8,)), NotFoundError, "things[0]"),
+        (Edit("remove", things=(8,)), NotFoundError, "things[0]"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    opened: Open, discovered: Scene, edit: Edit, error: type[FastSplatError], field: str
+) -> None:
+    with pytest.raises(error) as raised:
+        apply_edit(opened(discovered), edit)
+    assert raised.value.field == field
+
+
+def test_an_alias_that_is_anothers_name_is_refused_and_its_own_is_not(opened: Open, discovered: Scene) -> None:
+    index = edited(opened(discovered), name(4, "jar", "pot"))
+    with pytest.raises(ConflictError, match="jar"):
+        apply_edit(index, name(7, "tub", "pots"))
+    again = edited(index, name(7, "Pot", "jars", "can"))
+    assert ids_of(again) == {4: "jar", 7: "jar", 9: ""} and again.ask(["can"])[0].things == (4, 7)
+
+
+@pytest.mark.parametrize("text", ["чайник", "急須", "🫖", "إبريق", "a" * 200, "0", "don't", "Ä Ö"])
+def test_names_of_any_script_are_names(opened: Open, discovered: Scene, tmp_path: Path, text: str) -> None:
+    write_scene(edited(opened(discovered), name(4, f"  {text} ")).scene, tmp_path / "v")
+    index = opened(read_scene(tmp_path / "v"))
+    assert ids_of(index)[4] == text
+    (answer,) = index.ask([text])
+    assert (answer.verdict, answer.things, answer.decided_by) == ("exact", (4,), "name")
+
+
+def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(opened: Open, discovered: Scene) -> None:
+    index = opened(discovered)
+    looked = index.things.table
+    named = edited(index, name(4, "jar"))
+    for edit in (
+        name(4, "pot"),
+        Edit("unname", things=(4,)),
+        Edit("discard", things=(4,)),
+        Edit("merge", things=(7, 4)),
+    ):
+        with pytest.raises(ConflictError, match="'jar'"):
+            apply_edit(named, edit)
+        with pytest.raises(ConflictError, match="'jar'"):
+            apply_edit(named, edit, looked)
+        apply_edit(named, edit, named.things.table)
+    assert ids_of(edited(named, name(4, "jar"), name(7, "pot"))) == {4: "jar", 7: "pot", 9: ""}
+
+
+def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
+    count = 1000
+    places = np.stack(np.meshgrid(np.arange(40), np.arange(25)), axis=-1).reshape(-1, 2)
+    means = np.repeat(np.concatenate([places, np.zeros((count, 1))], axis=1), 4, axis=0)
+    means += np.random.default_rng(0).normal(0, 0.02, means.shape)
+    scene = scene_of([replace(CUP, count=4 * count)], orbit())
+    scene = replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
+    owner = np.repeat(np.arange(1, count + 1), 4)
+    membership = evidence_of(np.arange(4 * count), owner, np.full(4 * count, UNIT), 4 * count)
+    things = Things(tuple(Thing(i) for i in range(1, count + 1)), membership)
+    index = opened(replace(scene, things=things, label_mode="things"))
+    assert len(index.things.listed) == count
+    named = edited(index, name(list(range(1, count)), "post"))
+    (answer,) = named.ask(["post"])
+    assert answer.things == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
