@@ -106,7 +106,7 @@ def test_the_kernels_threads_have_the_niceness_of_their_caller() -> None:
     thread.start()
     thread.join(60)
     new = [value for task, value in niceness().items() if task not in before]
-    assert len(new) >= 2 and set(new) == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 4)}
+    assert new.count(min(19, os.getpriority(os.PRIO_PROCESS, 0) + 4)) >= 2  # others' threads may have begun, too
 
 
 def test_a_signal_handler_that_raises_ends_the_call_and_the_next_one_works() -> None:
