@@ -225,7 +225,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         ),
         "name": (
             "name a thing that had no name, or another",
-            EditIn((Edit("name", things=(2,), name="blue vase", aliases=("flower vase",)),)),
+            EditIn((Edit("name", things=(2,), name="ball"),)),
         ),
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
