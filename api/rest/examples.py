@@ -230,8 +230,8 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
     "PickIn": {
-        "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(32.0, 24.0))),
-        "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(8.0, 6.0, 56.0, 42.0))),
+        "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(24.0, 18.0))),
+        "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
         "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     },
     "KeyIn": {
