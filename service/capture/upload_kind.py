@@ -1,4 +1,4 @@
-"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model or a transforms.json."""
+"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model, a transforms.json or a splat."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from fastsplat.service.capture.splat_files.reading import is_splat_file
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat_contract.errors import InvalidInputError
@@ -16,6 +17,7 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
 _FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
 _IMAGES = "images"
+_SPLAT_FRAME = "dataparser_transforms.json"
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class UploadContents:
         video: the video, or "".
         labels: labels.json, or "".
         label_maps: the image files below labels/.
+        splat: the splat file, or "".
+        splat_frame: nerfstudio's dataparser_transforms.json, which relates the splat's world to the poses', or "".
         warnings: what is not used, as sentences for people.
     """
 
@@ -40,18 +44,23 @@ class UploadContents:
     video: str = ""
     labels: str = ""
     label_maps: tuple[str, ...] = ()
+    splat: str = ""
+    splat_frame: str = ""
     warnings: tuple[str, ...] = ()
 
 
 def detect_kind(root: Path) -> UploadContents:
     """The kind and the parts of an upload.
 
-    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one.
+    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one. A
+    splat takes precedence over images without poses, and goes with those that have some.
 
     Raises:
-        InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
+        InvalidInputError: images of an unsupported kind, several videos or splats, or nothing usable.
     """
     files = _files(root)
+    splat = _only_splat(root, files)
+    frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splat else ""
     labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
     maps = tuple(
         path
@@ -61,7 +70,9 @@ def detect_kind(root: Path) -> UploadContents:
     images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
     transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
     if transforms:
-        return UploadContents("nerfstudio", images, transforms, labels=labels, label_maps=maps)
+        return UploadContents(
+            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splat=splat, splat_frame=frame
+        )
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
         (folder for folder in folders if model_suffix(root / folder)),
@@ -76,8 +87,19 @@ def detect_kind(root: Path) -> UploadContents:
             _image_folder(root, models[0]),
             labels=labels,
             label_maps=maps,
+            splat=splat,
+            splat_frame=frame,
             warnings=(warning,) if len(models) > 1 else (),
         )
+    if splat:
+        beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+        warning = (
+            f"{len(beside)} files beside the splat have no poses and are not used, e.g. {beside[0]}; pictures are "
+            "rendered around the splat instead."
+            if beside
+            else ""
+        )
+        return UploadContents("splat", (), splat=splat, warnings=(warning,) if warning else ())
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
     _refuse_unsupported(files)
@@ -89,7 +111,7 @@ def detect_kind(root: Path) -> UploadContents:
         raise InvalidInputError(
             "the upload has no images",
             field="files",
-            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, or one video.",
+            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, one video, or a splat (PLY or SPZ).",
         )
     used = {*photos, *maps, labels}
     unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
@@ -100,6 +122,17 @@ def detect_kind(root: Path) -> UploadContents:
 def _files(root: Path) -> list[str]:
     relative = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
     return [path.as_posix() for path in relative if not is_system_file(path.parts)]
+
+
+def _only_splat(root: Path, files: list[str]) -> str:
+    splats = [path for path in files if is_splat_file(root / path)]
+    if len(splats) > 1:
+        raise InvalidInputError(
+            f"the upload has {len(splats)} splats, e.g. {splats[0]} and {splats[1]}",
+            field=splats[1],
+            hint="Send the splat that is to become the scene, and no other.",
+        )
+    return splats[0] if splats else ""
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.scene.types import F32, MAX_SH_DEGREE, SH_COUNTS, Gaussians
+from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat, check_count
+from fastsplat.service.capture.splat_files.rows import F32, SH_COUNTS, SplatRows
 
+_MAX_DEGREE = len(SH_COUNTS) - 1
 _HEADER = struct.Struct("<4sIIBBBB")
 MAGIC = b"NGSP"
 _EXTENSIONS = 2
@@ -33,7 +34,7 @@ _SIGNS = {
 U8 = NDArray[np.uint8]
 
 
-def read_spz(path: Path, name: str, limits: SplatLimits) -> Gaussians:
+def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     """The Gaussians of an SPZ file, in the file's order, with the axes of 3DGS PLY files.
 
     Opacities become logits, ±inf where the byte is 0 or 255.
@@ -77,13 +78,12 @@ def read_spz(path: Path, name: str, limits: SplatLimits) -> Gaussians:
     higher = (columns["sh"].astype(np.float32) - 128).reshape(count, -1, 3) / 128
     signs = np.array(_SIGNS["sh"][: higher.shape[1]], np.float32)[:, None]
     quats = _first_three(columns["quats"]) if version == 2 else _smallest_three(columns["quats"])
-    return Gaussians(
+    return SplatRows(
         means=_fixed_point(columns["means"], bits) * np.array(_SIGNS["means"], np.float32) + 0,  # no −0
         quats=quats * np.array(_SIGNS["quats"], np.float32) + 0,
         log_scales=np.asarray(columns["scales"].astype(np.float32) / 16 - 10, np.float32),
         logit_opacities=logits,
         sh=np.concatenate([colors[:, None], higher * signs], axis=1),
-        codes=np.zeros((count, 0), np.float32),
     )
 
 
@@ -96,8 +96,8 @@ def _read_header(name: str, head: bytes, limits: SplatLimits) -> tuple[int, int,
         raise bad_splat(name, f"is SPZ of version {version}")
     if flags & _EXTENSIONS:
         raise bad_splat(name, "is SPZ with extensions, which are not read; save it without")
-    if degree > MAX_SH_DEGREE:
-        raise bad_splat(name, f"has harmonics of degree {degree}, at most {MAX_SH_DEGREE} is read")
+    if degree > _MAX_DEGREE:
+        raise bad_splat(name, f"has harmonics of degree {degree}, at most {_MAX_DEGREE} is read")
     if bits > _MAX_FRACTIONAL_BITS:
         raise bad_splat(name, f"has positions with {bits} fractional bits of 24")
     check_count(name, count, limits)

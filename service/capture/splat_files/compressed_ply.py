@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.scene.splat_files.ply_tables import Element, PlyHeader, read_element
-from fastsplat.service.scene.types import F32, SH_C0, SH_COUNTS, Gaussians
+from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat, check_count
+from fastsplat.service.capture.splat_files.ply_tables import Element, PlyHeader, read_element
+from fastsplat.service.capture.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
 
 _CHUNK = 256
 _BOUNDS = {
@@ -22,7 +22,6 @@ _BOUNDS = {
     "color": ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b"),
 }
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-_SH_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
 _SH_RANGE = 8.0  # coefficients lie in ±4
 
 U32 = NDArray[np.uint32]
@@ -34,7 +33,7 @@ def is_compressed(header: PlyHeader) -> bool:
     return vertex is not None and "packed_position" in (vertex.layout.names or ())
 
 
-def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> Gaussians:
+def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
     """The Gaussians of a compressed PLY, in the file's order; opacities become logits, ±inf where the byte is 0 or 255.
 
     Raises:
@@ -58,21 +57,14 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
                 bounds[group][rows] = np.stack([table[own] for own in names], axis=1)
     count = vertex.count
     sh_count = _sh_count(name, header, count)
-    result = Gaussians(
-        means=np.empty((count, 3), np.float32),
-        quats=np.empty((count, 4), np.float32),
-        log_scales=np.empty((count, 3), np.float32),
-        logit_opacities=np.empty(count, np.float32),
-        sh=np.empty((count, sh_count, 3), np.float32),
-        codes=np.zeros((count, 0), np.float32),
-    )
+    result = SplatRows.empty(count, sh_count)
     for rows, table in read_element(path, name, header, vertex):
         chunk = np.arange(rows.start, rows.stop) // _CHUNK
         result.means[rows] = _between(bounds["position"][chunk], _unpack_11_10_11(table["packed_position"]))
         result.log_scales[rows] = _between(bounds["scale"][chunk], _unpack_11_10_11(table["packed_scale"]))
         result.quats[rows] = _unpack_rotation(table["packed_rotation"])
         color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8, 0)], axis=1)
-        result.sh[rows, 0] = (_between(bounds["color"][chunk], color[:, :3]) - 0.5) / SH_C0
+        result.sh[rows, 0] = (_between(bounds["color"][chunk], color[:, :3]) - 0.5) / Y00
         with np.errstate(divide="ignore"):
             result.logit_opacities[rows] = np.log(color[:, 3]) - np.log1p(-color[:, 3])
     if sh_count > 1:
@@ -95,15 +87,15 @@ def _sh_count(name: str, header: PlyHeader, count: int) -> int:
     if element is None:
         return 1
     names = element.layout.names or ()
-    if len(names) not in _SH_OF_REST or len(names) == 0:
-        raise bad_splat(name, f"has {len(names)} harmonics, expected {', '.join(map(str, list(_SH_OF_REST)[1:]))}")
+    if len(names) not in SH_OF_REST or len(names) == 0:
+        raise bad_splat(name, f"has {len(names)} harmonics, expected {', '.join(map(str, list(SH_OF_REST)[1:]))}")
     if element.count != count:
         raise bad_splat(name, f"has harmonics of {element.count} Gaussians, and {count} Gaussians")
     _element(name, header, "sh", tuple(f"f_rest_{index}" for index in range(len(names))), "<u1")
-    return _SH_OF_REST[len(names)]
+    return SH_OF_REST[len(names)]
 
 
-def _read_harmonics(path: Path, name: str, header: PlyHeader, result: Gaussians) -> None:
+def _read_harmonics(path: Path, name: str, header: PlyHeader, result: SplatRows) -> None:
     element = header.element("sh")
     assert element is not None
     higher = result.sh.shape[1] - 1

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import torch
 
+from fastsplat.service.capture.splat_files.limits import SplatLimits
+from fastsplat.service.capture.splat_files.reading import SplatFile, describe_invisible, is_splat_file, read_splat_file
+from fastsplat.service.capture.splat_files.rows import SplatRows
 from fastsplat.service.scene import Gaussians, write_ply
-from fastsplat.service.scene.splat_files.limits import SplatLimits
-from fastsplat.service.scene.splat_files.reading import SplatFile, describe_invisible, is_splat_file, read_splat_file
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.raster import sh_to_rgb
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
-from tests.scene.splat_writers import columns_of, spz_content, write_compressed, write_spz, write_table
-from tests.scene.test_ply import assert_same
+from tests.capture.splat_writers import columns_of, spz_content, write_compressed, write_spz, write_table
 
 _LIMITS = SplatLimits(100_000, "SOME_SETTING")
 _TRIALS = 300
@@ -30,8 +30,24 @@ def read(path: Path) -> SplatFile:
     return read_splat_file(path, path.name, _LIMITS)
 
 
-def without_codes(gaussians: Gaussians) -> Gaussians:
-    return replace(gaussians, codes=np.zeros((len(gaussians), 0), np.float32))
+@pytest.fixture
+def make_gaussians() -> Callable[..., Gaussians]:
+    def make(count: int, sh: int, code: int) -> Gaussians:
+        rng = np.random.default_rng(count)
+
+        def draw(*shape: int) -> np.ndarray:
+            return rng.standard_normal(shape).astype(np.float32)
+
+        return Gaussians(
+            draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code)
+        )
+
+    return make
+
+
+def assert_same(gaussians: Gaussians, rows: SplatRows) -> None:
+    for field in _FIELDS:
+        np.testing.assert_array_equal(getattr(gaussians, field), getattr(rows, field))
 
 
 def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) -> None:
@@ -49,7 +65,7 @@ def test_our_own_export_comes_back_to_the_bit(
     gaussians = make_gaussians(count, sh, 2)
     write_ply(gaussians, tmp_path / "a.ply", codes=True)
     file = read(tmp_path / "a.ply")
-    assert_same(without_codes(gaussians), file.gaussians)
+    assert_same(gaussians, file.rows)
     assert (file.format, file.invisible, describe_invisible("a.ply", file)) == ("3DGS PLY", 0, ())
 
 
@@ -63,7 +79,7 @@ def test_order_type_and_encoding_of_properties_do_not_matter(
     shuffled["confidence"] = np.arange(len(gaussians), dtype=np.uint8)
     write_table(tmp_path / "a.ply", shuffled, kind, text=text)
     assert is_splat_file(tmp_path / "a.ply")
-    assert_same(gaussians, read(tmp_path / "a.ply").gaussians)
+    assert_same(gaussians, read(tmp_path / "a.ply").rows)
 
 
 def test_elements_before_and_behind_the_gaussians_are_skipped(
@@ -75,7 +91,7 @@ def test_elements_before_and_behind_the_gaussians_are_skipped(
     data = data.replace(b"element vertex", b"element extrinsic 2\nproperty double m\nelement vertex")
     data = data.replace(b"end_header\n", b"element faces 1\nproperty list uchar int indices\nend_header\n" + bytes(16))
     (tmp_path / "b.ply").write_bytes(data + b"\x01\0\0\0\0")
-    assert_same(gaussians, read(tmp_path / "b.ply").gaussians)
+    assert_same(gaussians, read(tmp_path / "b.ply").rows)
 
 
 def test_colors_as_bytes_are_the_constant_coefficient(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
@@ -85,7 +101,7 @@ def test_colors_as_bytes_are_the_constant_coefficient(make_gaussians: Callable[.
         del columns[f"f_dc_{index}"]
         columns[name] = rgb[:, index]
     write_table(tmp_path / "a.ply", columns)
-    sh = read(tmp_path / "a.ply").gaussians.sh[:, 0]
+    sh = read(tmp_path / "a.ply").rows.sh[:, 0]
     np.testing.assert_allclose(0.5 + SH_C0 * sh, rgb / 255, atol=1e-6)
 
 
@@ -100,7 +116,7 @@ def test_a_compressed_ply_comes_back_within_its_steps(
     assert is_splat_file(tmp_path / "a.compressed.ply")
     file = read(tmp_path / "a.compressed.ply")
     assert file.format == "compressed PLY" and file.invisible == 0
-    own = file.gaussians
+    own = file.rows
     np.testing.assert_allclose(own.means, gaussians.means, atol=8 / 1023 / 2 + 1e-5)
     np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=8 / 1023 / 2 + 1e-5)
     assert_same_rotations(own.quats, gaussians.quats, 4e-3)
@@ -120,7 +136,7 @@ def test_spz_comes_back_within_its_steps(
     gaussians = replace(made, sh=np.clip(made.sh, -0.9, 0.9))
     write_spz(tmp_path / "a.spz", gaussians, version)
     assert is_splat_file(tmp_path / "a.spz")
-    own = read(tmp_path / "a.spz").gaussians
+    own = read(tmp_path / "a.spz").rows
     np.testing.assert_allclose(own.means, gaussians.means, atol=0.5 / 4096 + 1e-6)
     np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=1 / 32 + 1e-5)
     assert_same_rotations(own.quats, gaussians.quats, rotation)
@@ -138,7 +154,7 @@ def test_axes_of_spz_turn_with_their_harmonics(make_gaussians: Callable[..., Gau
     raw = np.frombuffer(content, np.uint8)[-200 * 45 :].reshape(200, 15, 3)
     stored = np.concatenate([gaussians.sh[:, :1], (raw.astype(np.float32) - 128) / 128], axis=1)
     write_spz(tmp_path / "a.spz", gaussians)
-    own = read(tmp_path / "a.spz").gaussians
+    own = read(tmp_path / "a.spz").rows
     turn = np.array([1, -1, -1], np.float32)
     eye = np.array([3.0, -2.0, 5.0], np.float32)
     seen = _colors(own.means * turn, stored, eye * turn)
@@ -166,10 +182,10 @@ def test_a_row_that_cannot_be_shown_keeps_its_number(
     assert "row 7" in describe_invisible("a.ply", file)[0]
     others = np.delete(np.arange(40), [7, 30])
     for field in _FIELDS:
-        own = getattr(file.gaussians, field)
+        own = getattr(file.rows, field)
         assert np.isfinite(own).all()
         np.testing.assert_array_equal(own[others], getattr(gaussians, field)[others])
-    assert (1 / (1 + np.exp(-file.gaussians.logit_opacities[[7, 30]])) < 1 / 255).all()
+    assert (1 / (1 + np.exp(-file.rows.logit_opacities[[7, 30]])) < 1 / 255).all()
 
 
 def test_infinite_logits_and_thin_gaussians_are_shown(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
@@ -178,9 +194,9 @@ def test_infinite_logits_and_thin_gaussians_are_shown(make_gaussians: Callable[.
     columns["scale_0"][2] = -np.inf
     write_table(tmp_path / "a.ply", columns)
     file = read(tmp_path / "a.ply")
-    opacities = 1 / (1 + np.exp(-file.gaussians.logit_opacities))
+    opacities = 1 / (1 + np.exp(-file.rows.logit_opacities))
     assert file.invisible == 0 and opacities[0] > 1 - 1e-6 and opacities[1] < 1e-6
-    assert np.isfinite(file.gaussians.log_scales).all() and np.exp(file.gaussians.log_scales[2, 0]) < 1e-12
+    assert np.isfinite(file.rows.log_scales).all() and np.exp(file.rows.log_scales[2, 0]) < 1e-12
 
 
 def test_a_file_without_one_row_that_can_be_shown(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
@@ -291,7 +307,7 @@ def test_damaged_bytes_give_typed_errors_or_gaussians(
         except FastSplatError as error:
             refused += error.field == path.name
         else:
-            read_whole += all(np.isfinite(getattr(file.gaussians, field)).all() for field in _FIELDS)
+            read_whole += all(np.isfinite(getattr(file.rows, field)).all() for field in _FIELDS)
     assert refused > 100 and refused + read_whole == _TRIALS
 
 

@@ -10,17 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.scene.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.scene.splat_files.ply_tables import PlyHeader, Table, read_element
-from fastsplat.service.scene.types import F32, SH_C0, SH_COUNTS, Gaussians
+from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat, check_count
+from fastsplat.service.capture.splat_files.ply_tables import PlyHeader, Table, read_element
+from fastsplat.service.capture.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
 
 _MEANS, _QUATS = ("x", "y", "z"), ("rot_0", "rot_1", "rot_2", "rot_3")
 _SCALES, _DC, _RGB = ("scale_0", "scale_1", "scale_2"), ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
-_SH_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
-"""Coefficients of a color by the number of f_rest properties."""
 
 
-def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> Gaussians:
+def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
     """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there.
 
     Properties may come in any order and scalar type; unknown ones are ignored. Where nerfstudio wrote colors as bytes
@@ -36,22 +34,15 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
     check_count(name, vertex.count, limits)
     present = set(vertex.layout.names or ())
     rest = sum(own.startswith("f_rest_") for own in present)
-    if rest not in _SH_OF_REST:
-        raise bad_splat(name, f"has {rest} f_rest properties, expected {', '.join(map(str, _SH_OF_REST))}")
+    if rest not in SH_OF_REST:
+        raise bad_splat(name, f"has {rest} f_rest properties, expected {', '.join(map(str, SH_OF_REST))}")
     rest_names = tuple(f"f_rest_{index}" for index in range(rest))
     colors: tuple[str, ...] = _RGB if not present.intersection(_DC) and present.issuperset(_RGB) else _DC
     for own in (*_MEANS, *colors, *rest_names, "opacity", *_SCALES, *_QUATS):
         if own not in present:
             raise bad_splat(name, f"has no property {own}, which every Gaussian needs")
-    count, sh_count = vertex.count, _SH_OF_REST[rest]
-    result = Gaussians(
-        means=np.empty((count, 3), np.float32),
-        quats=np.empty((count, 4), np.float32),
-        log_scales=np.empty((count, 3), np.float32),
-        logit_opacities=np.empty(count, np.float32),
-        sh=np.empty((count, sh_count, 3), np.float32),
-        codes=np.zeros((count, 0), np.float32),
-    )
+    count, sh_count = vertex.count, SH_OF_REST[rest]
+    result = SplatRows.empty(count, sh_count)
     for rows, table in read_element(path, name, header, vertex):
         _fill(result.means[rows], table, _MEANS)
         _fill(result.quats[rows], table, _QUATS)
@@ -60,7 +51,7 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
         _fill(result.sh[rows, 0], table, colors)
         if colors == _RGB:
             whole = 255.0 if vertex.layout["red"].kind in "iu" else 1.0
-            result.sh[rows, 0] = (result.sh[rows, 0] / whole - 0.5) / SH_C0
+            result.sh[rows, 0] = (result.sh[rows, 0] / whole - 0.5) / Y00
         for channel in range(3):
             begin = channel * (sh_count - 1)
             _fill(result.sh[rows, 1:, channel], table, rest_names[begin : begin + sh_count - 1])

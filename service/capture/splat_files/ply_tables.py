@@ -11,7 +11,7 @@ from typing import BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.splat_files.limits import bad_splat
+from fastsplat.service.capture.splat_files.limits import bad_splat
 
 MAX_HEADER_BYTES = 64 << 10
 _MAX_LINE_BYTES = 64 << 10

@@ -1,4 +1,4 @@
-"""Any splat file as the Gaussians of a scene: row i of the file is Gaussian i."""
+"""Any splat file as arrays: row i of the file is Gaussian i."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.splat_files.compressed_ply import is_compressed, read_compressed_ply
-from fastsplat.service.scene.splat_files.limits import SplatLimits, bad_splat
-from fastsplat.service.scene.splat_files.ply_tables import MAX_HEADER_BYTES, read_header
-from fastsplat.service.scene.splat_files.splat_ply import read_splat_ply
-from fastsplat.service.scene.splat_files.spz import MAGIC, read_spz
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.capture.splat_files.compressed_ply import is_compressed, read_compressed_ply
+from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat
+from fastsplat.service.capture.splat_files.ply_tables import MAX_HEADER_BYTES, read_header
+from fastsplat.service.capture.splat_files.rows import SplatRows
+from fastsplat.service.capture.splat_files.splat_ply import read_splat_ply
+from fastsplat.service.capture.splat_files.spz import MAGIC, read_spz
 
 SPZ_SUFFIX, PLY_SUFFIX = ".spz", ".ply"
 SplatFormat = Literal["3DGS PLY", "compressed PLY", "SPZ"]
@@ -30,14 +30,14 @@ class SplatFile:
     """What a splat file holds.
 
     Attributes:
-        gaussians: G of them, one for every row of the file in its order; D = 0. All numbers are finite.
+        rows: all G of the file, in its order. All numbers are finite.
         format: of the file.
         invisible: rows that cannot be shown (a number that is not finite, or a quaternion of length zero); their
             Gaussians have an opacity of zero, so that the others keep their numbers.
         first_invisible: the first of them, or -1.
     """
 
-    gaussians: Gaussians
+    rows: SplatRows
     format: SplatFormat
     invisible: int = 0
     first_invisible: int = -1
@@ -79,35 +79,35 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
     return _settled(name, read_splat_ply(path, name, header, limits), "3DGS PLY")
 
 
-def _settled(name: str, gaussians: Gaussians, form: SplatFormat) -> SplatFile:
+def _settled(name: str, splat: SplatRows, form: SplatFormat) -> SplatFile:
     """Every number finite, in place."""
-    logits, log_scales = gaussians.logit_opacities, gaussians.log_scales
+    logits, log_scales = splat.logit_opacities, splat.log_scales
     np.copyto(logits, np.copysign(np.float32(_OPAQUE_LOGIT), logits), where=np.isinf(logits))
     np.copyto(log_scales, np.float32(_THINNEST), where=log_scales == -np.inf)
-    bad = ~_visible(gaussians)
+    bad = ~_visible(splat)
     rows = np.flatnonzero(bad)
-    if len(rows) == len(gaussians):
-        raise bad_splat(name, f"has no row that can be shown; of row 0, {_first_problem(gaussians)}")
+    if len(rows) == len(splat):
+        raise bad_splat(name, f"has no row that can be shown; of row 0, {_first_problem(splat)}")
     if len(rows):
-        gaussians.means[rows] = np.median(gaussians.means[~bad], axis=0)
-        gaussians.quats[rows] = (1, 0, 0, 0)
-        gaussians.log_scales[rows] = _THINNEST
-        gaussians.logit_opacities[rows] = -_OPAQUE_LOGIT
-        gaussians.sh[rows] = 0
-    return SplatFile(gaussians, form, len(rows), int(rows[0]) if len(rows) else -1)
+        splat.means[rows] = np.median(splat.means[~bad], axis=0)
+        splat.quats[rows] = (1, 0, 0, 0)
+        splat.log_scales[rows] = _THINNEST
+        splat.logit_opacities[rows] = -_OPAQUE_LOGIT
+        splat.sh[rows] = 0
+    return SplatFile(splat, form, len(rows), int(rows[0]) if len(rows) else -1)
 
 
-def _visible(gaussians: Gaussians) -> NDArray[np.bool_]:
-    visible = np.isfinite(gaussians.means).all(axis=1) & np.isfinite(gaussians.logit_opacities)
-    visible &= (gaussians.log_scales <= _WIDEST).all(axis=1)  # False of NaN, too
-    visible &= np.isfinite(gaussians.quats).all(axis=1) & (gaussians.quats != 0).any(axis=1)
-    visible &= np.isfinite(gaussians.sh).all(axis=(1, 2))
+def _visible(splat: SplatRows) -> NDArray[np.bool_]:
+    visible = np.isfinite(splat.means).all(axis=1) & np.isfinite(splat.logit_opacities)
+    visible &= (splat.log_scales <= _WIDEST).all(axis=1)  # False of NaN, too
+    visible &= np.isfinite(splat.quats).all(axis=1) & (splat.quats != 0).any(axis=1)
+    visible &= np.isfinite(splat.sh).all(axis=(1, 2))
     return np.asarray(visible)
 
 
-def _first_problem(gaussians: Gaussians) -> str:
+def _first_problem(splat: SplatRows) -> str:
     for field in ("means", "quats", "log_scales", "logit_opacities", "sh"):
-        if not np.isfinite(getattr(gaussians, field)[0]).all():
+        if not np.isfinite(getattr(splat, field)[0]).all():
             return f"{field} are not finite"
     return "the quaternion is zero, or a scale beyond all measure"
 
@@ -117,7 +117,7 @@ def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
     if not file.invisible:
         return ()
     return (
-        f"{file.invisible} of {len(file.gaussians)} rows of {name} cannot be shown, the first of them row "
+        f"{file.invisible} of {len(file.rows)} rows of {name} cannot be shown, the first of them row "
         f"{file.first_invisible}: numbers that are not finite, or a quaternion of length zero. They stay as invisible "
         "Gaussians, so that all rows keep their numbers.",
     )
