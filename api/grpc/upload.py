@@ -29,6 +29,7 @@ def receive_scene(service: SceneService, messages: Iterator[pb.CreateSceneReques
         header.max_gaussians if header.HasField("max_gaussians") else None,
         header.preset,
         header.priority,
+        header.up,
     )
     with service.new_upload() as upload:
         files = _Files(messages)

@@ -47,8 +47,8 @@ BODY_SCHEMA: dict[str, Any] = {
                         "capture": {
                             "type": "string",
                             "format": "binary",
-                            "description": "one zip, tar or video; images alone, a COLMAP model or nerfstudio's "
-                            "transforms.json with its images",
+                            "description": "one zip, tar, video or splat (PLY or SPZ); images alone, a COLMAP model or "
+                            "nerfstudio's transforms.json with its images",
                         },
                         "images": {
                             "type": "array",
@@ -59,7 +59,7 @@ BODY_SCHEMA: dict[str, Any] = {
                             "type": "array",
                             "items": {"type": "string", "format": "binary"},
                             "description": "the files of a capture's folder under their names in it: photos, masks, "
-                            "label maps, transforms.json, labels.json, a COLMAP model, points",
+                            "label maps, transforms.json, labels.json, a COLMAP model, points, a splat",
                         },
                         "uploads": {
                             "type": "array",
@@ -93,6 +93,7 @@ class _Texts(BaseModel):
     max_gaussians: int | None = None
     preset: str = ""
     priority: int = 0
+    up: str = ""
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -168,7 +169,9 @@ def _receive(
         form = _form(texts)
         for upload_id in form.uploads:
             upload.adopt(*service.resumable.complete(project, upload_id))
-        options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
+        options = scene_options(
+            form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority, form.up
+        )
         return service.create_scene(upload, form.name, form.request_id, options)
 
 
