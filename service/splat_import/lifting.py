@@ -160,9 +160,8 @@ def _with_codes(
     weights = class_weights(classes, undetected).to(device)
     labeled = [view.to(device) for view in views if view.frames[-1].labels is not None]
     rng, order = np.random.default_rng(training.seed), list[int]()
-    begun, done = time.monotonic(), 0.0
-    step = 0
-    while labeled and done < 1:
+    begun, step = time.monotonic(), 0
+    while labeled and (done := _share_done(step, begun, settings)) < 1:
         order = order or rng.permutation(len(labeled)).tolist()
         view = labeled[order.pop()]
         frame = view.frames[-1]
@@ -177,11 +176,15 @@ def _with_codes(
             group["lr"] = rate * _FINAL_SHARE**done
         optimizer.step()
         step += 1
-        done = max(step / settings.code_steps, (time.monotonic() - begun) / settings.code_seconds)
-        metrics = {"loss": float(loss)}
-        progress(ProgressEvent(_STAGE, _LIFTED + (1 - _LIFTED) * min(done, 1), f"codes, step {step}", metrics))
+        metrics = {"loss": float(loss.detach())}
+        progress(ProgressEvent(_STAGE, _LIFTED + (1 - _LIFTED) * done, f"codes, step {step}", metrics))
     arrays = {name: value.detach().cpu().numpy() for name, value in parameters.items()}
     return replace(gaussians, codes=arrays["codes"]), SemanticHead(arrays["weight"], arrays["bias"])
+
+
+def _share_done(step: int, begun: float, settings: SplatImportSettings) -> float:
+    steps = step / settings.code_steps if settings.code_steps else 1.0
+    return max(steps, (time.monotonic() - begun) / settings.code_seconds)
 
 
 @torch.no_grad()
