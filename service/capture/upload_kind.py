@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from fastsplat.service.capture.splat_files.reading import is_splat_file
+from fastsplat.service.capture.splat_files.reading import PLY_SUFFIX, is_splat_file
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat_contract.errors import InvalidInputError
@@ -108,6 +108,7 @@ def detect_kind(root: Path) -> UploadContents:
     if len(videos) > 1 and not photos:
         raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
     if not photos:
+        _refuse_other_plys(files)
         raise InvalidInputError(
             "the upload has no images",
             field="files",
@@ -133,6 +134,18 @@ def _only_splat(root: Path, files: list[str]) -> str:
             hint="Send the splat that is to become the scene, and no other.",
         )
     return splats[0] if splats else ""
+
+
+def _refuse_other_plys(files: list[str]) -> None:
+    """Say of a PLY that is all there is why it is no splat."""
+    ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
+    if ply is not None:
+        raise InvalidInputError(
+            f"{ply} is no splat: its header names no opacity and scale_0 of Gaussians",
+            field=ply,
+            hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
+            "are none.",
+        )
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:

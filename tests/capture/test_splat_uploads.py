@@ -127,6 +127,13 @@ def test_a_frame_that_is_none(frame: bytes, upload, photo, settings, refused, tm
         validate_upload(folder, settings)
 
 
+def test_points_alone_are_no_splat(upload, settings, refused, tmp_path: Path) -> None:
+    write_table(tmp_path / "own.ply", {name: np.zeros(3) for name in "xyz"})
+    folder = upload({"points.ply": (tmp_path / "own.ply").read_bytes()})
+    with refused(InvalidInputError, "points.ply", "no splat"):
+        validate_upload(folder, settings)
+
+
 def test_two_splats(upload, settings, refused, tmp_path: Path) -> None:
     folder = upload({name: splat_bytes(tmp_path) for name in ("a.ply", "b/c.ply")})
     with refused(InvalidInputError, "2 splats", "b/c.ply"):
