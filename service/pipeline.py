@@ -30,7 +30,7 @@ from fastsplat.service.planning.time_budget import plan_perception, plan_trainin
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.splat_import.lifting import lift_labels
+from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats

@@ -16,8 +16,8 @@ from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_files.limits import SplatLimits
-from fastsplat.service.capture.splat_files.reading import describe_invisible, read_splat_file
 from fastsplat.service.capture.splat_files.rows import SplatRows
+from fastsplat.service.capture.splat_files.splat_reading import describe_invisible, read_splat_file
 from fastsplat.service.capture.upload_kind import UploadContents
 from fastsplat.service.capture.upload_manifest import UploadManifest
 from fastsplat.service.common.array_files import write_arrays

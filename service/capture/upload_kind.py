@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from fastsplat.service.capture.splat_files.reading import PLY_SUFFIX, is_splat_file
+from fastsplat.service.capture.splat_files.splat_reading import PLY_SUFFIX, is_splat_file
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat_contract.errors import InvalidInputError

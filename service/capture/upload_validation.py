@@ -17,7 +17,7 @@ from fastsplat.service.capture.label_maps import LabelTable, check_label_map, ma
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.splat_files.reading import SPZ_SUFFIX
+from fastsplat.service.capture.splat_files.splat_reading import SPZ_SUFFIX
 from fastsplat.service.capture.splat_input import admit_splat
 from fastsplat.service.capture.transforms import read_transforms
 from fastsplat.service.capture.types import ValidatedUpload

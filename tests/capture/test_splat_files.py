@@ -13,8 +13,13 @@ import pytest
 import torch
 
 from fastsplat.service.capture.splat_files.limits import SplatLimits
-from fastsplat.service.capture.splat_files.reading import SplatFile, describe_invisible, is_splat_file, read_splat_file
 from fastsplat.service.capture.splat_files.rows import SplatRows
+from fastsplat.service.capture.splat_files.splat_reading import (
+    SplatFile,
+    describe_invisible,
+    is_splat_file,
+    read_splat_file,
+)
 from fastsplat.service.scene import Gaussians, write_ply
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.raster import sh_to_rgb

@@ -82,6 +82,8 @@ def lift_labels(
     with one_torch_thread():
         progress(ProgressEvent(_STAGE, 0.0, f"loading {len(capture.views)} views"))
         views = load_views(capture, labelling, tuple(range(len(capture.views))), training.max_side, (1.0,))
+        device = device_of(training.backend)
+        views = tuple(view.to(device) for view in views)
         quality = {"gaussians": float(len(gaussians)), "sh_degree": float(gaussians.sh_degree)}
         if capture.report.source != "splat":
             quality["psnr"] = _check_fit(gaussians, views, training.backend)
@@ -124,7 +126,8 @@ def _agreed(
             undetected_weight=undetected,
             backend=training.backend,
         )
-        views = tuple(with_labels(view, own) for view, own in zip(views, maps, strict=True))
+        device = device_of(training.backend)
+        views = tuple(with_labels(view, own).to(device) for view, own in zip(views, maps, strict=True))
     else:
         undetected = 1.0 if labelling.exact else training.undetected_weight
     views = drop_empty_label_maps(views)
@@ -158,7 +161,7 @@ def _with_codes(
     )
     splats = splats_of(gaussians, device=device)
     weights = class_weights(classes, undetected).to(device)
-    labeled = [view.to(device) for view in views if view.frames[-1].labels is not None]
+    labeled = [view for view in views if view.frames[-1].labels is not None]
     rng, order = np.random.default_rng(training.seed), list[int]()
     begun, step = time.monotonic(), 0
     while labeled and (done := _share_done(step, begun, settings)) < 1:
@@ -201,7 +204,7 @@ def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Bac
     figures, worse = [], 0
     used = [view for view in views if view.frames[-1].has_content]
     used = used[:: math.ceil(len(used) / _MEASURED_VIEWS)]
-    for view in (view.to(device) for view in used):
+    for view in used:
         frame, target = view.frames[-1], view.frames[-1].target()
         image = render_frame(parameters, splats, view, frame, degree=gaussians.sh_degree, backend=backend).image
         pixels: Tensor = target.reshape(-1, 3) if frame.valid is None else target[frame.valid]
