@@ -321,3 +321,21 @@ def test_other_plys_are_no_splats(tmp_path: Path) -> None:
     assert not is_splat_file(tmp_path / "points.ply")
     (tmp_path / "photo.jpg").write_bytes(b"ply scale_0 opacity end_header")
     assert not is_splat_file(tmp_path / "photo.jpg")
+
+
+def test_a_file_of_another_program_shows_what_the_same_program_wrote_in_another_format(test_data: Path) -> None:
+    """splat-transform's fixtures: `.splat` holds places, widths, colors and opacities as they are, in the axes of a
+    PLY."""
+    folder = test_data / "import_fixtures" / "splat_transform_fixtures"
+    if not folder.is_dir():
+        pytest.skip("the data folder has no import_fixtures")
+    row = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
+    truth = np.fromfile(folder / "minimal.splat", row)
+    own = read(folder / "minimal-v3.spz").rows
+    np.testing.assert_array_equal(own.means, truth["means"])
+    np.testing.assert_allclose(np.exp(own.log_scales), truth["scales"], rtol=1 / 30)
+    rgba = np.concatenate([0.5 + SH_C0 * own.sh[:, 0], 1 / (1 + np.exp(-own.logit_opacities[:, None]))], axis=1)
+    np.testing.assert_allclose(rgba, truth["rgba"] / 255, atol=0.01)
+    assert len(read(folder / "minimal-v2.spz").rows) == len(truth)
+    with pytest.raises(InvalidInputError, match="version 4"):
+        read(folder / "minimal-v4.spz")
