@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,20 @@ _SPLAT = "splat.safetensors"
 _RIGID = 1e-3
 
 
+def check_splats(splats: Sequence[str]) -> None:
+    """Raise if an upload has more than one splat.
+
+    Raises:
+        InvalidInputError: it has.
+    """
+    if len(splats) > 1:
+        raise InvalidInputError(
+            f"the upload has {len(splats)} splats, e.g. {splats[0]} and {splats[1]}",
+            field=splats[1],
+            hint="Send the splat that is to become the scene, and no other.",
+        )
+
+
 def admit_splat(
     files: Path, contents: UploadContents, manifest: UploadManifest, folder: Path, settings: CaptureSettings
 ) -> UploadManifest:
@@ -35,18 +50,19 @@ def admit_splat(
     Raises:
         InvalidInputError, LimitExceededError: as `read_splat_file`; or the file of its frame cannot be read.
     """
+    (name,) = contents.splats
     limits = SplatLimits(settings.max_splat_gaussians, "FASTSPLAT_CAPTURE__MAX_SPLAT_GAUSSIANS")
-    file = read_splat_file(files / contents.splat, contents.splat, limits)
+    file = read_splat_file(files / name, name, limits)
     if contents.splat_frame:
         _splat_from_poses(files, contents.splat_frame, contents.poses, settings)
     write_arrays(vars(file.rows), folder / _SPLAT)
-    (files / contents.splat).unlink()
+    (files / name).unlink()
     return replace(
         manifest,
-        splat=contents.splat,
+        splat=name,
         gaussians=len(file.rows),
         splat_frame=contents.splat_frame,
-        warnings=(*manifest.warnings, *describe_invisible(contents.splat, file)),
+        warnings=(*manifest.warnings, *describe_invisible(name, file)),
     )
 
 

@@ -32,7 +32,7 @@ class UploadContents:
         video: the video, or "".
         labels: labels.json, or "".
         label_maps: the image files below labels/.
-        splat: the splat file, or "".
+        splats: splat files; an upload may have one.
         splat_frame: nerfstudio's dataparser_transforms.json, which relates the splat's world to the poses', or "".
         warnings: what is not used, as sentences for people.
     """
@@ -44,7 +44,7 @@ class UploadContents:
     video: str = ""
     labels: str = ""
     label_maps: tuple[str, ...] = ()
-    splat: str = ""
+    splats: tuple[str, ...] = ()
     splat_frame: str = ""
     warnings: tuple[str, ...] = ()
 
@@ -56,11 +56,11 @@ def detect_kind(root: Path) -> UploadContents:
     splat takes precedence over images without poses, and goes with those that have some.
 
     Raises:
-        InvalidInputError: images of an unsupported kind, several videos or splats, or nothing usable.
+        InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
     """
     files = _files(root)
-    splat = _only_splat(root, files)
-    frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splat else ""
+    splats = tuple(path for path in files if is_splat_file(root / path))
+    frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splats else ""
     labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
     maps = tuple(
         path
@@ -71,7 +71,7 @@ def detect_kind(root: Path) -> UploadContents:
     transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
     if transforms:
         return UploadContents(
-            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splat=splat, splat_frame=frame
+            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splats=splats, splat_frame=frame
         )
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
@@ -87,11 +87,11 @@ def detect_kind(root: Path) -> UploadContents:
             _image_folder(root, models[0]),
             labels=labels,
             label_maps=maps,
-            splat=splat,
+            splats=splats,
             splat_frame=frame,
             warnings=(warning,) if len(models) > 1 else (),
         )
-    if splat:
+    if splats:
         beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
         warning = (
             f"{len(beside)} files beside the splat have no poses and are not used, e.g. {beside[0]}; pictures are "
@@ -99,7 +99,7 @@ def detect_kind(root: Path) -> UploadContents:
             if beside
             else ""
         )
-        return UploadContents("splat", (), splat=splat, warnings=(warning,) if warning else ())
+        return UploadContents("splat", (), splats=splats, warnings=(warning,) if warning else ())
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
     _refuse_unsupported(files)
@@ -123,17 +123,6 @@ def detect_kind(root: Path) -> UploadContents:
 def _files(root: Path) -> list[str]:
     relative = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
     return [path.as_posix() for path in relative if not is_system_file(path.parts)]
-
-
-def _only_splat(root: Path, files: list[str]) -> str:
-    splats = [path for path in files if is_splat_file(root / path)]
-    if len(splats) > 1:
-        raise InvalidInputError(
-            f"the upload has {len(splats)} splats, e.g. {splats[0]} and {splats[1]}",
-            field=splats[1],
-            hint="Send the splat that is to become the scene, and no other.",
-        )
-    return splats[0] if splats else ""
 
 
 def _refuse_other_plys(files: list[str]) -> None:

@@ -18,7 +18,7 @@ from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_files.splat_reading import SPZ_SUFFIX
-from fastsplat.service.capture.splat_input import admit_splat
+from fastsplat.service.capture.splat_input import admit_splat, check_splats
 from fastsplat.service.capture.transforms import read_transforms
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
@@ -56,6 +56,7 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpl
         files.mkdir()
         _lay_out(upload_dir, files, settings)
         contents = detect_kind(files)
+        check_splats(contents.splats)
         if contents.source == "video":
             manifest = _validate_video(files, contents, settings)
         elif contents.source == "images":
@@ -64,7 +65,7 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpl
             manifest = UploadManifest("splat", warnings=contents.warnings)
         else:
             manifest = _validate_posed(files, contents, _sent_bytes(upload_dir), settings)
-        if contents.splat:
+        if contents.splats:
             manifest = admit_splat(files, contents, manifest, partial, settings)
         write_manifest(manifest, partial)
     has_labels = bool(manifest.label_maps)

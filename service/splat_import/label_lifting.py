@@ -86,7 +86,7 @@ def lift_labels(
         views = tuple(view.to(device) for view in views)
         quality = {"gaussians": float(len(gaussians)), "sh_degree": float(gaussians.sh_degree)}
         if capture.report.source != "splat":
-            quality["psnr"] = _check_fit(gaussians, views, training.backend)
+            quality |= _check_fit(gaussians, views, training.backend)
         labels = len(labelling.dictionary) if labelling.label_maps else 0
         progress(ProgressEvent(_STAGE, 0.1, f"lifting {labels} labels onto {len(gaussians)} Gaussians"))
         views, evidence, undetected = _agreed(gaussians, views, labelling, labels, training)
@@ -191,8 +191,8 @@ def _share_done(step: int, begun: float, settings: SplatImportSettings) -> float
 
 
 @torch.no_grad()
-def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> float:
-    """Mean PSNR of the splat in some of the photos, dB.
+def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> dict[str, float]:
+    """`psnr`: the mean of the splat in some of the photos, dB; absent where no photo has a valid pixel.
 
     Raises:
         InvalidInputError: in most of them it is further from the photo than the photo's mean color is: the poses are of
@@ -203,6 +203,8 @@ def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Bac
     splats = splats_of(parameters)
     figures, worse = [], 0
     used = [view for view in views if view.frames[-1].has_content]
+    if not used:
+        return {}
     used = used[:: math.ceil(len(used) / _MEASURED_VIEWS)]
     for view in used:
         frame, target = view.frames[-1], view.frames[-1].target()
@@ -219,4 +221,4 @@ def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Bac
             hint="Send the poses in the world of the splat: those that it was trained with; for a splat of nerfstudio "
             "add its dataparser_transforms.json. Or send the splat alone.",
         )
-    return mean
+    return {"psnr": mean}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.splat_files.ply_tables import Element, PlyHeader, read_element
+from fastsplat.service.capture.splat_files.ply_tables import Element, PlyHeader, check_size, read_element
 from fastsplat.service.capture.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
 
 _CHUNK = 256
@@ -48,6 +48,8 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
     chunks = _element(name, header, "chunk", (*_BOUNDS["position"], *_BOUNDS["scale"]), "<f4")
     if chunks.count != -(-vertex.count // _CHUNK):
         raise bad_splat(name, f"has {chunks.count} chunks for {vertex.count} Gaussians, expected one for {_CHUNK}")
+    check_size(path, name, header, chunks)
+    check_size(path, name, header, vertex)
     bounds = {group: np.empty((chunks.count, 6), np.float32) for group in _BOUNDS}
     colored = set(_BOUNDS["color"]).issubset(chunks.layout.names or ())
     bounds["color"][:] = (0, 0, 0, 1, 1, 1)
@@ -56,7 +58,7 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
             if group != "color" or colored:
                 bounds[group][rows] = np.stack([table[own] for own in names], axis=1)
     count = vertex.count
-    sh_count = _sh_count(name, header, count)
+    sh_count = _sh_count(path, name, header, count)
     result = SplatRows.empty(count, sh_count)
     for rows, table in read_element(path, name, header, vertex):
         chunk = np.arange(rows.start, rows.stop) // _CHUNK
@@ -82,13 +84,14 @@ def _element(name: str, header: PlyHeader, own: str, properties: tuple[str, ...]
     return element
 
 
-def _sh_count(name: str, header: PlyHeader, count: int) -> int:
+def _sh_count(path: Path, name: str, header: PlyHeader, count: int) -> int:
     element = header.element("sh")
     if element is None:
         return 1
     names = element.layout.names or ()
     if len(names) not in SH_OF_REST or len(names) == 0:
         raise bad_splat(name, f"has {len(names)} harmonics, expected {', '.join(map(str, list(SH_OF_REST)[1:]))}")
+    check_size(path, name, header, element)
     if element.count != count:
         raise bad_splat(name, f"has harmonics of {element.count} Gaussians, and {count} Gaussians")
     _element(name, header, "sh", tuple(f"f_rest_{index}" for index in range(len(names))), "<u1")

@@ -96,11 +96,27 @@ def read_header(name: str, head: bytes) -> PlyHeader:
 
 
 def read_element(path: Path, name: str, header: PlyHeader, element: Element) -> Iterator[tuple[slice, Table]]:
-    """The rows of one element in pieces, each with its place among them; nothing is allocated before the file's size
-    has vouched for all rows up to the element's last.
+    """The rows of one element in pieces, each with its place among them; call `check_size` before.
 
     Raises:
-        InvalidInputError: a list stands in the element or before it, the file is too short, or text is no number.
+        InvalidInputError: the file is too short, or text is no number.
+    """
+    before = header.elements[: header.elements.index(element)]
+    if header.encoding == "binary":
+        yield from _binary_rows(path, _begin(header, element), element)
+        return
+    with path.open("rb") as file:
+        file.seek(header.size)
+        for _ in range(sum(own.count for own in before)):
+            _line(name, file)
+        yield from _ascii_rows(name, file, element)
+
+
+def check_size(path: Path, name: str, header: PlyHeader, element: Element) -> None:
+    """Raise unless the file's size vouches for all rows up to the element's last, before memory is taken for them.
+
+    Raises:
+        InvalidInputError: a list stands in the element or before it, it has no properties, or the file is too short.
     """
     before = header.elements[: header.elements.index(element)]
     listed = next((own.name for own in (*before, element) if own.has_lists), None)
@@ -110,20 +126,19 @@ def read_element(path: Path, name: str, header: PlyHeader, element: Element) -> 
         raise bad_splat(name, f"has no properties in its element {element.name[:40]!r}")
     size = path.stat().st_size
     if header.encoding == "binary":
-        begin = header.size + sum(own.count * own.layout.itemsize for own in before)
-        end = begin + element.count * element.layout.itemsize
+        end = _begin(header, element) + element.count * element.layout.itemsize
         if size < end:
             raise bad_splat(name, f"has {size} bytes where its header asks for at least {end}")
-        yield from _binary_rows(path, begin, element)
         return
     numbers = sum(own.count * max(1, len(own.layout.names or ())) for own in (*before, element))
     if size < header.size + 2 * numbers - 1:  # a digit and a blank each
         raise bad_splat(name, f"has {size} bytes, too few for the {numbers} numbers that its header announces")
-    with path.open("rb") as file:
-        file.seek(header.size)
-        for _ in range(sum(own.count for own in before)):
-            _line(name, file)
-        yield from _ascii_rows(name, file, element)
+
+
+def _begin(header: PlyHeader, element: Element) -> int:
+    """Where the rows of an element begin in a binary file."""
+    before = header.elements[: header.elements.index(element)]
+    return header.size + sum(own.count * own.layout.itemsize for own in before)
 
 
 def _binary_rows(path: Path, begin: int, element: Element) -> Iterator[tuple[slice, Table]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.capture.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.splat_files.ply_tables import PlyHeader, Table, read_element
+from fastsplat.service.capture.splat_files.ply_tables import PlyHeader, Table, check_size, read_element
 from fastsplat.service.capture.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
 
 _MEANS, _QUATS = ("x", "y", "z"), ("rot_0", "rot_1", "rot_2", "rot_3")
@@ -42,6 +42,7 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
         if own not in present:
             raise bad_splat(name, f"has no property {own}, which every Gaussian needs")
     count, sh_count = vertex.count, SH_OF_REST[rest]
+    check_size(path, name, header, vertex)
     result = SplatRows.empty(count, sh_count)
     for rows, table in read_element(path, name, header, vertex):
         _fill(result.means[rows], table, _MEANS)
