@@ -9,7 +9,7 @@ export OMP_WAIT_POLICY ?= passive
 
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things sample docker-check clean
+.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -70,6 +70,9 @@ bench-semantics: setup  ## ways to hold labels side by side on FASTSPLAT_TEST_DA
 
 bench-things: setup  ## things without a vocabulary on the sample and FASTSPLAT_TEST_DATA: benchmarks/results/things.json
 	$(BIN)/python -m benchmarks.things
+
+bench-import: setup  ## seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene: benchmarks/results/splat_import.json
+	$(BIN)/python -m benchmarks.splat_import
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade

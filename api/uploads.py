@@ -7,11 +7,11 @@ from typing import cast
 
 from fastsplat.service.planning.presets import PresetName
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.operations import SceneOptions, UpAxis
 
 
 def scene_options(
-    labels: Sequence[str], time_budget_s: float | None, max_gaussians: int | None, preset: str, priority: int
+    labels: Sequence[str], time_budget_s: float | None, max_gaussians: int | None, preset: str, priority: int, up: str
 ) -> SceneOptions:
     """Options as sent; one string may hold several labels, separated by commas."""
     names = [part.strip() for text in labels for part in text.split(",")]
@@ -21,6 +21,7 @@ def scene_options(
         max_gaussians,
         cast(PresetName, preset) if preset else None,  # the service refuses what is none
         priority,
+        cast(UpAxis, up) if up else None,
     )
 
 

@@ -14,6 +14,7 @@ from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
+from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
@@ -47,6 +48,7 @@ app.command()(restore)
 app.command()(doctor)
 app.command()(health)
 app.command()(evaluate)
+app.command()(import_splat)
 
 
 @app.callback()

@@ -1,5 +1,8 @@
 """Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
 
+A splat of another tool takes the same way: pictures are rendered around one that came without posed photos, and labels
+are lifted onto its Gaussians in place of training.
+
 A worker calls the stages one by one and keeps the result of each (`workers.stages`); the evaluation, the benchmarks and
 library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
@@ -15,6 +18,7 @@ from typing import Any, Literal
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception import label_capture
@@ -28,8 +32,11 @@ from fastsplat.service.planning.time_budget import plan_perception, plan_trainin
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
 from fastsplat.service.settings import Settings
+from fastsplat.service.splat_import.label_lifting import lift_labels
+from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat_contract.operations import UpAxis
 
 _THINGS_SHARE = 0.3
 """Of the export's progress, for discovery."""
@@ -96,6 +103,27 @@ def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress
     return build_capture(validate_upload(folder, settings).folder, work, settings, progress)
 
 
+def build_views(
+    validated_dir: Path, out_dir: Path, settings: Settings, progress: Progress = silent, *, up: UpAxis | None = None
+) -> Capture:
+    """The capture of any validated upload: of its images, or of pictures rendered around a splat that came alone.
+
+    Args:
+        validated_dir: `ValidatedUpload.folder`.
+        out_dir: new, empty, or an earlier capture, which is replaced.
+        settings: of all rooms.
+        progress: hears of the stage "capture"; may raise `CancelledError`.
+        up: for a splat alone: which axis of its world is up; None: estimated.
+
+    Raises:
+        FastSplatError: as `build_capture` and `render_views`.
+    """
+    if read_manifest(validated_dir)[0].source != "splat":
+        return build_capture(validated_dir, out_dir, settings.capture, progress)
+    backend = settings.training.backend
+    return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
+
+
 def label_views(
     capture: Capture,
     settings: Settings,
@@ -119,6 +147,30 @@ def label_views(
     plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
     labelling = label_capture(capture, plan.settings, settings.models, tuple(labels), progress)
     return LabelledViews(labelling, plan.tradeoffs)
+
+
+def train_scene(
+    capture: Capture,
+    labelling: Labelling,
+    settings: Settings,
+    progress: Progress = silent,
+    checkpoint_dir: Path | None = None,
+) -> TrainedSplats:
+    """Trained Gaussians with their labels; those of the capture's splat, in its order, where it brought one.
+
+    Args:
+        capture: registered images.
+        labelling: one label map per view.
+        settings: of all rooms, with the preset applied and the training planned.
+        progress: hears of the stage "training"; may raise `CancelledError`.
+        checkpoint_dir: as for `train`.
+
+    Raises:
+        FastSplatError: as `train` and `lift_labels`.
+    """
+    if capture.splat is None:
+        return train(capture, labelling, settings.training, progress, checkpoint_dir)
+    return lift_labels(capture, labelling, settings.training, settings.splat_import, progress)
 
 
 def build_scene(
@@ -163,10 +215,10 @@ def build_scene(
     count = len(labelled.labelling.dictionary)
     plan = plan_training(capture, settings, count, time_budget_s, spent_s=seconds["perception"])
     tradeoffs = (*labelled.tradeoffs, *plan.tradeoffs)
-    trained = train(capture, labelled.labelling, plan.settings, with_tradeoffs(progress, tradeoffs))
+    used = settings.model_copy(update={"training": plan.settings})
+    trained = train_scene(capture, labelled.labelling, used, with_tradeoffs(progress, tradeoffs))
     seconds["training"] = time.monotonic() - begun
     begun = time.monotonic()
-    used = settings.model_copy(update={"training": plan.settings})
     quality = scene_quality(trained, labelled.labelling, capture, Provenance(preset, tradeoffs, dict(seconds)))
     scene = assemble_scene(trained, labelled.labelling, capture, used, quality, progress)
     seconds["export"] = time.monotonic() - begun
@@ -207,7 +259,7 @@ def assemble_scene(
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
-        training=settings.training.model_dump(mode="json"),
+        training=settings.training.model_dump(mode="json") if capture.splat is None else {},
         quality={**quality, **_searched(labelling, settings.perception)},
         label_templates=templates,
         evidence=trained.evidence,
@@ -254,7 +306,7 @@ def scene_quality(
     """What a scene's manifest says of how well it was made, ready for JSON.
 
     What training measured, and: preset, tradeoffs, label_source, gaussians, held_out_views, images, registered,
-    unregistered, source, warnings, mean_reprojection_error_px, stage_seconds.
+    unregistered, source, splat, warnings, mean_reprojection_error_px, stage_seconds.
     """
     report = capture.report
     return {
@@ -268,6 +320,7 @@ def scene_quality(
         "registered": len(capture.views),
         "unregistered": list(report.unregistered),
         "source": report.source,
+        "splat": report.splat,
         "warnings": list(report.warnings),
         "mean_reprojection_error_px": report.mean_reprojection_error_px,
         "stage_seconds": dict(provenance.stage_seconds),

@@ -22,6 +22,7 @@ from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, Setting
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import InvalidInputError
@@ -247,6 +248,7 @@ class Settings(BaseSettings):
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
     discovery: DiscoverySettings = DiscoverySettings()
+    splat_import: SplatImportSettings = SplatImportSettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     uploads: UploadSettings = UploadSettings()

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.capture import build_capture, load_capture
+from fastsplat.service.capture import load_capture
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception import load_labelling, save_labelling
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.pipeline import Provenance, assemble_scene, label_views, scene_quality
+from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.time_budget import with_tradeoffs
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
-from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
@@ -29,7 +28,7 @@ _TRADEOFFS = "tradeoffs.json"
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
-    build_capture(job.upload, folder, job.settings.capture, progress)
+    build_views(job.upload, folder, job_settings(job), progress, up=job.options.up)
 
 
 def _perception(job: Job, folder: Path, progress: Progress) -> None:
@@ -46,7 +45,8 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     plan = make_plan(job, capture, len(labelling.dictionary), started)
     report = with_tradeoffs(progress, _tradeoffs(job))
-    save_trained(train(capture, labelling, plan.settings, report, checkpoint_dir=checkpoint_folder(job)), folder)
+    settings = job_settings(job).model_copy(update={"training": plan.settings})
+    save_trained(train_scene(capture, labelling, settings, report, checkpoint_folder(job)), folder)
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:

@@ -75,6 +75,7 @@ class StreamSink:
             header.max_gaussians if header.HasField("max_gaussians") else None,
             header.preset,
             header.priority,
+            header.up,
         )
         self._header = header
 

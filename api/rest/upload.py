@@ -46,8 +46,8 @@ BODY_SCHEMA: dict[str, Any] = {
                         "capture": {
                             "type": "string",
                             "format": "binary",
-                            "description": "one zip, tar or video; images alone, a COLMAP model or nerfstudio's "
-                            "transforms.json with its images",
+                            "description": "one zip, tar, video or splat (PLY or SPZ); images alone, a COLMAP model or "
+                            "nerfstudio's transforms.json with its images",
                         },
                         "images": {
                             "type": "array",
@@ -58,7 +58,7 @@ BODY_SCHEMA: dict[str, Any] = {
                             "type": "array",
                             "items": {"type": "string", "format": "binary"},
                             "description": "the files of a capture's folder under their names in it: photos, masks, "
-                            "label maps, transforms.json, labels.json, a COLMAP model, points",
+                            "label maps, transforms.json, labels.json, a COLMAP model, points, a splat",
                         },
                         "uploads": {
                             "type": "array",
@@ -92,6 +92,7 @@ class _Texts(BaseModel):
     max_gaussians: int | None = None
     preset: str = ""
     priority: int = 0
+    up: str = ""
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -166,7 +167,9 @@ class _FormSink:
         form = _form(self._texts)
         for upload_id in form.uploads:
             session.adopt(*self._service.resumable.complete(self._project, upload_id))
-        options = scene_options(form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority)
+        options = scene_options(
+            form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority, form.up
+        )
         return self._service.create_scene(session, form.name, form.request_id, options)
 
     def close(self) -> None:

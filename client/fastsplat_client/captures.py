@@ -10,22 +10,23 @@ from typing import Any, BinaryIO
 from fastsplat_contract.errors import InvalidInputError
 
 _PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
+_SPLATS = {".ply", ".spz"}
 _VIDEOS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"}
 _NOT_READ = {".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
 """The server says what to do about these."""
 _COLMAP = {f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in (".bin", ".txt")}
-_SENT = _PHOTOS | _VIDEOS | _NOT_READ | {".json", ".ply"}
+_SENT = _PHOTOS | _VIDEOS | _NOT_READ | _SPLATS | {".json"}
 _LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 
 
 class CaptureFiles:
     """The files of a folder that make a capture, under their names in the folder; none of a file, which travels alone.
 
-    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points as PLY; hidden files
-    and what operating systems leave behind stay. A context manager.
+    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points or a splat as
+    PLY or SPZ; hidden files and what operating systems leave behind stay. A context manager.
 
     Raises:
-        InvalidInputError: there is no such file or folder, or no photo and no video in it.
+        InvalidInputError: there is no such file or folder, or no photo, video or splat in it.
     """
 
     def __init__(self, capture: Path) -> None:
@@ -82,11 +83,11 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
         raise InvalidInputError(f"there is no {capture}", field="capture")
     files = [(path.relative_to(capture), path) for path in sorted(capture.rglob("*")) if path.is_file()]
     sent = [(name.as_posix(), path) for name, path in files if _is_sent(name)]
-    if not any(path.suffix.lower() in _PHOTOS | _VIDEOS | _NOT_READ for _, path in sent):
+    if not any(path.suffix.lower() in _PHOTOS | _VIDEOS | _SPLATS | _NOT_READ for _, path in sent):
         raise InvalidInputError(
-            f"{capture} holds no photos and no video",
+            f"{capture} holds no photos, no video and no splat",
             field="capture",
-            hint=f"These count: {', '.join(sorted(_PHOTOS | _VIDEOS))}.",
+            hint=f"These count: {', '.join(sorted(_PHOTOS | _VIDEOS | _SPLATS))}.",
         )
     return sent
 

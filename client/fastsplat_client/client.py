@@ -125,16 +125,16 @@ class Client:
         request_id: str = "",
         timeout_s: float = 3600.0,
     ) -> Operation:
-        """Upload a folder, an archive or a video; its training is queued, durably, on return.
+        """Upload a folder, an archive, a video or a splat; its training is queued, durably, on return.
 
         A folder travels as one form: photos, and what lies beside them: transforms.json or a COLMAP model, masks, label
-        maps with labels.json, points. An archive or a video goes piece by piece, and a connection that breaks is taken
-        up where it was.
+        maps with labels.json, points, a splat. An archive, a video or a splat alone goes piece by piece, and a
+        connection that breaks is taken up where it was.
         """
         options = options or SceneOptions()
         fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
         fields += [("labels", label) for label in options.labels]
-        for field in ("time_budget_s", "max_gaussians", "preset"):
+        for field in ("time_budget_s", "max_gaussians", "preset", "up"):
             if (value := getattr(options, field)) is not None:
                 fields.append((field, str(value)))
         if capture.is_file():

@@ -17,6 +17,9 @@ FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 
 PresetName = Literal["draft", "balanced", "best"]
 
+UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
+"""Which axis of a splat's world points up."""
+
 MAX_PRIORITY = 100
 
 
@@ -45,6 +48,13 @@ class SceneOptions(Request):
     priority: Annotated[
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="higher ones are trained first; 0 is usual")
     ] = 0
+    up: Annotated[
+        UpAxis | None,
+        Field(
+            description="for a splat without posed photos: which axis of its world is up, so that pictures of it stand "
+            "upright: x, -x, y, -y, z or -z; absent: estimated"
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
-from fastsplat.service.application.validate import check_page_size, check_request
+from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
 from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
@@ -137,7 +137,9 @@ class SceneService:
                 remove(upload.folder)
                 return operation_of(earlier)
             with self._validating.taken(self.project):
-                upload.replace_files(self._check_files(upload.raw, self._settings.capture).folder)
+                validated = self._check_files(upload.raw, self._settings.capture)
+            check_splat_options(validated, options)
+            upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
             job = NewJob(
                 scene_id=_new_id(),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import fields, is_dataclass
+from typing import get_args
 
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions
+from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions, UpAxis
 from fastsplat_contract.things import PickRequest
 
 _DEFAULT_PAGE = 50
@@ -101,6 +103,29 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
     _check_budgets(options, limits)
 
 
+def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
+    """Raise if options are not for this upload.
+
+    Raises:
+        InvalidInputError: a direction is stated for something else than a splat alone.
+        LimitExceededError: the splat has more Gaussians than the scene may have; its rows are the user's, none is left
+            out.
+    """
+    if options.up is not None and upload.source != "splat":
+        raise InvalidInputError(
+            "up is stated for an upload that is not a splat alone",
+            field="up",
+            hint="Leave it out: photos and their poses say what is up.",
+        )
+    if options.max_gaussians is not None and upload.gaussians > options.max_gaussians:
+        raise LimitExceededError(
+            f"the splat has {upload.gaussians} Gaussians",
+            field="max_gaussians",
+            limit=f"{options.max_gaussians} Gaussians (as posted)",
+            hint="Leave max_gaussians out: no row of a splat is left out.",
+        )
+
+
 def check_request_id(request_id: str) -> None:
     """Raise unless this may name a request; "" names none.
 
@@ -118,6 +143,10 @@ def check_request_id(request_id: str) -> None:
 def _check_choices(options: SceneOptions) -> None:
     if options.preset is not None:
         preset_name(options.preset)
+    if options.up is not None and options.up not in get_args(UpAxis):
+        raise InvalidInputError(
+            f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."
+        )
     if abs(options.priority) > MAX_PRIORITY:
         raise LimitExceededError(
             f"a priority of {options.priority}",

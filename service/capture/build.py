@@ -21,6 +21,7 @@ from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
 from fastsplat.service.capture.upload_validation import read_posed_dataset
@@ -46,7 +47,8 @@ def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings,
     """The capture of a validated upload, written to `out_dir`, which appears only when complete.
 
     Images alone get their poses by structure from motion, and a normalized world with +z up (see `normalize_world`).
-    Poses of the upload stay as they are, and get points by triangulation if the upload has none.
+    Poses of the upload stay as they are, and get points by triangulation if the upload has none and no splat. A splat
+    alone has no views yet: see `service.splat_import`.
 
     Args:
         validated_dir: `ValidatedUpload.folder`, or the upload's folder that holds it.
@@ -60,6 +62,12 @@ def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings,
         InvalidInputError: `validated_dir` has no validated upload, or `out_dir` is in use.
     """
     manifest, files = read_manifest(validated_dir)
+    if manifest.source == "splat":
+        raise InvalidInputError(
+            f"{manifest.splat} has no views",
+            field="upload",
+            hint="Build its capture by fastsplat.service.pipeline.build_views, which renders them.",
+        )
     if out_dir.exists() and any(out_dir.iterdir()) and not holds_capture(out_dir):
         raise InvalidInputError(f"{out_dir} is in use", field="out_dir", hint="Name an empty or a new folder.")
     with atomic_directory(out_dir) as partial:
@@ -166,12 +174,14 @@ class _Build:
         """The capture of a COLMAP model or a transforms.json."""
         sizes = {photo.path: (photo.width, photo.height) for photo in self.manifest.photos}
         dataset = read_posed_dataset(self.files, self.manifest, sizes, self.settings)
+        if self.manifest.splat_frame:
+            dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
         sources = (self._posed_source(image, photo_by_path[image.path], table) for image in dataset.images)
         written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
-        if len(points) == 0:
+        if len(points) == 0 and not self.manifest.splat:  # a splat needs no points to start from
             points, colors, error_px = self._triangulated(written.views)
         has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
@@ -180,6 +190,7 @@ class _Build:
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
             warnings=(*self.manifest.warnings, *_mask_warning(dataset), *written.warnings),
+            splat=self.manifest.splat,
         )
         names = {view.posed.name for view in written.views}
         return Capture(
@@ -190,6 +201,7 @@ class _Build:
             report=report,
             given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
             test_names=tuple(name for name in dataset.test_names if name in names),
+            splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
 
     def _upright_photos(self) -> list[_SfmImage]:

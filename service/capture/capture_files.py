@@ -31,6 +31,7 @@ def save_capture(capture: Capture, folder: Path) -> None:
         "report": asdict(capture.report),
         "test_names": capture.test_names,
         "views": [_view_to_json(view, folder) for view in capture.views],
+        "splat": _relative(capture.splat, folder),
         "given_labels": None
         if labels is None
         else {
@@ -73,6 +74,7 @@ def load_capture(out_dir: Path) -> Capture:
             report=_report(document["report"]),
             given_labels=_given_labels(document["given_labels"], out_dir),
             test_names=tuple(document["test_names"]),
+            splat=None if document.get("splat") is None else out_dir / document["splat"],
         )
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise InvalidInputError(

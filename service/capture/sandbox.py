@@ -96,6 +96,7 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> Validate
         result["images"],
         result["has_labels"],
         tuple(result["warnings"]),
+        result["gaussians"],
     )
 
 

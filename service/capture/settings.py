@@ -37,6 +37,8 @@ class CaptureSettings(BaseModel):
     """Bytes of a transforms.json or labels.json."""
     max_model_points: int = 5_000_000
     """Sparse points read from a COLMAP model or a PLY file."""
+    max_splat_gaussians: int = Field(5_000_000, ge=1)
+    """Gaussians of a splat that is to become a scene."""
     max_video_frames_read: int = 36_000
     """Frames of a video, 20 minutes at 30 a second; a longer one is refused."""
     video_frames: int = 80

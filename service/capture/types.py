@@ -13,7 +13,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale
 
-Source = Literal["images", "video", "colmap", "nerfstudio"]
+Source = Literal["images", "video", "colmap", "nerfstudio", "splat"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class ValidatedUpload:
         images: images in it; 0 for a video, whose frames are chosen later.
         has_labels: whether label maps came with it, so that no detector will run.
         warnings: what will not be used, as sentences for people.
+        gaussians: of the splat that it brings; 0 for none.
     """
 
     folder: Path
@@ -33,6 +34,7 @@ class ValidatedUpload:
     images: int
     has_labels: bool = False
     warnings: tuple[str, ...] = ()
+    gaussians: int = 0
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class CaptureReport:
         models: sizes (registered images) of all disconnected reconstructions, largest first; more than one is a split.
         mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
         warnings: sentences for people.
+        splat: name of the splat file that came with the upload, or "".
     """
 
     source: Source
@@ -83,6 +86,7 @@ class CaptureReport:
     models: tuple[int, ...] = ()
     mean_reprojection_error_px: float = 0.0
     warnings: tuple[str, ...] = ()
+    splat: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,8 @@ class Capture:
         report: see `CaptureReport`.
         given_labels: label maps of the upload, if any.
         test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.
+        splat: the arrays of the splat that came with the upload (`load_splat`), in the world of the views; None where
+            the scene is to be trained.
     """
 
     views: tuple[View, ...]
@@ -106,6 +112,7 @@ class Capture:
     report: CaptureReport
     given_labels: GivenLabels | None = field(default=None)
     test_names: tuple[str, ...] = ()
+    splat: Path | None = None
 
     def __post_init__(self) -> None:
         assert self.points.ndim == 2 and self.points.shape[1] == 3 and self.points.dtype == np.float32

@@ -1,4 +1,4 @@
-"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model or a transforms.json."""
+"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model, a transforms.json or a splat."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from fastsplat.service.capture.splat_files.splat_reading import PLY_SUFFIX, is_splat_file
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat_contract.errors import InvalidInputError
@@ -16,6 +17,7 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
 _FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
 _IMAGES = "images"
+_SPLAT_FRAME = "dataparser_transforms.json"
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class UploadContents:
         video: the video, or "".
         labels: labels.json, or "".
         label_maps: the image files below labels/.
+        splats: splat files; an upload may have one.
+        splat_frame: nerfstudio's dataparser_transforms.json, which relates the splat's world to the poses', or "".
         warnings: what is not used, as sentences for people.
     """
 
@@ -40,18 +44,23 @@ class UploadContents:
     video: str = ""
     labels: str = ""
     label_maps: tuple[str, ...] = ()
+    splats: tuple[str, ...] = ()
+    splat_frame: str = ""
     warnings: tuple[str, ...] = ()
 
 
 def detect_kind(root: Path) -> UploadContents:
     """The kind and the parts of an upload.
 
-    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one.
+    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one. A
+    splat takes precedence over images without poses, and goes with those that have some.
 
     Raises:
         InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
     """
     files = _files(root)
+    splats = tuple(path for path in files if is_splat_file(root / path))
+    frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splats else ""
     labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
     maps = tuple(
         path
@@ -61,7 +70,9 @@ def detect_kind(root: Path) -> UploadContents:
     images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
     transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
     if transforms:
-        return UploadContents("nerfstudio", images, transforms, labels=labels, label_maps=maps)
+        return UploadContents(
+            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splats=splats, splat_frame=frame
+        )
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
         (folder for folder in folders if model_suffix(root / folder)),
@@ -76,8 +87,19 @@ def detect_kind(root: Path) -> UploadContents:
             _image_folder(root, models[0]),
             labels=labels,
             label_maps=maps,
+            splats=splats,
+            splat_frame=frame,
             warnings=(warning,) if len(models) > 1 else (),
         )
+    if splats:
+        beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+        warning = (
+            f"{len(beside)} files beside the splat have no poses and are not used, e.g. {beside[0]}; pictures are "
+            "rendered around the splat instead."
+            if beside
+            else ""
+        )
+        return UploadContents("splat", (), splats=splats, warnings=(warning,) if warning else ())
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
     _refuse_unsupported(files)
@@ -86,10 +108,11 @@ def detect_kind(root: Path) -> UploadContents:
     if len(videos) > 1 and not photos:
         raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
     if not photos:
+        _refuse_other_plys(files)
         raise InvalidInputError(
             "the upload has no images",
             field="files",
-            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, or one video.",
+            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, one video, or a splat (PLY or SPZ).",
         )
     used = {*photos, *maps, labels}
     unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
@@ -100,6 +123,18 @@ def detect_kind(root: Path) -> UploadContents:
 def _files(root: Path) -> list[str]:
     relative = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
     return [path.as_posix() for path in relative if not is_system_file(path.parts)]
+
+
+def _refuse_other_plys(files: list[str]) -> None:
+    """Say of a PLY that is all there is why it is no splat."""
+    ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
+    if ply is not None:
+        raise InvalidInputError(
+            f"{ply} is no splat: its header names no opacity and scale_0 of Gaussians",
+            field=ply,
+            hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
+            "are none.",
+        )
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:

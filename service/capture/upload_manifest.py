@@ -31,6 +31,9 @@ class UploadManifest:
         labels: labels.json, if it has the label table.
         label_maps: photo path to label map path.
         warnings: what is not used, as sentences for people.
+        splat: name of the splat file in the upload, whose arrays lie beside the folder as `SPLAT`; "" for none.
+        gaussians: rows of the splat.
+        splat_frame: the file that says how the splat's world lies in that of the poses, or "".
     """
 
     source: Source
@@ -42,6 +45,9 @@ class UploadManifest:
     labels: str = ""
     label_maps: dict[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    splat: str = ""
+    gaussians: int = 0
+    splat_frame: str = ""
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:

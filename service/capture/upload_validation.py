@@ -17,6 +17,8 @@ from fastsplat.service.capture.label_maps import LabelTable, check_label_map, ma
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.splat_files.splat_reading import SPZ_SUFFIX
+from fastsplat.service.capture.splat_input import admit_splat, check_splats
 from fastsplat.service.capture.transforms import read_transforms
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
@@ -42,8 +44,8 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpl
     """The checked content of what a user sent, laid out for `build_capture` in `upload_dir`'s folder `VALIDATED`.
 
     Accepts one archive (zip, tar, tar.gz), one video, or files: images alone, or with a COLMAP model, a transforms.json
-    or label maps (`labels/*.png` with `labels.json`). Every image is decoded once. On an error nothing is left behind
-    but what was there.
+    or label maps (`labels/*.png` with `labels.json`); a splat, alone or with posed images. Every image is decoded once,
+    a splat is read once and laid down as plain arrays. On an error nothing is left behind but what was there.
 
     Raises:
         UnsafeArchiveError, LimitExceededError, CorruptImageError, InvalidInputError: see the readers; each names the
@@ -54,15 +56,27 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpl
         files.mkdir()
         _lay_out(upload_dir, files, settings)
         contents = detect_kind(files)
+        check_splats(contents.splats)
         if contents.source == "video":
             manifest = _validate_video(files, contents, settings)
         elif contents.source == "images":
             manifest = _validate_images(files, contents, _sent_bytes(upload_dir), settings)
+        elif contents.source == "splat":
+            manifest = UploadManifest("splat", warnings=contents.warnings)
         else:
             manifest = _validate_posed(files, contents, _sent_bytes(upload_dir), settings)
+        if contents.splats:
+            manifest = admit_splat(files, contents, manifest, partial, settings)
         write_manifest(manifest, partial)
     has_labels = bool(manifest.label_maps)
-    return ValidatedUpload(upload_dir / VALIDATED, manifest.source, len(manifest.photos), has_labels, manifest.warnings)
+    return ValidatedUpload(
+        upload_dir / VALIDATED,
+        manifest.source,
+        len(manifest.photos),
+        has_labels,
+        manifest.warnings,
+        manifest.gaussians,
+    )
 
 
 def read_posed_dataset(
@@ -112,7 +126,7 @@ def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
             limit=f"{settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
             hint="Send fewer images.",
         )
-    archives = [path for path in plain if is_archive(path)]
+    archives = [path for path in plain if path.suffix.lower() != SPZ_SUFFIX and is_archive(path)]
     if archives and len(plain) > 1:
         raise InvalidInputError(
             f"the upload has {archives[0].name} and other files",

@@ -86,7 +86,7 @@ def plan_training(
         time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
         spent_s: seconds of the budget that are spent already.
     """
-    if time_budget_s is None:
+    if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
         return StagePlan(settings.training)
     begun = time.monotonic()
     speed = machine_speed(settings.training.backend)

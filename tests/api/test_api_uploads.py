@@ -61,6 +61,16 @@ def _huge_png() -> bytes:
     )
 
 
+def _splat(count: int = 9) -> bytes:
+    """A 3DGS PLY."""
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{i}" for i in range(3))]
+    names += [f"rot_{i}" for i in range(4)]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    header += [f"property float {name}" for name in names]
+    rows = np.random.default_rng(0).standard_normal((count, len(names))).astype("<f4")
+    return "\n".join([*header, "end_header", ""]).encode() + rows.tobytes()
+
+
 def _messages(files: _Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
     yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))
     for name, data in files:
@@ -157,6 +167,33 @@ def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneServic
     faces.rpc.DeleteScene(pb.DeleteSceneRequest(scene_id=operation.scene_id))
 
 
+def test_a_splat_becomes_an_operation_over_both(faces: Faces, service: SceneService) -> None:
+    files = [("own.ply", _splat())]
+    posted = _post(faces, files, {"up": "-y"})
+    assert posted.status_code == 202, posted.text
+    operation = faces.rpc.CreateScene(_messages(files, up="-y"))
+    for operation_id in (posted.json()["id"], operation.id):
+        record = service._store.scenes.operation(operation_id)
+        assert record.options["up"] == "-y"
+        (arrays,) = service._store.blobs.upload(record.upload_id).rglob("splat.safetensors")
+        assert arrays.stat().st_size > 9 * 14 * 4
+        service.delete_scene(record.scene_id)
+
+
+@pytest.mark.usefixtures("untouched")
+def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) -> None:
+    for files, options, field in (
+        ([("own.ply", _splat())], {"up": "w"}, "up"),
+        (_photos(2), {"up": "z"}, "up"),
+        ([("own.ply", _splat())], {"max_gaussians": 8}, "max_gaussians"),
+    ):
+        rest = rest_refusal(_post(faces, files, options))
+        with pytest.raises(grpc.RpcError) as caught:
+            faces.rpc.CreateScene(_messages(files, **options))
+        rpc = rpc_refusal(caught.value)
+        assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == field
+
+
 def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> None:
     files = _photos(2)
     first = _post(faces, files, {"name": "once", "request_id": "id-1"})
@@ -183,6 +220,12 @@ _HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
     "zip leaves": ([("c.zip", _zip({"../a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip absolute": ([("c.zip", _zip({"/a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip bomb": ([("c.zip", _zip({"a.jpg": bytes(100_000_000)}))], (400, "INVALID_ARGUMENT")),
+    "splat cut off": ([("own.ply", _splat()[:-1])], (400, "INVALID_ARGUMENT")),
+    "splat of billions": (
+        [("own.ply", _splat().replace(b"vertex 9", b"vertex 9000000000"))],
+        (413, "RESOURCE_EXHAUSTED"),
+    ),
+    "two splats": ([("own.ply", _splat()), ("other.ply", _splat())], (400, "INVALID_ARGUMENT")),
     "broken zip": ([("c.zip", _zip({"a.jpg": _photo(1)})[:-30])], (400, "INVALID_ARGUMENT")),
 }
 

@@ -84,7 +84,7 @@ def test_all_that_belongs_to_a_capture_travels_under_its_name(server: Scripted, 
 
 def test_a_folder_without_pictures_is_said_before_anything_is_sent(server: Scripted, tmp_path: Path) -> None:
     (tmp_path / "transforms.json").write_bytes(b"{}")
-    with Client(server.url) as client, pytest.raises(InvalidInputError, match="no photos and no video"):
+    with Client(server.url) as client, pytest.raises(InvalidInputError, match="no photos, no video and no splat"):
         client.create_scene(tmp_path)
     assert server.seen == []
 

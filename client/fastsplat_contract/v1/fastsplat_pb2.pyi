@@ -519,6 +519,7 @@ class CreateSceneHeader(_message.Message):
     MAX_GAUSSIANS_FIELD_NUMBER: _builtins.int
     PRESET_FIELD_NUMBER: _builtins.int
     PRIORITY_FIELD_NUMBER: _builtins.int
+    UP_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -533,6 +534,10 @@ class CreateSceneHeader(_message.Message):
     """draft, balanced or best; absent: the server's default"""
     priority: _builtins.int
     """higher ones are trained first; 0 is usual"""
+    up: _builtins.str
+    """for a splat without posed photos: which axis of its world is up, so that pictures of it stand upright: x, -x, y, -y,
+    z or -z; absent: estimated
+    """
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
@@ -547,10 +552,11 @@ class CreateSceneHeader(_message.Message):
         max_gaussians: _builtins.int | None = ...,
         preset: _builtins.str | None = ...,
         priority: _builtins.int = ...,
+        up: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "max_gaussians", b"max_gaussians", "preset", b"preset", "time_budget_s", b"time_budget_s"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "max_gaussians", b"max_gaussians", "preset", b"preset", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
@@ -558,12 +564,16 @@ class CreateSceneHeader(_message.Message):
     _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
     _WhichOneofReturnType__time_budget_s: _TypeAlias = _typing.Literal["time_budget_s"]  # noqa: Y015
     _WhichOneofArgType__time_budget_s: _TypeAlias = _typing.Literal["_time_budget_s", b"_time_budget_s"]  # noqa: Y015
+    _WhichOneofReturnType__up: _TypeAlias = _typing.Literal["up"]  # noqa: Y015
+    _WhichOneofArgType__up: _TypeAlias = _typing.Literal["_up", b"_up"]  # noqa: Y015
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__max_gaussians) -> _WhichOneofReturnType__max_gaussians | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__time_budget_s) -> _WhichOneofReturnType__time_budget_s | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__up) -> _WhichOneofReturnType__up | None: ...
 
 Global___CreateSceneHeader: _TypeAlias = CreateSceneHeader  # noqa: Y015
 

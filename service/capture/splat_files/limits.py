@@ -1,0 +1,49 @@
+"""What every reader of a splat file says when it refuses one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+
+@dataclass(frozen=True)
+class SplatLimits:
+    """Bounds on a splat file.
+
+    Attributes:
+        max_gaussians: rows of one file.
+        setting: the environment variable that holds it, for messages.
+    """
+
+    max_gaussians: int
+    setting: str = ""
+
+
+def check_count(name: str, count: int, limits: SplatLimits) -> None:
+    """Raise before anything is allocated for `count` rows.
+
+    Raises:
+        LimitExceededError: more than the limit.
+        InvalidInputError: none.
+    """
+    if count > limits.max_gaussians:
+        setting = f" ({limits.setting})" if limits.setting else ""
+        raise LimitExceededError(
+            f"{name} announces {count} Gaussians",
+            field=name,
+            limit=f"{limits.max_gaussians} Gaussians{setting}",
+            hint="Reduce the splat in an editor, or raise the limit.",
+        )
+    if count < 1:
+        raise bad_splat(name, "has no Gaussians")
+
+
+def bad_splat(name: str, problem: str) -> InvalidInputError:
+    """The error of a file that is no splat, or a damaged one."""
+    return InvalidInputError(
+        f"{name} {problem}",
+        field=name,
+        hint="Send a 3D Gaussian splatting PLY (binary little-endian or ASCII), a compressed PLY of SuperSplat, or an "
+        "SPZ file of version 2 or 3.",
+    )

@@ -1,0 +1,62 @@
+"""Where the matter of a splat is: robust against floaters, backgrounds and Gaussians of any size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.types import Gaussians
+from fastsplat_contract.errors import InvalidInputError
+
+F64 = NDArray[np.float64]
+
+_OPAQUE = 0.1
+
+
+@dataclass(frozen=True)
+class Bulk:
+    """The middle of a splat.
+
+    Attributes:
+        center: float64 [3], the median along every axis of the visible Gaussians, weighted by opacity.
+        radius: half of that weight lies within this distance, scene units; above 0.
+        core: bool [G], which Gaussians those are.
+        weights: float64 [G], opacity, 0 of Gaussians that hardly show.
+    """
+
+    center: F64
+    radius: float
+    core: NDArray[np.bool_]
+    weights: F64
+
+
+def find_bulk(gaussians: Gaussians) -> Bulk:
+    """The bulk of a splat. Trainers place many small Gaussians where photos have detail, so that most of them lie where
+    photographers looked.
+
+    Raises:
+        InvalidInputError: all Gaussians lie in one place, or none shows.
+    """
+    opacities = 1 / (1 + np.exp(-gaussians.logit_opacities.astype(np.float64)))
+    weights = np.where(opacities >= min(_OPAQUE, float(opacities.max())), opacities, 0.0)
+    means = gaussians.means.astype(np.float64)
+    center = np.array([quantiles(means[:, axis], weights, [0.5])[0] for axis in range(3)])
+    distances = np.linalg.norm(means - center, axis=1)
+    radius = float(quantiles(distances, weights, [0.5])[0])
+    if radius <= 0:
+        raise InvalidInputError(
+            "the Gaussians of the splat lie in one place, so that no picture can be taken of them",
+            field="splat",
+            hint="Send a splat of a scene.",
+        )
+    return Bulk(center, radius, distances <= radius, weights)
+
+
+def quantiles(values: F64, weights: F64, shares: list[float]) -> F64:
+    """float64 [len(shares)]: the smallest values with at least so large a share of the weight at or below them."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    places = np.searchsorted(reached, np.array(shares) * reached[-1])
+    return np.asarray(values[order][np.minimum(places, len(values) - 1)])

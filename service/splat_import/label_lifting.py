@@ -1,0 +1,224 @@
+"""Labels of views on Gaussians that stay as they are: summed up first, then as codes that are optimized alone.
+
+Geometry and color of an imported splat are the user's. What label maps say of each Gaussian is summed over the views
+(FlashSplat's blend weights, `service.splatting.view_evidence`); codes start on the most probable class, and a few steps
+of the training's cross-entropy on codes and head alone sharpen the edges, where a Gaussian reaches over two things.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fastsplat.service.capture.splat_input import load_splat
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.label_evidence import posterior
+from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
+from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
+from fastsplat.service.splatting.label_consensus import fuse_label_maps
+from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.quality import psnr
+from fastsplat.service.splatting.raster import Backend, device_of, rasterize
+from fastsplat.service.splatting.semantics import (
+    class_weights,
+    code_size,
+    ghost_share,
+    label_loss,
+    separated_codes,
+    start_head,
+)
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.torch_runtime import one_torch_thread
+from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views, with_labels
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.service.splatting.view_evidence import views_evidence
+from fastsplat_contract.errors import InvalidInputError
+
+_STAGE = "training"
+_MEASURED_VIEWS = 8
+_LIFTED = 0.5
+"""Share of the progress after which the evidence is there."""
+_CODE_RATE, _HEAD_RATE, _FINAL_SHARE = 3e-2, 5e-3, 0.1
+"""Adam's rates, and what is left of them at the end."""
+
+
+def splat_gaussians(capture: Capture) -> Gaussians:
+    """The Gaussians of the capture's splat, in the order of the user's file; D = 0."""
+    assert capture.splat is not None
+    rows = load_splat(capture.splat)
+    return Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
+
+
+def lift_labels(
+    capture: Capture,
+    labelling: Labelling,
+    training: TrainingSettings,
+    settings: SplatImportSettings,
+    progress: Progress,
+) -> TrainedSplats:
+    """The capture's splat with the labels of its views; nothing but the labels differs from the user's file.
+
+    Args:
+        capture: views, and the splat in their world.
+        labelling: one label map per view; an empty dictionary gives a scene without labels.
+        training: its `backend`, `max_side`, `label_mode`, `code_size` and weights of undetected pixels count here.
+        settings: how long codes are optimized.
+        progress: hears of the stage "training"; may raise `CancelledError`.
+
+    Raises:
+        InvalidInputError: photos that do not show the splat from their poses.
+    """
+    begun = time.monotonic()
+    gaussians = splat_gaussians(capture)
+    with one_torch_thread():
+        progress(ProgressEvent(_STAGE, 0.0, f"loading {len(capture.views)} views"))
+        views = load_views(capture, labelling, tuple(range(len(capture.views))), training.max_side, (1.0,))
+        device = device_of(training.backend)
+        views = tuple(view.to(device) for view in views)
+        quality = {"gaussians": float(len(gaussians)), "sh_degree": float(gaussians.sh_degree)}
+        if capture.report.source != "splat":
+            quality |= _check_fit(gaussians, views, training.backend)
+        labels = len(labelling.dictionary) if labelling.label_maps else 0
+        progress(ProgressEvent(_STAGE, 0.1, f"lifting {labels} labels onto {len(gaussians)} Gaussians"))
+        views, evidence, undetected = _agreed(gaussians, views, labelling, labels, training)
+        if training.label_mode == "evidence" or not labels:
+            head = SemanticHead(np.zeros((labels + 1, 0), np.float32), np.zeros(labels + 1, np.float32))
+            lifted, stored_evidence = gaussians, evidence if labels else None
+        else:
+            lifted, head = _with_codes(gaussians, views, evidence, labels + 1, undetected, training, settings, progress)
+            stored_evidence = None
+            quality["ghost_share"] = ghost_share(
+                torch.from_numpy(lifted.codes),
+                activate_opacities(torch.from_numpy(lifted.logit_opacities)),
+                torch.from_numpy(head.weight),
+                torch.from_numpy(head.bias),
+            )
+    quality["lifting_seconds"] = time.monotonic() - begun
+    progress(ProgressEvent(_STAGE, 1.0, f"{labels} labels on {len(gaussians)} Gaussians"))
+    return TrainedSplats(lifted, head, quality, (), stored_evidence)
+
+
+def _agreed(
+    gaussians: Gaussians,
+    views: tuple[TrainingView, ...],
+    labelling: Labelling,
+    labels: int,
+    training: TrainingSettings,
+) -> tuple[tuple[TrainingView, ...], Evidence, float]:
+    """Views with label maps that do not contradict each other, their evidence, and what an undetected pixel weighs."""
+    if labels and labelling.regions:
+        undetected = training.consensus_undetected_weight
+        maps, _ = fuse_label_maps(
+            gaussians,
+            views,
+            labelling.regions,
+            labels + 1,
+            expected=labelling.expected,
+            undetected_weight=undetected,
+            backend=training.backend,
+        )
+        device = device_of(training.backend)
+        views = tuple(with_labels(view, own).to(device) for view, own in zip(views, maps, strict=True))
+    else:
+        undetected = 1.0 if labelling.exact else training.undetected_weight
+    views = drop_empty_label_maps(views)
+    evidence = views_evidence(gaussians, views, labels + 1, undetected_weight=undetected, backend=training.backend)
+    return views, evidence, undetected
+
+
+def _with_codes(
+    gaussians: Gaussians,
+    views: Sequence[TrainingView],
+    evidence: Evidence,
+    classes: int,
+    undetected: float,
+    training: TrainingSettings,
+    settings: SplatImportSettings,
+    progress: Progress,
+) -> tuple[Gaussians, SemanticHead]:
+    """Codes that start on each Gaussian's most probable class and are optimized with the head; all else stays."""
+    device = device_of(training.backend)
+    class_codes = separated_codes(classes, code_size(classes - 1, training.code_size), training.seed)
+    most_probable = torch.from_numpy(posterior(evidence, classes).classes.astype(np.int64))
+    weight, bias = start_head(class_codes)
+    parameters = {"codes": class_codes[most_probable], "weight": weight.clone(), "bias": bias}
+    parameters = {name: value.to(device).requires_grad_() for name, value in parameters.items()}
+    optimizer = torch.optim.Adam(
+        [
+            {"params": [parameters["codes"]], "lr": _CODE_RATE},
+            {"params": [parameters["weight"], parameters["bias"]], "lr": _HEAD_RATE},
+        ],
+        eps=1e-15,
+    )
+    splats = splats_of(gaussians, device=device)
+    weights = class_weights(classes, undetected).to(device)
+    labeled = [view for view in views if view.frames[-1].labels is not None]
+    rng, order = np.random.default_rng(training.seed), list[int]()
+    begun, step = time.monotonic(), 0
+    while labeled and (done := _share_done(step, begun, settings)) < 1:
+        order = order or rng.permutation(len(labeled)).tolist()
+        view = labeled[order.pop()]
+        frame = view.frames[-1]
+        assert frame.labels is not None
+        image = rasterize(
+            replace(splats, features=parameters["codes"]), view.viewmat, frame.camera, backend=training.backend
+        ).image
+        loss = label_loss(image, parameters, frame.labels, frame.valid, weights)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        for group, rate in zip(optimizer.param_groups, (_CODE_RATE, _HEAD_RATE), strict=True):
+            group["lr"] = rate * _FINAL_SHARE**done
+        optimizer.step()
+        step += 1
+        metrics = {"loss": float(loss.detach())}
+        progress(ProgressEvent(_STAGE, _LIFTED + (1 - _LIFTED) * done, f"codes, step {step}", metrics))
+    arrays = {name: value.detach().cpu().numpy() for name, value in parameters.items()}
+    return replace(gaussians, codes=arrays["codes"]), SemanticHead(arrays["weight"], arrays["bias"])
+
+
+def _share_done(step: int, begun: float, settings: SplatImportSettings) -> float:
+    steps = step / settings.code_steps if settings.code_steps else 1.0
+    return max(steps, (time.monotonic() - begun) / settings.code_seconds)
+
+
+@torch.no_grad()
+def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> dict[str, float]:
+    """`psnr`: the mean of the splat in some of the photos, dB; absent where no photo has a valid pixel.
+
+    Raises:
+        InvalidInputError: in most of them it is further from the photo than the photo's mean color is: the poses are of
+            another world than the splat.
+    """
+    device = device_of(backend)
+    parameters = {name: value.to(device) for name, value in color_parameters(gaussians).items()}
+    splats = splats_of(parameters)
+    figures, worse = [], 0
+    used = [view for view in views if view.frames[-1].has_content]
+    if not used:
+        return {}
+    used = used[:: math.ceil(len(used) / _MEASURED_VIEWS)]
+    for view in used:
+        frame, target = view.frames[-1], view.frames[-1].target()
+        image = render_frame(parameters, splats, view, frame, degree=gaussians.sh_degree, backend=backend).image
+        pixels: Tensor = target.reshape(-1, 3) if frame.valid is None else target[frame.valid]
+        figures.append(psnr(image, target, frame.valid))
+        worse += figures[-1] < psnr(pixels.mean(dim=0).expand_as(target), target, frame.valid)
+    mean = float(np.mean([min(figure, 99.0) for figure in figures]))
+    if 2 * worse > len(figures):
+        raise InvalidInputError(
+            f"the photos do not show the splat from their poses: PSNR {mean:.1f} dB over {len(figures)} of them, less "
+            "than their mean colors have",
+            field="poses",
+            hint="Send the poses in the world of the splat: those that it was trained with; for a splat of nerfstudio "
+            "add its dataparser_transforms.json. Or send the splat alone.",
+        )
+    return {"psnr": mean}

@@ -1,0 +1,127 @@
+"""The capture of a splat without photos: pictures rendered around it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+
+from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.capture_files import save_capture
+from fastsplat.service.capture.image_io import save_rgb
+from fastsplat.service.capture.splat_input import load_splat, take_splat
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splat_import.bulk import F64, find_bulk
+from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
+from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, device_of, rasterize, sh_to_rgb
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.operations import UpAxis
+
+_STAGE = "capture"
+_SEARCH = 0.6
+"""Share of the progress that the search for viewpoints takes."""
+_COVERED = 0.5
+"""A pixel with less matter in front of the void has no content."""
+
+
+@torch.no_grad()
+def render_views(
+    validated_dir: Path,
+    out_dir: Path,
+    settings: SplatImportSettings,
+    progress: Progress,
+    *,
+    up: UpAxis | None = None,
+    backend: Backend = "cpu",
+) -> Capture:
+    """The capture of a validated upload that is a splat alone, written to `out_dir`, which appears only when complete.
+
+    Its world is the splat's own. Pixels in which little of the splat is seen are marked as having no content.
+
+    Args:
+        validated_dir: `ValidatedUpload.folder`.
+        out_dir: new or empty.
+        settings: how many pictures, and how large.
+        progress: hears of the stage "capture"; may raise `CancelledError`.
+        up: which axis of the splat's world is up; None: estimated.
+        backend: which rasterizer.
+
+    Raises:
+        InvalidInputError: nothing of the splat can be seen.
+    """
+    manifest, files = read_manifest(validated_dir)
+    with atomic_directory(out_dir) as partial:
+        splat = take_splat(files.parent, partial)
+        rows = load_splat(splat)
+        gaussians = Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
+        bulk = find_bulk(gaussians)
+        upward = axis_vector(up) if up is not None else estimate_up(gaussians, bulk)
+
+        def on_trial(done: int, total: int) -> None:
+            progress(ProgressEvent(_STAGE, _SEARCH * done / total, f"looking for viewpoints {done}/{total}"))
+
+        poses = choose_viewpoints(
+            gaussians, bulk, upward, settings.pictures, settings.field_of_view_deg, on_trial, backend=backend
+        )
+        views = _render(gaussians, poses, partial, settings, progress, backend)
+        report = CaptureReport(
+            source="splat",
+            images=len(views),
+            models=(len(views),),
+            warnings=(*manifest.warnings, *(() if up is not None else (_up_warning(upward),))),
+            splat=manifest.splat,
+        )
+        points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+        save_capture(Capture(views, points, colors, "ARBITRARY", report, splat=splat), partial)
+    progress(ProgressEvent(_STAGE, 1.0, f"{len(poses)} pictures around {len(gaussians)} Gaussians"))
+    return load_capture(out_dir)
+
+
+def _render(
+    gaussians: Gaussians,
+    poses: list[F64],
+    folder: Path,
+    settings: SplatImportSettings,
+    progress: Progress,
+    backend: Backend,
+) -> tuple[View, ...]:
+    (folder / "images").mkdir()
+    (folder / "masks").mkdir()
+    splats = splats_of(gaussians, device=device_of(backend))
+    sh = torch.tensor(gaussians.sh, device=splats.means.device)
+    camera = trial_camera(settings.field_of_view_deg, settings.picture_side)
+    views = []
+    for index, pose in enumerate(poses):
+        progress(ProgressEvent(_STAGE, _SEARCH + (1 - _SEARCH) * index / len(poses), f"pictures {index}/{len(poses)}"))
+        position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(splats.means.device)
+        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(splats.means.device)
+        colors = sh_to_rgb(splats.means, sh, position, gaussians.sh_degree, backend=backend)
+        shown = replace(splats, features=colors)
+        rendering = rasterize(shown, viewmat, camera, backend=backend)
+        pixels = (rendering.image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        covered = rendering.alpha.cpu().numpy() >= _COVERED
+        image_path, valid_path = folder / "images" / f"{index:05d}.png", None
+        save_rgb(pixels, image_path)
+        if not covered.all():
+            valid_path = folder / "masks" / f"{index:05d}.png"
+            Image.fromarray(covered.astype(np.uint8) * 255).save(valid_path)
+        views.append(View(PosedCamera(camera, pose, f"picture-{index:03d}.png"), image_path, valid_path))
+    return tuple(views)
+
+
+def _up_warning(up: F64) -> str:
+    numbers = ", ".join(f"{value:.2f}" for value in up)
+    return (
+        f"Up is not known in a splat; it was estimated as ({numbers}). If the pictures of the views are tilted or "
+        'upside down, post it again with "up", e.g. "-y".'
+    )

@@ -1,0 +1,194 @@
+"""Poses from which a splat without photos is looked at: around its bulk and from within, where pictures are good."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, accumulate_weights, device_of
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
+
+_RINGS = ((12.0, 2.8), (30.0, 2.8), (30.0, 2.0), (55.0, 2.4))
+"""Elevation in degrees above the center of the bulk, and distance from it in its radii."""
+_RING_VIEWS = 12
+_INNER_PLACES = 6
+_INNER_VIEWS = 8
+_INNER_PITCH_DEG = -12.0
+_INNER_TRIALS = 400
+_FREE = 0.3  # radii of the bulk to the next matter
+_SOLID = 0.5
+_TRIAL_SIDE = 96
+_NEAR = 0.25  # radii of the bulk: matter that is nearer hides the rest
+_BLOB = 0.12  # of the picture's width: a standard deviation that is larger shows no form
+_ROWS = 60_000
+_WORST = 0.2
+"""Views with a smaller share of the best view's quality are no pictures."""
+
+OnTrial = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """One candidate: its quality 0..1, and what it shows of the Gaussians that were drawn."""
+
+    pose: F64
+    quality: float
+    seen: NDArray[np.float32]
+
+
+@torch.no_grad()
+def choose_viewpoints(
+    gaussians: Gaussians,
+    bulk: Bulk,
+    up: F64,
+    count: int,
+    field_of_view_deg: float,
+    on_trial: OnTrial = lambda done, total: None,
+    *,
+    backend: Backend = "cpu",
+) -> list[F64]:
+    """`count` poses (fewer where there are not so many good ones), world_from_camera float64 [4, 4], OpenCV axes.
+
+    Candidates lie on rings around the bulk and at free places within it. Each is rendered small, and judged by how much
+    of the picture is matter, is the bulk's, is not right before the lens, and is not a blur of single Gaussians: a
+    splat looks well only from where photos were taken, and is a haze from behind. Of these the best set is taken step
+    by step, such that Σ_g opacity_g · √(Σ_views quality · weight_g) grows most: everything is shown, and shown from
+    several sides.
+
+    Args:
+        gaussians: G of them.
+        bulk: of the same.
+        up: unit vector.
+        count: of poses, at least 1.
+        field_of_view_deg: horizontal.
+        on_trial: hears of every candidate, with their number; may raise `CancelledError`.
+        backend: which rasterizer.
+
+    Raises:
+        InvalidInputError: nothing can be seen from anywhere.
+    """
+    candidates = list(_candidates(gaussians, bulk, up))
+    visible = np.flatnonzero(bulk.weights > 0)
+    drawn = np.random.default_rng(0).permutation(visible)[:_ROWS]
+    camera = trial_camera(field_of_view_deg)
+    look = _Look(gaussians, bulk, drawn, camera, backend)
+    trials = []
+    for index, pose in enumerate(candidates):
+        on_trial(index, len(candidates))
+        trials.append(look.at(pose))
+    best = max(trial.quality for trial in trials)
+    if best <= 0:
+        raise InvalidInputError(
+            "nothing of the splat can be seen from around it or within",
+            field="splat",
+            hint="Send the photos that it was made of with their poses, as transforms.json or a COLMAP model.",
+        )
+    return [trial.pose for trial in _best_set([t for t in trials if t.quality >= _WORST * best], bulk, drawn, count)]
+
+
+def trial_camera(field_of_view_deg: float, side: int = _TRIAL_SIDE) -> Camera:
+    """A camera of `side` × ¾ side pixels with a horizontal field of view."""
+    height = round(0.75 * side)
+    focal = side / 2 / np.tan(np.radians(field_of_view_deg) / 2)
+    return Camera(side, height, float(focal), float(focal), side / 2, height / 2)
+
+
+def look_at(position: F64, target: F64, up: F64) -> F64:
+    """The pose at `position` that looks at `target`, world_from_camera [4, 4], OpenCV axes, its head towards `up`."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:  # straight up or down: any side will do
+        right = np.cross(forward, np.roll(up, 1))
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
+
+
+def _candidates(gaussians: Gaussians, bulk: Bulk, up: F64) -> Iterator[F64]:
+    """Poses on the rings, then those at free places."""
+    side = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0])
+    side /= np.linalg.norm(side)
+    other = np.cross(up, side)
+    for ring, (elevation_deg, distance) in enumerate(_RINGS):
+        elevation = np.radians(elevation_deg)
+        for index in range(_RING_VIEWS):
+            azimuth = 2 * np.pi * (index + ring / len(_RINGS)) / _RING_VIEWS
+            outward = np.cos(elevation) * (np.cos(azimuth) * side + np.sin(azimuth) * other) + np.sin(elevation) * up
+            yield look_at(bulk.center + distance * bulk.radius * outward, bulk.center, up)
+    pitch = np.radians(_INNER_PITCH_DEG)
+    for place in _free_places(gaussians, bulk, np.stack([side, other, up])):
+        for index in range(_INNER_VIEWS):
+            yaw = 2 * np.pi * index / _INNER_VIEWS
+            toward = np.cos(pitch) * (np.cos(yaw) * side + np.sin(yaw) * other) + np.sin(pitch) * up
+            yield look_at(place, place + toward, up)
+
+
+def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
+    """float64 [P, 3]: places within the matter with room around them, far from each other."""
+    rng = np.random.default_rng(0)
+    solid = np.flatnonzero(bulk.weights >= _SOLID * bulk.weights.max())
+    solid = rng.permutation(solid)[: 2 * _ROWS]
+    local = gaussians.means[solid].astype(np.float64) @ axes.T
+    weights = bulk.weights[solid]
+    bounds = np.stack([quantiles(local[:, axis], weights, [0.1, 0.9]) for axis in range(3)], axis=1)
+    places = rng.uniform(bounds[0], bounds[1], (_INNER_TRIALS, 3))
+    distance = cKDTree(local).query(places)[0]
+    places, distance = places[free := distance > _FREE * bulk.radius], distance[free]
+    chosen: list[int] = []
+    while len(places) and len(chosen) < _INNER_PLACES:
+        gap = np.min([np.linalg.norm(places - places[own], axis=1) for own in chosen], axis=0) if chosen else distance
+        if chosen and gap.max() < _FREE * bulk.radius:
+            break
+        chosen.append(int(gap.argmax()))
+    return np.asarray(places[chosen] @ axes)
+
+
+class _Look:
+    """Renders candidates small, once each."""
+
+    def __init__(
+        self, gaussians: Gaussians, bulk: Bulk, drawn: NDArray[np.intp], camera: Camera, backend: Backend
+    ) -> None:
+        self._splats = splats_of(gaussians, device=device_of(backend))
+        self._bulk, self._drawn, self._camera, self._backend = bulk, drawn, camera, backend
+        self._means = gaussians.means
+        self._widest = np.exp(gaussians.log_scales.max(axis=1))
+        self._ones = torch.ones(camera.height, camera.width, 1, device=self._splats.means.device)
+
+    def at(self, pose: F64) -> _Trial:
+        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(self._ones.device)
+        sums = accumulate_weights(self._splats, viewmat, self._camera, self._ones, backend=self._backend)
+        weight = sums[:, 0].cpu().numpy()
+        rows = np.flatnonzero(weight > 0)
+        pixels = self._camera.width * self._camera.height
+        depth = (self._means[rows] - pose[:3, 3]) @ pose[:3, 2]
+        near = depth < _NEAR * self._bulk.radius
+        blob = self._widest[rows] * self._camera.fx > _BLOB * self._camera.width * np.maximum(depth, 1e-9)
+        matter = float(weight[rows].sum()) / pixels
+        hidden = float(weight[rows[near | blob]].sum()) / pixels
+        core = float(weight[rows[self._bulk.core[rows]]].sum()) / pixels
+        quality = max(0.0, matter - hidden) * (0.25 + core) * max(0.0, 1 - 2 * hidden)
+        return _Trial(pose, quality, np.asarray(weight[self._drawn] / pixels, np.float32))
+
+
+def _best_set(trials: list[_Trial], bulk: Bulk, drawn: NDArray[np.intp], count: int) -> list[_Trial]:
+    importance = bulk.weights[drawn] * np.where(bulk.core[drawn], 1.0, 0.5)
+    reached = np.zeros(len(drawn))
+    left, chosen = list(trials), list[_Trial]()
+    while left and len(chosen) < count:
+        gains = [importance @ np.sqrt(reached + trial.quality * trial.seen) for trial in left]
+        trial = left.pop(int(np.argmax(gains)))
+        reached += trial.quality * trial.seen
+        chosen.append(trial)
+    return chosen
