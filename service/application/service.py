@@ -121,6 +121,7 @@ class SceneService:
 
         Raises:
             ConflictError: the request id was used before for other content.
+            InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
             FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
         with upload.committing():
@@ -131,7 +132,10 @@ class SceneService:
                 remove(upload.folder)
                 return operation_of(earlier)
             with self._validating.taken(self.project):
-                upload.replace_files(self._check_files(upload.raw, self._settings.capture).folder)
+                checked = self._check_files(upload.raw, self._settings.capture)
+                if options.labels and not checked.has_labels:
+                    _check_labels(options.labels, self._settings)
+                upload.replace_files(checked.folder)
             self._store.blobs.keep_upload(upload.id)
             job = NewJob(
                 scene_id=_new_id(),
@@ -283,6 +287,14 @@ def _admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
     )
 
     return validate_in_sandbox(folder, settings)
+
+
+def _check_labels(labels: Sequence[str], settings: Settings) -> None:
+    from fastsplat.service.perception.capture_detection import (
+        check_labels_known,  # onnxruntime loads with the first upload that names something
+    )
+
+    check_labels_known(labels, settings.perception)
 
 
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:
