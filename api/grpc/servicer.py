@@ -21,7 +21,7 @@ from fastsplat_contract.pieces import CHUNK_BYTES, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
-from fastsplat_contract.things import PickRequest
+from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
