@@ -19,7 +19,7 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
-from fastsplat.cli.things import things_app
+from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.process_group import PARENT_VARIABLE

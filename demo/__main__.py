@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from demo.naming import NAME, click_and_name
+from demo.name_by_click import NAME, click_and_name
 from demo.questions import SAMPLE_QUESTIONS, questions_for
 from demo.run_report import print_report, report_of, save_pictures, write_report
 from demo.service_process import running_service

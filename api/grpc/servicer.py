@@ -23,7 +23,7 @@ from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messag
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
-from fastsplat_contract.things import PickRequest
+from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 

@@ -39,7 +39,15 @@ from fastsplat_contract.scenes import (
     VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.things import NameSuggestion, PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
+from fastsplat_contract.thing_messages import (
+    NameSuggestion,
+    PickedThing,
+    PickIn,
+    Pixel,
+    PixelBox,
+    SceneThing,
+    ThingList,
+)
 
 IDS = {
     "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",

@@ -26,7 +26,7 @@ from fastsplat_contract.queries import (
     QueryRequest,
     RenderIn,
 )
-from fastsplat_contract.things import PickedThing, PickIn, PickRequest
+from fastsplat_contract.thing_messages import PickedThing, PickIn, PickRequest
 
 _PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}

@@ -22,7 +22,7 @@ from fastsplat_contract.operations import Operation, OperationList, OperationSta
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.things import ThingList
+from fastsplat_contract.thing_messages import ThingList
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
 

@@ -49,7 +49,7 @@ from fastsplat_contract.scenes import (
     SceneVersion,
 )
 from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.things import NameSuggestion, PickedThing, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, PickedThing, SceneThing
 
 __all__ = [
     "AccessKey",

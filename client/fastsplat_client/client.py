@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,13 @@ from fastsplat_client.events import events_of
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
+from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import DeadlineExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import (
     Answer,
     CameraFormat,
@@ -38,20 +38,14 @@ from fastsplat_contract.queries import (
 )
 from fastsplat_contract.scenes import (
     DictionaryEntry,
-    Edit,
-    EditIn,
     LabelList,
     ObjectList,
     Scene,
     SceneList,
     SceneObject,
     SceneSummary,
-    SceneVersion,
-    UndoIn,
-    VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.things import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 
 T = TypeVar("T")
 
@@ -59,7 +53,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client:
+class Client(ThingCalls):
     """One server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
@@ -92,7 +86,7 @@ class Client:
     ) -> None:
         own = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
         self._headers = {name: value for name, value in own.items() if value}
-        self._transport = Transport(url, self._headers, ca, timeout_s, retry)
+        super().__init__(Transport(url, self._headers, ca, timeout_s, retry))
         self.keys = ClientKeys(self._transport)
         """Access keys of the project, for its admins and for operators."""
         self._url = urlsplit(url)
@@ -148,7 +142,7 @@ class Client:
 
     def operation(self, operation_id: str) -> Operation:
         """Where a job stands."""
-        return self._get(Operation, f"/v1/operations/{_in_path(operation_id)}")
+        return self._get(Operation, f"/v1/operations/{in_path(operation_id)}")
 
     def operations(self, state: OperationState | None = None) -> Iterator[Operation]:
         """All jobs, newest first, page by page."""
@@ -157,17 +151,17 @@ class Client:
 
     def cancel(self, operation_id: str) -> Operation:
         """Ask a job to stop; one that is over stays as it is."""
-        path = f"/v1/operations/{_in_path(operation_id)}:cancel"
+        path = f"/v1/operations/{in_path(operation_id)}:cancel"
         return read(Operation, self._transport.call("POST", path))
 
     def retry(self, operation_id: str) -> Operation:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
-        path = f"/v1/operations/{_in_path(operation_id)}:retry"
+        path = f"/v1/operations/{in_path(operation_id)}:retry"
         return read(Operation, self._transport.call("POST", path))
 
     def watch(self, operation_id: str) -> Iterator[Operation]:
         """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
-        path, last, failures = f"/v1/operations/{_in_path(operation_id)}/events", "", 0
+        path, last, failures = f"/v1/operations/{in_path(operation_id)}/events", "", 0
         while True:
             try:
                 headers = {"Last-Event-ID": last} if last else {}
@@ -196,7 +190,7 @@ class Client:
         while True:
             left = max(0.0, deadline - time.monotonic())
             params = {"timeout_s": min(left, _LONG_POLL_S)}
-            path = f"/v1/operations/{_in_path(operation_id)}:wait"
+            path = f"/v1/operations/{in_path(operation_id)}:wait"
             operation = self._get(Operation, path, params, _LONG_POLL_S + 60.0)
             if operation.done:
                 return operation
@@ -205,7 +199,7 @@ class Client:
 
     def scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality."""
-        return self._get(Scene, _scene(scene_id))
+        return self._get(Scene, scene_path(scene_id))
 
     def scenes(self) -> Iterator[SceneSummary]:
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
@@ -213,92 +207,16 @@ class Client:
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene and all its files."""
-        self._transport.call("DELETE", _scene(scene_id), repeatable=False)
+        self._transport.call("DELETE", scene_path(scene_id), repeatable=False)
 
     def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
         """A scene's whole dictionary, by label id."""
-        return self._pages(LabelList, f"{_scene(scene_id)}/labels")
+        return self._pages(LabelList, f"{scene_path(scene_id)}/labels")
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""
         params = {"label": label, "version": version}
-        return self._pages(ObjectList, f"{_scene(scene_id)}/objects", params)
-
-    def things(self, scene_id: str, *, version: str = "") -> Iterator[SceneThing]:
-        """Every thing of a scene, with or without a name, by id."""
-        return self._pages(ThingList, f"{_scene(scene_id)}/things", {"version": version})
-
-    def pick(
-        self,
-        scene_id: str,
-        viewpoint: str | PosedCamera | None = None,
-        *,
-        pixel: tuple[float, float] | None = None,
-        box: tuple[float, float, float, float] | None = None,
-        point: tuple[float, float, float] | None = None,
-        version: str = "",
-    ) -> PickedThing:
-        """The thing at a place, with its mask.
-
-        Args:
-            scene_id: which scene.
-            viewpoint: one of the scene's own cameras (its name) or a free viewpoint; None for a point.
-            pixel: x, y in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
-            box: left, top, right, bottom, instead of `pixel`.
-            point: x, y, z in the world frame, instead of `pixel`.
-            version: of the scene; "" is the current one.
-        """
-        request = PickIn(
-            camera=None if isinstance(viewpoint, str) else viewpoint,
-            view=viewpoint if isinstance(viewpoint, str) else None,
-            pixel=None if pixel is None else Pixel(*pixel),
-            box=None if box is None else PixelBox(*box),
-            point=None if point is None else Vector3(*point),
-            version=version,
-        )
-        path = f"{_scene(scene_id)}:pick"
-        return read(PickedThing, self._transport.call("POST", path, json=to_plain(request)))
-
-    def name_things(
-        self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
-    ) -> SceneVersion:
-        """Make a new version in which these things have a name; see `edit_scene`."""
-        ids = (things,) if isinstance(things, int) else tuple(things)
-        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases))
-        return self.edit_scene(scene_id, [edit], looked_at=looked_at)
-
-    def edit_scene(
-        self,
-        scene_id: str,
-        edits: Sequence[Edit],
-        *,
-        request_id: str = "",
-        looked_at: str = "",
-        timeout_s: float | None = None,
-    ) -> SceneVersion:
-        """Make a new version; it is current on return.
-
-        Args:
-            scene_id: which scene.
-            edits: at least one, applied in order.
-            request_id: the same id returns the version that it made; by default a new one.
-            looked_at: the version that was looked at: only names that stood in it are replaced.
-            timeout_s: when to give up.
-        """
-        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex, looked_at))
-        return read(
-            SceneVersion,
-            self._transport.call("POST", f"{_scene(scene_id)}:edit", json=body, timeout_s=timeout_s),
-        )
-
-    def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one; with `version`, only if that is the current one."""
-        body = to_plain(UndoIn(version))
-        return read(SceneVersion, self._transport.call("POST", f"{_scene(scene_id)}:undo", json=body, repeatable=False))
-
-    def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version, oldest first."""
-        return self._get(VersionList, f"{_scene(scene_id)}/versions").versions
+        return self._pages(ObjectList, f"{scene_path(scene_id)}/objects", params)
 
     def query(
         self,
@@ -340,7 +258,7 @@ class Client:
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = _without_scene(request)
         if request.scene_id:
-            path = f"{_scene(request.scene_id)}:query"
+            path = f"{scene_path(request.scene_id)}:query"
             response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
         else:
             for field in ("cameras", "views", "mask2d_encoding"):
@@ -381,11 +299,11 @@ class Client:
 
     def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self._transport.call("GET", f"{_scene(scene_id)}/cameras", params={"format": file_format}).content
+        return self._transport.call("GET", f"{scene_path(scene_id)}/cameras", params={"format": file_format}).content
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
-        path, params = f"{_scene(scene_id)}/scene.ply", {"version": version} if version else {}
+        path, params = f"{scene_path(scene_id)}/scene.ply", {"version": version} if version else {}
         tag, failures = "", 0
         with target.open("wb") as file:
             while True:
@@ -410,7 +328,7 @@ class Client:
     def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
         """Just the Gaussians that answer, as a 3DGS PLY."""
         params = {"text": text, "version": version}
-        return self._transport.call("GET", f"{_scene(scene_id)}/mask.ply", params=params).content
+        return self._transport.call("GET", f"{scene_path(scene_id)}/mask.ply", params=params).content
 
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
@@ -427,32 +345,13 @@ class Client:
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:
         where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
         body = _without_scene(replace(request, **where))
-        return self._transport.call("POST", f"{_scene(request.scene_id)}:render", json=body).content
+        return self._transport.call("POST", f"{scene_path(request.scene_id)}:render", json=body).content
 
     def _grpc(self) -> Grpc:
         self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
         return Grpc(self._grpc_target, self._headers, self._url.scheme == "https", self._ca)
 
-    def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
-        return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))
-
-    def _pages(self, kind: type[Any], path: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
-        token = ""
-        while True:
-            page = self._get(kind, path, {**(params or {}), "page_token": token})
-            yield from page[0]
-            if not (token := page.next_page_token):
-                return
-
 
 def _without_scene(request: QueryRequest | PictureRequest) -> dict[str, Any]:
     """The body of a request whose path names the scene."""
     return {name: value for name, value in to_plain(request).items() if name != "scene_id"}
-
-
-def _scene(scene_id: str) -> str:
-    return f"/v1/scenes/{_in_path(scene_id)}"
-
-
-def _in_path(name: str) -> str:
-    return quote(name, safe="")

@@ -32,7 +32,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
-from fastsplat_contract.things import PickedThing, PickRequest, ThingList
+from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 
 _log = logging.getLogger(__name__)
 

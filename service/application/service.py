@@ -127,6 +127,7 @@ class SceneService:
 
         Raises:
             ConflictError: the request id was used before for other content.
+            InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
             FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
         with upload.committing():
@@ -138,6 +139,8 @@ class SceneService:
                 return operation_of(earlier)
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._settings.capture)
+                if options.labels and not validated.has_labels:
+                    _check_labels(options.labels, self._settings)
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
@@ -291,6 +294,14 @@ def _admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
     )
 
     return validate_in_sandbox(folder, settings)
+
+
+def _check_labels(labels: Sequence[str], settings: Settings) -> None:
+    from fastsplat.service.perception.capture_detection import (
+        check_labels_known,  # onnxruntime loads with the first upload that names something
+    )
+
+    check_labels_known(labels, settings.perception)
 
 
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:

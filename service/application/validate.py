@@ -13,7 +13,7 @@ from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions, UpAxis
-from fastsplat_contract.things import PickRequest
+from fastsplat_contract.thing_messages import PickRequest
 
 _DEFAULT_PAGE = 50
 

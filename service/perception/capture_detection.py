@@ -10,7 +10,7 @@ import numpy as np
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detection_voting import merge_spellings, resolve_detections
-from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.detectors import closed_set_labels, open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
@@ -47,8 +47,8 @@ def detect_views(
     """
     names = [entry.label for entry in dictionary_of(labels).entries]
     if not settings.open_set_detector:
+        check_labels_known(names, settings)
         closed = open_closed_set_detector(settings, models)
-        _refuse_unknown(names, closed, settings)
         return _closed_set_pass(closed, load, count, names, settings, on_view)
     prompts = names or _prompts(load, count, settings, models, on_view)
     detector = open_open_set_detector(settings, models)
@@ -113,8 +113,16 @@ def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float
     return joined(parts)
 
 
-def _refuse_unknown(names: Sequence[str], detector: ClosedSetDetector, settings: PerceptionSettings) -> None:
-    known = {label_key(label) for label in detector.labels}
+def check_labels_known(names: Sequence[str], settings: PerceptionSettings) -> None:
+    """Raise unless the configured detectors can look for all of these names; no model is opened.
+
+    Raises:
+        InvalidInputError: there is no open-set detector, and the closed-set detector cannot know some; names them.
+        ModelUnavailableError: no such closed-set detector.
+    """
+    if settings.open_set_detector or not names:
+        return
+    known = {label_key(label) for label in closed_set_labels(settings)}
     unknown = [name for name in names if label_key(name) not in known]
     if unknown:
         raise InvalidInputError(

@@ -24,7 +24,7 @@ from fastsplat_contract.queries import Answer, Match, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.text import TextEncoder
-    from fastsplat.service.query.scene_things import SceneThings
+    from fastsplat.service.query.thing_index import SceneThings
 
 Mask = NDArray[np.bool_]
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.text import TextEncoder
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
-    from fastsplat.service.query.scene_things import SceneThings
+    from fastsplat.service.query.thing_index import SceneThings
 
 _DEFAULTS = QuerySettings()
 
@@ -170,7 +170,7 @@ class SceneIndex:
         """All things of this scene, with or without a name: those that it stores, else those of its labels, see
         `labeled_things`."""
         from fastsplat.service.query.labeled_things import labeled_things, with_things
-        from fastsplat.service.query.scene_things import SceneThings
+        from fastsplat.service.query.thing_index import SceneThings
 
         instances = self.instances if self.scene.things is None else ()
         with self._things_lock:

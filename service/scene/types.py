@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale
-from fastsplat_contract.things import NameSource as NameSource
+from fastsplat_contract.thing_messages import NameSource as NameSource
 
 F32 = NDArray[np.float32]
 

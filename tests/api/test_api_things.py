@@ -20,7 +20,7 @@ from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, EditIn, InsertSource
-from fastsplat_contract.things import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import ENCODER, add_scene, made_scene, turned

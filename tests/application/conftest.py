@@ -36,7 +36,7 @@ def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
         (folder.parent / "unpacked").mkdir()
         (folder.parent / "unpacked" / "a.jpg").write_bytes(b"picture")
         return ValidatedUpload(folder.parent / "unpacked", "images", 1)
-    return ValidatedUpload(folder, "images", len(names))
+    return ValidatedUpload(folder, "images", len(names), has_labels="labels.json" in names)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ def _options_of(record: OperationRecord) -> SceneOptions:
     return options_from_json({**record.options, "priority": record.priority})
 
 
-_OPTIONS = SceneOptions(("mug", "story book"), 9.5, 50, "draft", 7)
+_OPTIONS = SceneOptions(("cup", "book"), 9.5, 50, "draft", 7)
 
 
 def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path):

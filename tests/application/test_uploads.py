@@ -28,12 +28,27 @@ def test_acknowledged_is_queued_with_its_files(service, settings):
     with service.new_upload() as upload:
         assert upload.write("images/a.jpg", io.BytesIO(b"abc")) == 3
         upload.write("images/b.jpg", iter([b"de", b"f"]))
-        operation = service.create_scene(upload, "kitchen", "", SceneOptions(labels=("mug",)))
+        operation = service.create_scene(upload, "kitchen", "", SceneOptions(labels=("cup",)))
     assert operation.state == "QUEUED" and operation.error is None
     assert service.get_operation(operation.id) == operation
     assert service.get_scene(operation.scene_id).name == "kitchen"
     files = sorted(path for path in (settings.data_dir / "uploads").rglob("*") if path.is_file())
     assert [path.read_bytes() for path in files] == [b"abc", b"def"]
+
+
+def test_names_that_no_detector_can_know_are_refused_at_once(service, settings):
+    def post(*files: str) -> None:
+        with service.new_upload() as upload:
+            for name in files:
+                upload.write(name, [b"picture"])
+            service.create_scene(upload, "", "", SceneOptions(labels=("Cups", "toy bulldozer")))
+
+    with pytest.raises(InvalidInputError, match="cannot know: toy bulldozer") as raised:
+        post("a.jpg")
+    assert raised.value.field == "labels" and "OPEN_SET_DETECTOR" in raised.value.hint
+    assert left_behind(service, settings.data_dir) == []
+    post("a.jpg", "labels.json")  # no detector will run
+    assert len(service.list_scenes()[0]) == 1
 
 
 def test_an_archive_is_dropped_once_unpacked(service, settings):

@@ -22,7 +22,7 @@ from fastsplat_contract.errors import (
     NotFoundError,
 )
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.things import Pixel, PixelBox
+from fastsplat_contract.thing_messages import Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
 CUP = BoxShell("mug", (0.1, 0.1, 0.04))

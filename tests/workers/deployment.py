@@ -100,7 +100,8 @@ class Deployment:
 
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
-        api = APIS.run(_API, self.environment())
+        # Never opened: labels are orders here.
+        api = APIS.run(_API, {**self.environment(), "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR": "any"})
         self._processes.append(api)
         if wait:
             self.wait_for(lambda: _answers(f"{self.http}/livez"))
@@ -261,7 +262,8 @@ def kill(*processes: subprocess.Popen[bytes]) -> None:
 
 
 def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
-    return ValidatedUpload(folder, "images", sum(1 for path in folder.rglob("*") if path.is_file()))
+    count = sum(1 for path in folder.rglob("*") if path.is_file())
+    return ValidatedUpload(folder, "images", count, has_labels=True)  # labels are orders here
 
 
 def _answers(url: str) -> bool:

@@ -28,6 +28,17 @@ def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> Clos
     return detector(only_network(models / inside, name=name), name=name, threads=settings.threads)
 
 
+def closed_set_labels(settings: PerceptionSettings) -> tuple[str, ...]:
+    """The classes that the detector of `settings.closed_set_detector` knows; it is not opened.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter.
+    """
+    name = settings.closed_set_detector
+    adapter, _ = find_model(name, "closed_set_detector")
+    return tuple(select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector").labels)
+
+
 def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
     """The detector that `settings.open_set_detector` names.
 

@@ -18,7 +18,7 @@ from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit
-from fastsplat_contract.things import PickRequest, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox, SceneThing
 
 if TYPE_CHECKING:
     from fastsplat.service.application.service import SceneService

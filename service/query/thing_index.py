@@ -22,7 +22,7 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Searched
 from fastsplat_contract.scenes import Box
-from fastsplat_contract.things import NameSuggestion, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
 
 ThingMap = NDArray[np.uint16]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fastsplat_client import Client
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.things import PickedThing
+from fastsplat_contract.thing_messages import PickedThing
 
 NAME = "Oskar"
 """A name that no detector knows."""

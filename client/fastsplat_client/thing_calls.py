@@ -1,0 +1,124 @@
+"""The calls about things and versions: listed, picked, named, edited, undone."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeVar
+from urllib.parse import quote
+
+from fastsplat_client.errors import read
+from fastsplat_client.transport import Transport
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Edit, EditIn, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
+
+T = TypeVar("T")
+
+
+class ThingCalls:
+    """The part of `Client` that speaks of things and versions."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def things(self, scene_id: str, *, version: str = "") -> Iterator[SceneThing]:
+        """Every thing of a scene, with or without a name, by id."""
+        return self._pages(ThingList, f"{scene_path(scene_id)}/things", {"version": version})
+
+    def pick(
+        self,
+        scene_id: str,
+        viewpoint: str | PosedCamera | None = None,
+        *,
+        pixel: tuple[float, float] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+        point: tuple[float, float, float] | None = None,
+        version: str = "",
+    ) -> PickedThing:
+        """The thing at a place, with its mask.
+
+        Args:
+            scene_id: which scene.
+            viewpoint: one of the scene's own cameras (its name) or a free viewpoint; None for a point.
+            pixel: x, y in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
+            box: left, top, right, bottom, instead of `pixel`.
+            point: x, y, z in the world frame, instead of `pixel`.
+            version: of the scene; "" is the current one.
+        """
+        request = PickIn(
+            camera=None if isinstance(viewpoint, str) else viewpoint,
+            view=viewpoint if isinstance(viewpoint, str) else None,
+            pixel=None if pixel is None else Pixel(*pixel),
+            box=None if box is None else PixelBox(*box),
+            point=None if point is None else Vector3(*point),
+            version=version,
+        )
+        path = f"{scene_path(scene_id)}:pick"
+        return read(PickedThing, self._transport.call("POST", path, json=to_plain(request)))
+
+    def name_things(
+        self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
+    ) -> SceneVersion:
+        """Make a new version in which these things have a name; see `edit_scene`."""
+        ids = (things,) if isinstance(things, int) else tuple(things)
+        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases))
+        return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
+    def edit_scene(
+        self,
+        scene_id: str,
+        edits: Sequence[Edit],
+        *,
+        request_id: str = "",
+        looked_at: str = "",
+        timeout_s: float | None = None,
+    ) -> SceneVersion:
+        """Make a new version; it is current on return.
+
+        Args:
+            scene_id: which scene.
+            edits: at least one, applied in order.
+            request_id: the same id returns the version that it made; by default a new one.
+            looked_at: the version that was looked at: only names that stood in it are replaced.
+            timeout_s: when to give up.
+        """
+        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex, looked_at))
+        return read(
+            SceneVersion,
+            self._transport.call("POST", f"{scene_path(scene_id)}:edit", json=body, timeout_s=timeout_s),
+        )
+
+    def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go back to the version before the current one; with `version`, only if that is the current one."""
+        body = to_plain(UndoIn(version))
+        return read(
+            SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:undo", json=body, repeatable=False)
+        )
+
+    def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
+        """Every version, oldest first."""
+        return self._get(VersionList, f"{scene_path(scene_id)}/versions").versions
+
+    def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
+        return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))
+
+    def _pages(self, kind: type[Any], path: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
+        token = ""
+        while True:
+            page = self._get(kind, path, {**(params or {}), "page_token": token})
+            yield from page[0]
+            if not (token := page.next_page_token):
+                return
+
+
+def scene_path(scene_id: str) -> str:
+    """The path of a scene."""
+    return f"/v1/scenes/{in_path(scene_id)}"
+
+
+def in_path(name: str) -> str:
+    """A name as one segment of a path."""
+    return quote(name, safe="")
