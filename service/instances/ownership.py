@@ -6,12 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians
 
 NOBODY = -1
+
+_ROUNDS = 3
+_MAJORITY = 0.5
 
 Owners = NDArray[np.int32]
 """int32 [G]: number of the thing that each Gaussian belongs to, -1 for none."""
@@ -39,4 +43,39 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
         piece = components(gaussians, members)
         weights = np.bincount(piece, size[members].astype(np.float64))
         result[members[(weights < min_share * weights.max())[piece]]] = NOBODY
+    return result
+
+
+def with_weak_votes(owners: Owners, things: Sequence[Candidate], min_share: float) -> tuple[Owners, F32]:
+    """The same owners, where a Gaussian that nobody owns belongs to the thing that the largest share of views, at least
+    `min_share`, counts it to; and float32 [G], that share where this made an owner, else 0."""
+    shares = np.zeros(len(owners), np.float32)
+    best = np.full(len(owners), NOBODY, np.int32)
+    for number, thing in enumerate(things):
+        larger = thing.weak_shares > shares[thing.weak_rows]
+        rows = thing.weak_rows[larger]
+        shares[rows], best[rows] = thing.weak_shares[larger], number
+    gained = (owners == NOBODY) & (shares >= min_share) & (best != NOBODY)
+    return np.where(gained, best, owners), np.where(gained, shares, np.float32(0))
+
+
+def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
+    """The same owners, where a visible Gaussian that nobody owns belongs to the thing that at least half of its nearest
+    visible Gaussians belong to: what the views left open inside of a thing, and at its edge. Three rounds."""
+    visible = np.flatnonzero(size > 0)
+    count = min(neighbors, len(visible) - 1)
+    result = owners.copy()
+    if count < 1 or not (owners[visible] == NOBODY).any():
+        return result
+    tree = cKDTree(gaussians.means[visible])
+    free = visible[owners[visible] == NOBODY]
+    near = visible[tree.query(gaussians.means[free], count + 1)[1][:, 1:]]
+    for _ in range(_ROUNDS):
+        around = result[near]
+        same = (around[:, :, None] == around[:, None, :]).sum(axis=2)
+        same[around == NOBODY] = 0
+        most = same.argmax(axis=1)
+        rows = np.arange(len(free))
+        joins = (result[free] == NOBODY) & (same[rows, most] >= _MAJORITY * count)
+        result[free[joins]] = around[rows, most][joins]
     return result
