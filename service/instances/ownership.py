@@ -14,8 +14,11 @@ from fastsplat.service.scene.types import Gaussians
 
 NOBODY = -1
 
-_ROUNDS = 3
-_MAJORITY = 0.5
+_ROUNDS = 6
+_ENOUGH = 0.4
+"""Share of a Gaussian's neighbors that must belong to a thing for it to join."""
+_REACH = 2.0
+"""Neighbors farther away than so many times the distance to their own last neighbor do not count."""
 
 Owners = NDArray[np.int32]
 """int32 [G]: number of the thing that each Gaussian belongs to, -1 for none."""
@@ -60,22 +63,25 @@ def with_weak_votes(owners: Owners, things: Sequence[Candidate], min_share: floa
 
 
 def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
-    """The same owners, where a visible Gaussian that nobody owns belongs to the thing that at least half of its nearest
-    visible Gaussians belong to: what the views left open inside of a thing, and at its edge. Three rounds."""
+    """The same owners, where a visible Gaussian that nobody owns belongs to the thing that enough of its nearest
+    visible Gaussians belong to, if these are near by their own measure: what the views left open inside of a thing, and
+    at its edge. A few rounds, so that holes close from their edges."""
     visible = np.flatnonzero(size > 0)
     count = min(neighbors, len(visible) - 1)
     result = owners.copy()
     if count < 1 or not (owners[visible] == NOBODY).any():
         return result
-    tree = cKDTree(gaussians.means[visible])
-    free = visible[owners[visible] == NOBODY]
-    near = visible[tree.query(gaussians.means[free], count + 1)[1][:, 1:]]
+    distances, places = cKDTree(gaussians.means[visible]).query(gaussians.means[visible], count + 1)
+    open_places = np.flatnonzero(owners[visible] == NOBODY)
+    near, free = places[open_places, 1:], visible[open_places]
+    reach = _REACH * distances[:, -1]
+    far = distances[open_places, 1:] > reach[near]
     for _ in range(_ROUNDS):
-        around = result[near]
+        around = np.where(far, NOBODY, result[visible[near]])
         same = (around[:, :, None] == around[:, None, :]).sum(axis=2)
         same[around == NOBODY] = 0
         most = same.argmax(axis=1)
         rows = np.arange(len(free))
-        joins = (result[free] == NOBODY) & (same[rows, most] >= _MAJORITY * count)
+        joins = (result[free] == NOBODY) & (same[rows, most] >= _ENOUGH * count)
         result[free[joins]] = around[rows, most][joins]
     return result

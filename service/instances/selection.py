@@ -89,7 +89,6 @@ def select_things(
         owners[owners == piece] = surface
     owners = without_strays(owners, gaussians, size, settings.stray_share)
     owners = with_neighbors(owners, gaussians, size, settings.neighbors)
-    owners = without_strays(owners, gaussians, size, settings.stray_share)  # the nearest may be far
     shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     return _numbered(things, owners, shares, surfaces, size, settings)

@@ -44,7 +44,7 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     weak_share: float = Field(0.2, ge=0, le=1)
     """A Gaussian that nobody owns belongs to the thing that most views count it to, from this share of them."""
     neighbors: int = Field(8, ge=1)
-    """What then nobody owns belongs to the thing that at least half of so many nearest Gaussians belong to."""
+    """What then nobody owns belongs to the thing that most of so many nearest Gaussians belong to."""
     stray_share: float = Field(0.1, ge=0, le=1)
     """Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
 
