@@ -157,6 +157,7 @@ def _draw(scene: Scene, capture: Capture, path: Path) -> None:
 
 def _write(name: str, row: Mapping[str, Any], start: Start) -> None:
     document = json.loads(_OUT.read_text()) if _OUT.is_file() else {"rows": {}}
+    document["rows"] = {key: value for key, value in document["rows"].items() if key in _NAMES}
     document["rows"][name] = {**row, "provenance": provenance(start)}
     write_json(_OUT, document)
     print(f"{name}: {json.dumps(row)}", flush=True)
