@@ -10,7 +10,7 @@ library users call `build_scene`. Every caller assembles its scene with `assembl
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +22,9 @@ from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.class_names import COCO_80, TAGS
+from fastsplat.service.perception.detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
@@ -39,6 +41,7 @@ from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.operations import UpAxis
 
 _THINGS_SHARE = 0.3
+_LOOKING_SHARE = 0.9
 """Of the export's progress, for discovery."""
 
 LabelSource = Literal["none", "given", "detected"]
@@ -145,7 +148,9 @@ def label_views(
         FastSplatError: as `label_capture`.
     """
     plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
-    labelling = label_capture(capture, plan.settings, settings.models, tuple(labels), progress)
+    labelling = label_capture(
+        capture, plan.settings, settings.models, tuple(labels), progress, masks=settings.discovery.things == "on"
+    )
     return LabelledViews(labelling, plan.tradeoffs)
 
 
@@ -204,6 +209,7 @@ def build_scene(
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
     if settings.discovery.things == "on":
         open_segmenter(settings.perception, settings.models)
+        open_closed_set_detector(settings.perception, settings.models)
     seconds = {} if capture_seconds is None else {"capture": capture_seconds}
     begun = time.monotonic()
     if labelling is None:
@@ -284,18 +290,23 @@ def _things(
     if settings.discovery.things == "off":
         return None
 
-    def on_view(done: int, total: int) -> None:
-        progress(ProgressEvent("export", _THINGS_SHARE * done / total, f"discovering things, view {done}/{total}"))
+    def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
+        def on_view(done: int, total: int) -> None:
+            fraction = _THINGS_SHARE * (begin + (end - begin) * done / total)
+            progress(ProgressEvent("export", fraction, f"{what}, view {done}/{total}"))
 
-    segmenter = open_segmenter(settings.perception, settings.models)
+        return on_view
+
+    masks = labelling.masks or propose_capture_masks(
+        capture.views, settings.perception, settings.models, tell("looking for things", 0, _LOOKING_SHARE)
+    )
     return find_scene_things(
         trained.gaussians,
         capture,
         labelling,
-        segmenter,
+        masks,
         settings.discovery,
-        settings.perception,
-        on_view,
+        tell("discovering things", 0.0 if labelling.masks else _LOOKING_SHARE, 1.0),
         backend=settings.training.backend,
     )
 

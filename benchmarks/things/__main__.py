@@ -5,8 +5,8 @@
 NAME is `sample` (the demo's), or a folder of FASTSPLAT_TEST_DATA: `tabletop`, `skull` (masks of one thing), and
 `kitchen` and `plush`, which have no truth: of these a contact sheet alone is drawn. Scenes are trained on the training
 views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene that lies
-in `--keep` is not trained again. Each is discovered twice: `guided` prompts most views where the dense ones leave off
-(the default), `dense` prompts every view on the grid. Every row replaces itself in benchmarks/results/things.json.
+in `--keep` is not trained again. `looking` is the detector and the segmenter on every view, which a job does while it
+labels them, `grouping` all that follows training. Every row replaces itself in benchmarks/results/things.json.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -34,9 +34,8 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.contact_sheets import label_colors
 from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
-from fastsplat.service.instances.discovery import Discovery, discover_things
-from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.instances.discovery import discover_things
+from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
@@ -53,6 +52,8 @@ _NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
 _FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou")
 _SHEET_VIEWS = 4
 _PANEL = (480, 360)
+
+T = TypeVar("T")
 
 
 def _main() -> None:
@@ -78,24 +79,22 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path) -> None:
     start = begin()
     dataset, capture = _data(name, work, keep, settings.capture)
     scene = _trained(keep / name, capture, settings)
-    for mode in ("guided", "dense"):
-        asked = (
-            settings.discovery if mode == "guided" else settings.discovery.model_copy(update={"dense_views": 10_000})
-        )
-        discovery, seconds = _discovered(scene, capture, settings, asked)
-        with_things = replace(scene, things=discovery.things)
-        row: dict[str, Any] = {
-            "views": discovery.views,
-            "prompts": discovery.prompts,
-            "proposals": discovery.proposals,
-            "things": len(discovery.things.table),
-            "gaussians": len(scene.gaussians),
-            **seconds,
-            **(_figures(with_things, dataset, settings) if dataset is not None else {}),
-        }
-        _write(name, mode, row, start)
-        if dataset is None and mode == "guided":
-            _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
+    masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
+    discovery, grouping = _timed(lambda: discover_things(scene.gaussians, capture.views, masks, settings.discovery))
+    with_things = replace(scene, things=discovery.things)
+    row: dict[str, Any] = {
+        "views": discovery.views,
+        "prompts": discovery.prompts,
+        "proposals": discovery.proposals,
+        "things": len(discovery.things.table),
+        "gaussians": len(scene.gaussians),
+        **{f"looking_{key}": value for key, value in looking.items()},
+        **{f"grouping_{key}": value for key, value in grouping.items()},
+        **(_figures(with_things, dataset, settings) if dataset is not None else {}),
+    }
+    _write(name, row, start)
+    if dataset is None:
+        _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
 
 
 def _data(name: str, work: Path, keep: Path, settings: CaptureSettings) -> tuple[Dataset | None, Capture]:
@@ -122,14 +121,11 @@ def _trained(folder: Path, capture: Capture, settings: Settings) -> Scene:
     return read_scene(folder)
 
 
-def _discovered(
-    scene: Scene, capture: Capture, settings: Settings, asked: DiscoverySettings
-) -> tuple[Discovery, dict[str, float]]:
-    segmenter = open_segmenter(settings.perception, settings.models)
+def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
     wall, cpu = time.perf_counter(), time.process_time()
-    discovery = discover_things(scene.gaussians, capture.views, segmenter, asked, settings.perception)
+    result = work()
     seconds = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
-    return discovery, {key: round(value, 1) for key, value in seconds.items()}
+    return result, {key: round(value, 1) for key, value in seconds.items()}
 
 
 def _figures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, Any]:
@@ -159,11 +155,12 @@ def _draw(scene: Scene, capture: Capture, path: Path) -> None:
     Image.fromarray(np.vstack(rows)).save(path, quality=85)
 
 
-def _write(name: str, mode: str, row: Mapping[str, Any], start: Start) -> None:
+def _write(name: str, row: Mapping[str, Any], start: Start) -> None:
     document = json.loads(_OUT.read_text()) if _OUT.is_file() else {"rows": {}}
-    document["rows"][f"{name} {mode}"] = {**row, "provenance": provenance(start)}
+    document["rows"] = {key: value for key, value in document["rows"].items() if key in _NAMES}
+    document["rows"][name] = {**row, "provenance": provenance(start)}
     write_json(_OUT, document)
-    print(f"{name} {mode}: {json.dumps(row)}", flush=True)
+    print(f"{name}: {json.dumps(row)}", flush=True)
 
 
 if __name__ == "__main__":

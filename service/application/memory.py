@@ -36,7 +36,7 @@ _PER_PIXEL: Mapping[PictureKind, int] = {
     "overlay": 128,
     "relevancy": 136,
     "mask": 80,
-    "label_map": 28,
+    "label_map": 32,
     "depth": 48,
     "depth_picture": 128,
 }

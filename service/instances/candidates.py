@@ -20,6 +20,8 @@ F32 = NDArray[np.float32]
 
 _MOST_SEEN = 0.5
 """Share of a candidate's Gaussians that a view must see to have a vote."""
+_ENOUGH_VIEWS = 3
+"""Fewer views that see a Gaussian say less about it."""
 _MEMBER = 0.5
 """Share of votes from which a Gaussian belongs to a candidate."""
 
@@ -32,6 +34,8 @@ class Candidate:
         rows: int32 [K], its Gaussians, ascending: those that more than half of the views that propose it and see them
             have inside.
         shares: float32 [K], that share, 0.5..1.
+        weak_rows: int32 [L], ascending: its Gaussians, and those that fewer of the views have inside.
+        weak_shares: float32 [L], the share of views, 0..1, less where fewer than three views see the Gaussian.
         weight: pixels that its Gaussians fill in a view, mean over all views.
         consensus: share of the views that see most of it that propose it, 0..1.
         views: number of views that propose it.
@@ -41,6 +45,8 @@ class Candidate:
 
     rows: NDArray[np.int32]
     shares: F32
+    weak_rows: NDArray[np.int32]
+    weak_shares: F32
     weight: float
     consensus: float
     views: int
@@ -100,6 +106,7 @@ def _candidate(
     able = visible_from[rows][:, views].sum(axis=1)
     shares = votes / np.maximum(able, 1)
     members = shares > _MEMBER
+    weak_rows, weak_shares = rows, shares * np.minimum(1.0, able / _ENOUGH_VIEWS)
     rows, shares = rows[members], shares[members].astype(np.float32)
     weights = overlaps.size[rows].astype(np.float64)
     weight = float(weights.sum())
@@ -108,6 +115,8 @@ def _candidate(
     return Candidate(
         rows=rows.astype(np.int32),
         shares=shares,
+        weak_rows=weak_rows.astype(np.int32),
+        weak_shares=weak_shares.astype(np.float32),
         weight=weight,
         consensus=len(np.intersect1d(views, voters)) / max(1, len(voters)),
         views=len(views),

@@ -6,12 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians
 
 NOBODY = -1
+
+_ROUNDS = 6
+_ENOUGH = 0.4
+"""Share of a Gaussian's neighbors that must belong to a thing for it to join."""
+_REACH = 2.0
+"""Neighbors farther away than so many times the distance to their own last neighbor do not count."""
 
 Owners = NDArray[np.int32]
 """int32 [G]: number of the thing that each Gaussian belongs to, -1 for none."""
@@ -39,4 +46,42 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
         piece = components(gaussians, members)
         weights = np.bincount(piece, size[members].astype(np.float64))
         result[members[(weights < min_share * weights.max())[piece]]] = NOBODY
+    return result
+
+
+def with_weak_votes(owners: Owners, things: Sequence[Candidate], min_share: float) -> tuple[Owners, F32]:
+    """The same owners, where a Gaussian that nobody owns belongs to the thing that the largest share of views, at least
+    `min_share`, counts it to; and float32 [G], that share where this made an owner, else 0."""
+    shares = np.zeros(len(owners), np.float32)
+    best = np.full(len(owners), NOBODY, np.int32)
+    for number, thing in enumerate(things):
+        larger = thing.weak_shares > shares[thing.weak_rows]
+        rows = thing.weak_rows[larger]
+        shares[rows], best[rows] = thing.weak_shares[larger], number
+    gained = (owners == NOBODY) & (shares >= min_share) & (best != NOBODY)
+    return np.where(gained, best, owners), np.where(gained, shares, np.float32(0))
+
+
+def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
+    """The same owners, where a visible Gaussian that nobody owns belongs to the thing that enough of its nearest
+    visible Gaussians belong to, if these are near by their own measure: what the views left open inside of a thing, and
+    at its edge. A few rounds, so that holes close from their edges."""
+    visible = np.flatnonzero(size > 0)
+    count = min(neighbors, len(visible) - 1)
+    result = owners.copy()
+    if count < 1 or not (owners[visible] == NOBODY).any():
+        return result
+    distances, places = cKDTree(gaussians.means[visible]).query(gaussians.means[visible], count + 1)
+    open_places = np.flatnonzero(owners[visible] == NOBODY)
+    near, free = places[open_places, 1:], visible[open_places]
+    reach = _REACH * distances[:, -1]
+    far = distances[open_places, 1:] > reach[near]
+    for _ in range(_ROUNDS):
+        around = np.where(far, NOBODY, result[visible[near]])
+        same = (around[:, :, None] == around[:, None, :]).sum(axis=2)
+        same[around == NOBODY] = 0
+        most = same.argmax(axis=1)
+        rows = np.arange(len(free))
+        joins = (result[free] == NOBODY) & (same[rows, most] >= _ENOUGH * count)
+        result[free[joins]] = around[rows, most][joins]
     return result

@@ -14,8 +14,7 @@ from fastsplat.service.instances.discovery import OnView, discover_things
 from fastsplat.service.instances.lifting import lift_regions_of
 from fastsplat.service.instances.naming import count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Labelling, Regions, Segmenter
+from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, device_of
@@ -30,9 +29,8 @@ def find_scene_things(
     gaussians: Gaussians,
     capture: Capture,
     labelling: Labelling,
-    segmenter: Segmenter,
+    masks: Sequence[ViewMasks | None],
     settings: DiscoverySettings,
-    perception: PerceptionSettings,
     on_view: OnView = lambda done, total: None,
     *,
     backend: Backend = "cpu",
@@ -43,13 +41,12 @@ def find_scene_things(
         gaussians: G of them, trained on the capture.
         capture: its views.
         labelling: what was detected in the views, or came with them; an empty dictionary names nothing.
-        segmenter: answers prompts.
+        masks: of each view, without names, see `propose_capture_masks`.
         settings: see `DiscoverySettings`.
-        perception: which masks count.
-        on_view: hears of every view that is looked at.
+        on_view: hears of every view whose masks are lifted.
         backend: which rasterizer.
     """
-    things = discover_things(gaussians, capture.views, segmenter, settings, perception, on_view, backend=backend).things
+    things = discover_things(gaussians, capture.views, masks, settings, on_view, backend=backend).things
     names = [entry.label for entry in labelling.dictionary.entries]
     if not names or not things.table:
         return things

@@ -9,7 +9,14 @@ import numpy as np
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.hierarchy import find_hierarchy
-from fastsplat.service.instances.ownership import NOBODY, Owners, assign_owners, without_strays
+from fastsplat.service.instances.ownership import (
+    NOBODY,
+    Owners,
+    assign_owners,
+    with_neighbors,
+    with_weak_votes,
+    without_strays,
+)
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import (
     Plane,
@@ -48,7 +55,8 @@ def select_things(
 
     In this order: things by the hierarchy; candidates that few views propose, the largest first, where nothing else
     explains their Gaussians and they are no part of a surface's plane; surfaces grow over what nobody owns in their
-    planes; pieces of surfaces join them; strays are left out.
+    planes; pieces of surfaces join them; strays are left out; what nobody owns goes where a minority of views counts
+    it, strays again left out, or else where its neighbors are.
 
     Args:
         candidates: see `find_candidates`.
@@ -71,10 +79,17 @@ def select_things(
             shares[free] = candidate.shares[np.isin(candidate.rows, free)]
             things.append(candidate)
     owners = grow_surfaces(owners, surfaces, gaussians, size, settings.stray_share)
-    for piece, surface in merge_pieces(owners, things, surfaces, gaussians, size, settings).items():
+    merged = merge_pieces(owners, things, surfaces, gaussians, size, settings)
+    for piece, surface in merged.items():
         owners[owners == piece] = surface
         surfaces.pop(piece, None)
     owners = without_strays(owners, gaussians, size, settings.stray_share)
+    owners, weak_shares = with_weak_votes(owners, things, settings.weak_share)
+    for piece, surface in merged.items():
+        owners[owners == piece] = surface
+    owners = without_strays(owners, gaussians, size, settings.stray_share)
+    owners = with_neighbors(owners, gaussians, size, settings.neighbors)
+    shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     return _numbered(things, owners, shares, surfaces, size, settings)
 

@@ -16,14 +16,6 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """Whether a scene gets things: everything in it, with or without a name."""
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
-    max_views: int = Field(64, ge=0)
-    """Views that are looked at, evenly spread; 0: all."""
-    dense_views: int = Field(6, ge=1)
-    """Views that are prompted on a dense grid; the others are prompted on what these have shown."""
-    grid: int = Field(16, ge=2, le=64)
-    """Prompts along the longer side of a densely prompted view."""
-    max_unexplained: int = Field(12, ge=0)
-    """Prompts in each of the other views where no thing explains the pixels."""
 
     min_overlap: float = Field(0.5, gt=0, lt=1)
     """Proposals of two views that overlap more are the same thing."""
@@ -31,7 +23,7 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """Views that must propose a thing; never more than there are."""
     min_view_share: float = Field(0.1, ge=0, le=1)
     """As `min_views`, as a share of all views."""
-    min_consensus: float = Field(0.6, ge=0, le=1)
+    min_consensus: float = Field(0.45, ge=0, le=1)
     """Share of the views that see a thing that must propose it."""
     nested_score: float = Field(0.77, ge=0, le=1)
     """What lies inside a larger thing is a thing of its own from this consensus times quality, and its part below."""
@@ -49,6 +41,10 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """A candidate whose Gaussians no thing owns is a thing from this consensus."""
     unexplained_share: float = Field(0.7, ge=0, le=1)
     """Share of a candidate's weight that no thing owns, for that."""
+    weak_share: float = Field(0.2, ge=0, le=1)
+    """A Gaussian that nobody owns belongs to the thing that most views count it to, from this share of them."""
+    neighbors: int = Field(8, ge=1)
+    """What then nobody owns belongs to the thing that most of so many nearest Gaussians belong to."""
     stray_share: float = Field(0.1, ge=0, le=1)
     """Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
 

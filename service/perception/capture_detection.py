@@ -82,16 +82,19 @@ def _closed_set_pass(
     detections = []
     for view in range(count):
         image = load(view)
-        detect = _detect_in_crops if settings.closer_look else _detect_whole
-        everything = detect(detector, image, settings.score_floor)
+        everything = detect_closed_set(detector, image, settings)
         rows = [row for row, label in enumerate(everything.labels) if not keys or label_key(label) in keys]
         detections.append(everything.take(rows))
         on_view(view + 1, f"looking for objects, view {view + 1}/{count}")
     return merge_spellings(detections, names)
 
 
-def _detect_whole(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
-    return detector.detect(image, min_score)
+def detect_closed_set(detector: ClosedSetDetector, image: Image, settings: PerceptionSettings) -> Detections:
+    """All objects that the detector detects in uint8 [H, W, 3] and that score `score_floor`; with `closer_look`, in the
+    image's four corners as well."""
+    if not settings.closer_look:
+        return detector.detect(image, settings.score_floor)
+    return _detect_in_crops(detector, image, settings.score_floor)
 
 
 def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:

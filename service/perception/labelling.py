@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,14 @@ from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views
+from fastsplat.service.perception.capture_masks import spread
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
-from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps, upsampled
+from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.perception.types import Detections, Image, Labelling, Regions
+from fastsplat.service.perception.types import Detections, Image, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 from fastsplat_contract.errors import InvalidInputError
 
@@ -47,7 +49,13 @@ class _ResolvedViews:
 
 
 def label_capture(
-    capture: Capture, settings: PerceptionSettings, models: Path, labels: Sequence[str], progress: Progress
+    capture: Capture,
+    settings: PerceptionSettings,
+    models: Path,
+    labels: Sequence[str],
+    progress: Progress,
+    *,
+    masks: bool = False,
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
@@ -62,6 +70,8 @@ def label_capture(
         models: the model directory.
         labels: names to look for; empty: whatever is there.
         progress: called for every view; may raise `CancelledError`.
+        masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
+            images; never where label maps came with the capture.
 
     Returns:
         One label map per view, in order. With `settings.max_views`, views that were not looked at are undetected
@@ -73,7 +83,7 @@ def label_capture(
     """
     if capture.given_labels is not None:
         return _read_labels(capture, capture.given_labels, progress)
-    positions = _spread(len(capture.views), settings.max_views)
+    positions = spread(len(capture.views), settings.max_views)
     # Opened first: a missing model should fail before minutes of detection.
     segmenter = open_segmenter(settings, models)
 
@@ -87,13 +97,24 @@ def label_capture(
     resolved = _resolve(detections, bool(labels), settings, models)
     maps = [_blank(view) for view in capture.views]
     regions = [Regions(blank, ()) for blank in maps]
+    proposed: list[ViewMasks | None] = [None] * (len(maps) if masks else 0)
+    proposing = set(spread(len(positions), settings.proposal_views)) if masks else set()
     for position, view_index in enumerate(positions):
         objects = resolved.objects[position]
-        if len(objects):
+        if len(objects) or position in proposing:
             view = capture.views[view_index]
             image = load(position)
-            masks = segmenter.masks(segmenter.embed(image), objects.boxes)
-            region_ids, rows = _segment_regions(masks, objects, resolved.support, settings)
+            embedding = segmenter.embed(image)
+            if position in proposing:
+                boxes = boxes_to_prompt(objects, resolved.candidates[position], settings)
+                answer, size = answer_boxes(segmenter, embedding, boxes), (image.shape[0], image.shape[1])
+                proposed[view_index] = propose_masks(segmenter, embedding, answer, size, settings)
+                of_objects = answer.logits[: len(objects), 0]
+                object_masks = upsampled(of_objects, answer.scale, size, size[1], size[0])
+            else:
+                object_masks = segmenter.masks(embedding, objects.boxes)
+        if len(objects):
+            region_ids, rows = _segment_regions(object_masks, objects, resolved.support, settings)
             _blank_outside(region_ids, view)
             votes = region_votes(objects, resolved.candidates[position], resolved.ids, settings.rival_iou)
             regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
@@ -102,7 +123,7 @@ def label_capture(
         fraction = _DETECTION_SHARE + (1 - _DETECTION_SHARE) * (position + 1) / len(positions)
         count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
         progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {position + 1}/{len(positions)}"))
-    return build_labelling(
+    labelling = build_labelling(
         list(resolved.ids),
         maps,
         resolved.aliases,
@@ -110,6 +131,7 @@ def label_capture(
         regions=regions,
         expected=bool(labels),
     )
+    return replace(labelling, masks=tuple(proposed))
 
 
 def _resolve(
@@ -184,13 +206,6 @@ def _read_labels(capture: Capture, labels: GivenLabels, progress: Progress) -> L
         _blank_outside(maps[-1], view)
     progress(ProgressEvent("perception", 1.0, f"{len(maps)} label maps came with the capture"))
     return labelling_from_maps(labels.dictionary, maps)
-
-
-def _spread(total: int, limit: int) -> list[int]:
-    """Positions of at most `limit` of `total` views, evenly spread, first and last included; 0: all."""
-    if not limit or limit >= total:
-        return list(range(total))
-    return sorted({round(position) for position in np.linspace(0, total - 1, limit)})
 
 
 def _blank(view: View) -> NDArray[np.uint16]:

@@ -1,4 +1,5 @@
-"""Label maps on disk: `dictionary.json` and one 16-bit PNG a view, two where regions were detected."""
+"""Label maps on disk: `dictionary.json` and one 16-bit PNG a view, two where regions were detected, and one NPZ for
+each view with masks without names."""
 
 from __future__ import annotations
 
@@ -9,13 +10,14 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat_contract.errors import InvalidInputError
 
 _INDEX = "dictionary.json"
@@ -37,6 +39,10 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
         for index, view in enumerate(labelling.regions):
             if not cv2.imwrite(str(staged / f"regions-{index:06d}.png"), view.ids):
                 raise OSError(f"{staged / f'regions-{index:06d}.png'} could not be written")
+        for index, own in enumerate(labelling.masks):
+            if own is not None:
+                shape = np.array([own.width, own.height, own.prompts], np.int64)
+                np.savez_compressed(staged / _masks_name(index), bits=own.bits, quality=own.quality, shape=shape)
         index_text = json.dumps(
             {
                 "schema_version": 1,
@@ -44,6 +50,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
                 "exact": labelling.exact,
                 "expected": labelling.expected,
                 "votes": [view.votes for view in labelling.regions],
+                "masks": [own is not None for own in labelling.masks],
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
             ensure_ascii=False,
@@ -96,9 +103,30 @@ def load_labelling(directory: Path) -> Labelling:
         )
         if len(regions) not in (0, len(maps)):
             raise ValueError(f"{len(regions)} region maps for {len(maps)} label maps")
-    except (OSError, ValueError, KeyError, TypeError, InvalidInputError) as error:
+        masks = tuple(
+            _read_masks(directory / _masks_name(number)) if present else None
+            for number, present in enumerate(index.get("masks", []))
+        )
+        if len(masks) not in (0, len(maps)):
+            raise ValueError(f"masks of {len(masks)} views for {len(maps)} label maps")
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1])
+    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1], masks)
+
+
+def _masks_name(number: int) -> str:
+    return f"masks-{number:06d}.npz"
+
+
+def _read_masks(path: Path) -> ViewMasks:
+    with np.load(path, allow_pickle=False) as stored:
+        bits, quality, shape = stored["bits"], stored["quality"], stored["shape"]
+    if bits.dtype != np.uint8 or quality.dtype != np.float32 or shape.shape != (3,) or shape.dtype != np.int64:
+        raise ValueError(f"{path.name} holds no masks")
+    width, height, prompts = shape.tolist()
+    if min(width, height) < 1 or prompts < 0 or bits.shape != (len(quality), -(-width * height // 8)):
+        raise ValueError(f"{path.name} has masks of another size than it says")
+    return ViewMasks(bits, quality, width, height, prompts)
 
 
 def _read_map(path: Path, highest: int) -> NDArray[np.uint16]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,31 @@ def clean_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Without specks and pinholes: connected pieces, of the mask and of what it leaves, below 1 % of its area."""
     limit = _SPECK * int(mask.sum())
     return ~_without_small(~_without_small(mask, limit), limit)
+
+
+def upsampled(
+    logits: NDArray[np.floating[Any]], scale: tuple[float, float], size: tuple[int, int], width: int, height: int
+) -> NDArray[np.bool_]:
+    """bool [K, height, width]: masks of a segmenter's grid for the image at another size, edges interpolated between
+    grid steps.
+
+    Args:
+        logits: [K, h, w], positive inside.
+        scale: steps of the grid a pixel of the image, along x and y.
+        size: height and width of the image.
+        width, height: of the result.
+    """
+    # Pixel x of the resized image has its center at (x + 0.5)·step on the grid, whose first center is at 0.5.
+    step_x, step_y = scale[0] * size[1] / width, scale[1] * size[0] / height
+    to_grid = np.array([[step_x, 0, step_x / 2 - 0.5], [0, step_y, step_y / 2 - 0.5]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    result = np.zeros((len(logits), height, width), np.bool_)
+    for row, layer in enumerate(logits):
+        full = cv2.warpAffine(
+            layer.astype(np.float32), to_grid, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
+        result[row] = full > 0
+    return result
 
 
 def resolve_overlaps(

@@ -1,16 +1,43 @@
-"""Masks of whatever is in an image, without a name or a vocabulary: the answers of a segmenter that it is sure of."""
+"""Masks of whatever is in an image, without a name or a vocabulary: the answers of a segmenter that it is sure of.
+
+Boxes of a detector are prompted first, whatever they are called: a box says how much of what is there is one object,
+which no point does. Then points, where no mask explains the pixels yet.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.perception.box_ops import nms
+from fastsplat.service.perception.mask_postprocessing import upsampled
+from fastsplat.service.perception.segmenters.mask_selection import best_answers
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import MaskLogits
+from fastsplat.service.perception.types import (
+    Detections,
+    MaskLogits,
+    Segmenter,
+    ViewMasks,
+    box_prompts,
+    point_prompts,
+)
+
+_ROUNDS = 3
+"""Rounds of point prompts: what one round explains, the next leaves alone."""
+_LEAST_RADIUS = 5.0
+"""Unexplained areas that reach no farther from their edge are left alone, in steps of the segmenter's grid."""
+_APART = 0.7
+"""Points of a round keep this share of the distance to the edge of the unexplained area from each other."""
+_ANSWERED = 8
+"""Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
+_BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8
+"""As the settings' bounds, for answers to boxes, which are not ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -43,26 +70,76 @@ class MaskProposals:
 
     def masks(self, width: int, height: int) -> NDArray[np.bool_]:
         """bool [P, height, width]: the masks for the image at this size, edges interpolated between grid steps."""
-        # Pixel x of the resized image has its center at (x + 0.5)·step on the grid, whose first center is at 0.5.
-        step_x = self.scale[0] * self.size[1] / width
-        step_y = self.scale[1] * self.size[0] / height
-        to_grid = np.array([[step_x, 0, step_x / 2 - 0.5], [0, step_y, step_y / 2 - 0.5]])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        result = np.zeros((len(self), height, width), np.bool_)
-        for row, layer in enumerate(self.logits):
-            full = cv2.warpAffine(
-                layer.astype(np.float32), to_grid, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
-            )
-            result[row] = full > 0
-        return result
+        return upsampled(self.logits, self.scale, self.size, width, height)
 
 
-def grid_points(width: int, height: int, across: int) -> NDArray[np.float64]:
-    """float64 [K, 2] x and y of a regular grid over an image, `across` points along its longer side."""
-    step = max(width, height) / across
-    columns, rows = (max(1, round(side / step)) for side in (width, height))
-    x, y = (np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+def propose_masks(
+    segmenter: Segmenter, embedding: Any, boxes: MaskLogits, size: tuple[int, int], settings: PerceptionSettings
+) -> ViewMasks:
+    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is.
+
+    A mask that an answer to a box and one to a point agree on is the box's: it shows an object, not a part of one.
+
+    Args:
+        segmenter: answers prompts.
+        embedding: of the image.
+        boxes: the best answer to each box, see `answer_boxes`.
+        size: height and width of the image.
+        settings: the bounds.
+    """
+    of_boxes = settings.model_copy(update={"proposal_quality": _BOX_QUALITY, "proposal_stability": _BOX_STABILITY})
+    parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), settings.proposal_overlap)]
+    prompts = len(boxes.quality)
+    scale = np.array(boxes.scale)
+    explained = np.asarray((boxes.logits[:, 0] > 0)[_sure(boxes, of_boxes)[:, 0]].any(axis=0))
+    for number in range(_ROUNDS):
+        count = settings.proposal_points * (number + 1) // _ROUNDS - settings.proposal_points * number // _ROUNDS
+        points = unexplained_points(explained, count)
+        if not len(points):
+            break
+        answer = segmenter.mask_logits(embedding, point_prompts(points / scale))
+        parts.append(sure_proposals(answer, size, settings))
+        prompts += len(points)
+        explained = explained | (parts[-1].logits > 0).any(axis=0)
+        for x, y in points.astype(int):
+            explained[max(0, y - _ANSWERED) : y + _ANSWERED + 1, max(0, x - _ANSWERED) : x + _ANSWERED + 1] = True
+    proposals = distinct_proposals(joined_proposals(parts), settings.proposal_overlap, first=len(parts[0]))
+    factor = min(1.0, settings.proposal_side / max(size))
+    height, width = (max(1, round(side * factor)) for side in size)
+    bits = np.packbits(proposals.masks(width, height).reshape(len(proposals), height * width), axis=1)
+    return ViewMasks(bits, proposals.quality, width, height, prompts)
+
+
+def boxes_to_prompt(objects: Detections, others: Detections, settings: PerceptionSettings) -> NDArray[np.float32]:
+    """float32 [K, 4]: the boxes of `objects`, in their order, then those of `others` that overlap none before by more
+    than `rival_iou`, whatever they are called."""
+    boxes = np.concatenate([objects.boxes, others.boxes])
+    first = np.full(len(objects), 2.0, np.float32)
+    rows = nms(boxes, np.concatenate([first, others.scores]), settings.rival_iou)
+    added = np.array([row for row in rows if row >= len(objects)], np.intp)
+    return np.concatenate([objects.boxes, boxes[added]])
+
+
+def answer_boxes(segmenter: Segmenter, embedding: Any, boxes: NDArray[np.float32]) -> MaskLogits:
+    """The segmenter's best answer to each of [K, 4] boxes in pixels of the image: logits [K, 1, h, w]."""
+    return best_answers(segmenter.mask_logits(embedding, box_prompts(boxes)), boxes)
+
+
+def unexplained_points(explained: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
+    """float64 [K, 2] x and y, K at most `count`: the points farthest from what bool [h, w] explains, and from the
+    image's edge, the farthest first."""
+    padded = np.pad((~explained).astype(np.uint8), 1)  # the image's edge is an edge
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    points: list[tuple[float, float]] = []
+    while len(points) < count:
+        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+        radius = float(depth[row, column])
+        if radius < _LEAST_RADIUS:
+            break
+        points.append((column + 0.5, row + 0.5))
+        around = math.ceil(max(2 * _LEAST_RADIUS, _APART * radius))
+        cv2.circle(depth, (int(column), int(row)), around, 0.0, cv2.FILLED)
+    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: PerceptionSettings) -> MaskProposals:
@@ -75,15 +152,23 @@ def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: Percepti
         size: height and width of the image.
         settings: `proposal_quality`, `proposal_stability` and `min_pixels`.
     """
-    grid = answer.logits.shape[2:]
-    area = (answer.logits > 0).sum(axis=(2, 3)) / (answer.scale[0] * answer.scale[1])
-    inner = (answer.logits > 1).sum(axis=(2, 3))
-    stability = inner / np.maximum((answer.logits > -1).sum(axis=(2, 3)), 1)
-    sure = (answer.quality > settings.proposal_quality) & (stability > settings.proposal_stability)
-    sure &= area >= settings.min_pixels
-    logits = answer.logits[sure].reshape(-1, *grid)
-    quality = (answer.quality * stability)[sure]
+    sure = _sure(answer, settings)
+    logits = answer.logits[sure].reshape(-1, *answer.logits.shape[2:])
+    quality = answer.quality[sure] * _stability(logits)
     return MaskProposals(np.clip(logits, -100, 100).astype(np.float16), quality.astype(np.float32), answer.scale, size)
+
+
+def _sure(answer: MaskLogits, settings: PerceptionSettings) -> NDArray[np.bool_]:
+    """bool [K, M]; only the masks that are predicted to be good are looked at."""
+    sure = answer.quality > settings.proposal_quality
+    logits = answer.logits[sure]
+    area = (logits > 0).sum(axis=(1, 2)) / (answer.scale[0] * answer.scale[1])
+    sure[sure] = (_stability(logits) > settings.proposal_stability) & (area >= settings.min_pixels)
+    return np.asarray(sure)
+
+
+def _stability(logits: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    return np.asarray((logits > 1).sum(axis=(1, 2)) / np.maximum((logits > -1).sum(axis=(1, 2)), 1))
 
 
 def joined_proposals(parts: Sequence[MaskProposals]) -> MaskProposals:
@@ -92,12 +177,14 @@ def joined_proposals(parts: Sequence[MaskProposals]) -> MaskProposals:
     return MaskProposals(logits, np.concatenate([part.quality for part in parts]), parts[0].scale, parts[0].size)
 
 
-def distinct_proposals(proposals: MaskProposals, max_overlap: float) -> MaskProposals:
-    """The best of every set of proposals that are the same mask: by descending quality, those whose intersection over
-    union with each one before is at most `max_overlap` (non-maximum suppression)."""
+def distinct_proposals(proposals: MaskProposals, max_overlap: float, *, first: int = 0) -> MaskProposals:
+    """The best of every set of proposals that are the same mask: the first `first`, then the others, both by descending
+    quality, those whose intersection over union with each one before is at most `max_overlap` (non-maximum
+    suppression)."""
     if not len(proposals):
         return proposals
-    order = np.argsort(-proposals.quality, kind="stable")
+    later = np.arange(len(proposals)) >= first
+    order = np.lexsort([-proposals.quality, later])
     flat = (proposals.logits[order] > 0).reshape(len(order), -1).astype(np.float32)
     common = flat @ flat.T
     areas = flat.sum(axis=1)

@@ -69,6 +69,14 @@ class PerceptionSettings(BaseModel):
     proposal_overlap: float = Field(0.75, gt=0, le=1)
     """Masks without a name of one view that overlap more are one."""
 
+    proposal_views: int = Field(16, ge=0)
+    """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten; a large place needs
+    more, so that every thing is in several."""
+    proposal_points: int = Field(24, ge=0)
+    """Prompts in each of these views where no box and no mask explains the pixels, at most."""
+    proposal_side: int = Field(640, ge=64)
+    """Masks without names are stored at this many pixels on the image's longer side."""
+
     synonym_cosine: float = Field(0.85, ge=-1, le=1)
     """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
     (`synonym_iou`). Measured with MiniLM by `benchmarks/perception/synonyms.py`: 0.85 merges 7 of 30 pairs of

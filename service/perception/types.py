@@ -39,6 +39,41 @@ class Regions:
 
 
 @dataclass(frozen=True)
+class ViewMasks:
+    """P masks without names of one view, which may overlap: what is there, whatever it is.
+
+    Attributes:
+        bits: uint8 [P, ceil(height·width / 8)], `numpy.packbits` of each mask, row by row.
+        quality: float32 [P], predicted intersection over union times stability, 0..1.
+        width, height: of the masks; the view's image, possibly reduced.
+        prompts: how many the segmenter answered.
+    """
+
+    bits: NDArray[np.uint8]
+    quality: NDArray[np.float32]
+    width: int
+    height: int
+    prompts: int
+
+    def __post_init__(self) -> None:
+        assert self.bits.shape == (len(self.quality), -(-self.width * self.height // 8))
+        assert self.bits.dtype == np.uint8 and self.quality.dtype == np.float32
+
+    def __len__(self) -> int:
+        return len(self.quality)
+
+    def resized(self, width: int, height: int) -> NDArray[np.bool_]:
+        """bool [P, height, width]: the masks at a size, nearest pixel."""
+        count = self.width * self.height
+        masks = np.unpackbits(self.bits, axis=1, count=count).reshape(len(self), self.height, self.width).astype(bool)
+        if (width, height) == (self.width, self.height):
+            return masks
+        rows = ((np.arange(height) + 0.5) * self.height / height).astype(np.int64)
+        columns = ((np.arange(width) + 0.5) * self.width / width).astype(np.int64)
+        return np.asarray(masks[:, rows][:, :, columns])
+
+
+@dataclass(frozen=True)
 class Labelling:
     """The scene's dictionary and one label map per view.
 
@@ -50,6 +85,7 @@ class Labelling:
             anything is "none of these classes" rather than "not detected".
         regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
         expected: the names were asked for, so each is expected to be somewhere.
+        masks: one per view, its masks without names, None where nobody looked for any; empty where nobody did at all.
     """
 
     dictionary: Dictionary
@@ -57,9 +93,11 @@ class Labelling:
     exact: bool = False
     regions: tuple[Regions, ...] = ()
     expected: bool = False
+    masks: tuple[ViewMasks | None, ...] = ()
 
     def __post_init__(self) -> None:
         assert len(self.regions) in (0, len(self.label_maps))
+        assert not (self.masks and self.label_maps) or len(self.masks) == len(self.label_maps)
         for label_map in self.label_maps:
             assert label_map.ndim == 2 and label_map.dtype == np.uint16
             assert int(label_map.max(initial=0)) <= len(self.dictionary)

@@ -14,7 +14,13 @@ from typing import Generic, TypeVar
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.planning.cost_model import export_seconds, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.cost_model import (
+    export_seconds,
+    fit_training,
+    scene_size,
+    things_seconds,
+    views_within_budget,
+)
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -96,9 +102,17 @@ def plan_training(
         time_budget_s,
         speed=speed,
         spent_s=spent_s + time.monotonic() - begun,
-        tail_s=export_seconds(labels) / speed.serial,
+        tail_s=(export_seconds(labels) + _things_seconds(capture, settings)) / speed.serial,
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)
+
+
+def _things_seconds(capture: Capture, settings: Settings) -> float:
+    """What discovery takes after training; where label maps came with the capture, nobody has looked for masks yet."""
+    if settings.discovery.things == "off":
+        return 0.0
+    views = min(settings.perception.proposal_views or len(capture.views), len(capture.views))
+    return things_seconds(views, views if capture.given_labels is not None else 0)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:

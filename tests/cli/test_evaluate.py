@@ -114,7 +114,6 @@ def test_detected_labels_leave_the_data_sets_own_maps_alone(run, tmp_path: Path)
 
 
 def test_things_are_discovered_without_any_label(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_DISCOVERY__GRID", "4")
     monkeypatch.setenv("FASTSPLAT_DISCOVERY__MIN_WEIGHT_PX", "4")
     monkeypatch.setenv("FASTSPLAT_PERCEPTION__MIN_PIXELS", "8")
     folder = made_data.nerfstudio(tmp_path / "made", 6, (1, 4))

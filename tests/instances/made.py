@@ -28,7 +28,7 @@ def candidate(
     """Of Gaussians that fill one pixel each."""
     array = np.array(rows, np.int32)
     shares = np.full(len(array), share, np.float32)
-    return Candidate(array, shares, float(len(array)), consensus, 3, quality, (0,))
+    return Candidate(array, shares, array, shares, float(len(array)), consensus, 3, quality, (0,))
 
 
 def lifted(gaussians: int, regions: list[np.ndarray | range], visible: np.ndarray | None = None) -> LiftedRegions:

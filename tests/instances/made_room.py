@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.perception.types import Image, MaskLogits, Prompts
+from fastsplat.service.perception.types import Detections, Image, MaskLogits, Prompts
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import rasterize
@@ -35,12 +35,11 @@ class Room:
 
 
 class ColorSegmenter:
-    """Answers a point with the connected area of its color, sharply; its three answers are the same. It counts the
-    prompts of each image, and the most at once."""
+    """Answers a point, or the middle of a box, with the connected area of its color, sharply; its three answers are the
+    same. It counts the prompts of each image."""
 
     def __init__(self) -> None:
         self.prompts: list[int] = []
-        self.most_at_once = 0
 
     def embed(self, image: Image) -> Image:
         """The image itself."""
@@ -54,13 +53,37 @@ class ColorSegmenter:
     def mask_logits(self, embedding: Image, prompts: Prompts) -> MaskLogits:
         """One step of the grid a pixel."""
         self.prompts[-1] += len(prompts)
-        self.most_at_once = max(self.most_at_once, len(prompts))
         nearest = _nearest_color(embedding)
         logits = np.empty((len(prompts), 3, *nearest.shape), np.float32)
-        for row, (x, y) in enumerate(prompts.points[:, 0].astype(int)):
+        for row, (x, y) in enumerate(_middles(prompts).astype(int)):
             _, areas = cv2.connectedComponents((nearest == nearest[y, x]).astype(np.uint8))
             logits[row] = np.where(areas == areas[y, x], 8.0, -8.0)
         return MaskLogits(logits, np.full((len(prompts), 3), 0.95, np.float32), (1.0, 1.0))
+
+
+class NoDetector:
+    """Detects nothing."""
+
+    labels = ()
+
+    def detect(self, image: Image, min_score: float) -> Detections:
+        """None."""
+        return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
+
+
+class BallDetector:
+    """Detects the connected areas of the balls' colors, and calls each one a cup."""
+
+    labels = ("cup",)
+
+    def detect(self, image: Image, min_score: float) -> Detections:
+        """Their boxes."""
+        boxes = []
+        for color in (2, 3, 4):
+            _, _, stats, _ = cv2.connectedComponentsWithStats((_nearest_color(image) == color).astype(np.uint8))
+            boxes += [(x, y, x + width, y + height) for x, y, width, height, area in stats[1:] if area > 20]
+        array = np.array(boxes, np.float32).reshape(-1, 4)
+        return Detections(array, np.full(len(array), 0.9, np.float32), ("cup",) * len(array))
 
 
 def make_room(folder: Path, views: int = 8) -> Room:
@@ -89,6 +112,12 @@ def make_room(folder: Path, views: int = 8) -> Room:
     report = CaptureReport("images", views)
     capture = Capture(tuple(made), nothing.astype(np.float32), nothing.astype(np.uint8), "METRIC", report)
     return Room(gaussians, owner, capture, tuple(maps))
+
+
+def _middles(prompts: Prompts) -> np.ndarray:
+    """[K, 2]: points, and the middles of boxes."""
+    boxes = prompts.kinds[:, :1] == 2
+    return np.where(boxes, prompts.points.mean(axis=1), prompts.points[:, 0])
 
 
 def _nearest_color(image: Image) -> np.ndarray:

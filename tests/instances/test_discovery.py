@@ -10,22 +10,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fastsplat.service.capture import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery import Discovery, discover_things
 from fastsplat.service.instances.naming import NameVotes, name_things
-from fastsplat.service.instances.prompting import dense_views, guided_points
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.capture_masks import propose_view_masks
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Labelling, Regions
+from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.label_evidence import no_evidence
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Thing, Things
 from fastsplat_contract.errors import CancelledError
-from tests.instances.made_room import NAMES, ColorSegmenter, Room, make_room
+from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room, make_room
 
-SETTINGS = DiscoverySettings(dense_views=3, grid=12, min_weight_px=5)
-PERCEPTION = PerceptionSettings(min_pixels=8)
+SETTINGS = DiscoverySettings(min_weight_px=5)
+PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
+
+Masks = tuple[ViewMasks | None, ...]
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +37,13 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
 
 
 @pytest.fixture(scope="module")
-def discovery(room: Room) -> Discovery:
-    return discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION)
+def masks(room: Room) -> Masks:
+    return propose_view_masks(room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION)
+
+
+@pytest.fixture(scope="module")
+def discovery(room: Room, masks: Masks) -> Discovery:
+    return discover_things(room.gaussians, room.capture.views, masks, SETTINGS)
 
 
 def _overlaps(things: Things, owner: np.ndarray) -> dict[int, tuple[int, float]]:
@@ -59,7 +67,7 @@ def test_every_thing_is_discovered_once(room: Room, discovery: Discovery) -> Non
     assert all(overlap > 0.6 for _, overlap in best.values())
     assert all(not thing.name and thing.source is None for thing in discovery.things.table)
     assert [thing.id for thing in discovery.things.table] == [1, 2, 3, 4]
-    assert all(thing.consensus > 0.8 for thing in discovery.things.table)
+    assert all(thing.consensus > 0.5 for thing in discovery.things.table)
 
 
 def test_the_floor_is_a_surface_and_balls_are_none(room: Room, discovery: Discovery) -> None:
@@ -69,52 +77,66 @@ def test_the_floor_is_a_surface_and_balls_are_none(room: Room, discovery: Discov
     assert all(kinds[best[ball][0]] == "" for ball in (1, 2, 3))
 
 
-def test_views_after_the_dense_ones_are_prompted_little(room: Room) -> None:
-    segmenter = ColorSegmenter()
-    discovery = discover_things(room.gaussians, room.capture.views, segmenter, SETTINGS, PERCEPTION)
-    assert segmenter.prompts[:3] == [12 * 9] * 3
-    assert len(segmenter.prompts) == 8 and all(count <= 4 + SETTINGS.max_unexplained for count in segmenter.prompts[3:])
-    assert discovery.prompts == sum(segmenter.prompts) and discovery.views == 8
-    assert segmenter.most_at_once <= 32
+def test_views_that_nobody_looked_at_have_no_say(room: Room) -> None:
+    few = propose_view_masks(
+        room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION.model_copy(update={"proposal_views": 5})
+    )
+    assert sum(own is not None for own in few) == 5 and few[0] is not None and few[-1] is not None
+    all_views = discover_things(room.gaussians, room.capture.views, few, SETTINGS)
+    used = [(view, own) for view, own in zip(room.capture.views, few, strict=True) if own is not None]
+    alone = discover_things(room.gaussians, [view for view, _ in used], [own for _, own in used], SETTINGS)
+    assert all_views.views == 5 and (thing_rows(all_views.things) == thing_rows(alone.things)).all()
 
 
-def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery) -> None:
-    again = discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION)
+def test_boxes_spare_points(room: Room) -> None:
+    """What the answer to a box explains is not prompted again, whatever the box is called."""
+    boxes, points = ColorSegmenter(), ColorSegmenter()
+    with_boxes = propose_view_masks(room.capture.views[:1], BallDetector(), boxes, PERCEPTION)[0]
+    without = propose_view_masks(room.capture.views[:1], NoDetector(), points, PERCEPTION)[0]
+    assert with_boxes is not None and without is not None
+    assert with_boxes.prompts == boxes.prompts[0] and without.prompts == points.prompts[0]
+    balls = len(BallDetector().detect(load_image(room.capture.views[0]), 0.0))
+    assert balls == 3 and with_boxes.prompts - balls <= without.prompts <= PERCEPTION.proposal_points
+    assert len(with_boxes) >= len(without)
+
+
+def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery, masks: Masks) -> None:
+    again = discover_things(room.gaussians, room.capture.views, masks, SETTINGS)
     assert again.things.table == discovery.things.table
     assert (thing_rows(again.things) == thing_rows(discovery.things)).all()
 
 
-def test_it_ends_when_asked_to(room: Room) -> None:
+def test_it_ends_when_asked_to(room: Room, masks: Masks) -> None:
     def stop(done: int, total: int) -> None:
         assert 1 <= done <= total == 8
         if done == 2:
             raise CancelledError("enough")
 
     with pytest.raises(CancelledError):
-        discover_things(room.gaussians, room.capture.views, ColorSegmenter(), SETTINGS, PERCEPTION, stop)
+        discover_things(room.gaussians, room.capture.views, masks, SETTINGS, stop)
 
 
 def test_no_views_no_things(room: Room) -> None:
-    discovery = discover_things(room.gaussians, (), ColorSegmenter(), SETTINGS, PERCEPTION)
+    discovery = discover_things(room.gaussians, (), (), SETTINGS)
     assert discovery.things.table == () and discovery.prompts == 0
     assert (thing_rows(discovery.things) == 0).all()
 
 
-def test_given_label_maps_name_what_they_show(room: Room) -> None:
+def test_given_label_maps_name_what_they_show(room: Room, masks: Masks) -> None:
     labelling = Labelling(dictionary_of(NAMES), room.maps, exact=True)
-    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     names = {thing.id: (thing.name, thing.source) for thing in things.table}
     for true, (thing, _) in _overlaps(things, room.owner).items():
         assert names[thing] == (NAMES[true], "given")
 
 
-def test_without_labels_things_have_no_names(room: Room) -> None:
+def test_without_labels_things_have_no_names(room: Room, masks: Masks) -> None:
     labelling = Labelling(Dictionary(()), ())
-    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     assert len(things.table) == 4 and not any(thing.name for thing in things.table)
 
 
-def test_a_detector_that_is_of_two_minds_only_suggests(room: Room) -> None:
+def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks) -> None:
     """Of the red ball every other view says "ball" and the rest "apple"; of the blue one all say "orange"."""
     regions = []
     for number, label_map in enumerate(room.maps):
@@ -123,7 +145,7 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room) -> None:
         regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
     maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
     labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
-    things = find_scene_things(room.gaussians, room.capture, labelling, ColorSegmenter(), SETTINGS, PERCEPTION)
+    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     by_id = {thing.id: thing for thing in things.table}
     best = _overlaps(things, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
@@ -154,24 +176,6 @@ def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], 
     assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 30))
-def test_guided_points_are_inside_their_things_or_where_nothing_is(seed: int, most: int) -> None:
-    rng = np.random.default_rng(seed)
-    owners = np.kron(rng.integers(0, 4, (6, 8)), np.ones((10, 10), int))
-    points = guided_points(owners, 16, most, 50)
-    shown = owners[points[:, 1].astype(int), points[:, 0].astype(int)]
-    present = np.unique(owners[owners > 0])
-    assert shown[: len(present)].tolist() == present.tolist()
-    assert (shown[len(present) :] == 0).all() and len(points) - len(present) <= most
-
-
-@given(st.integers(0, 500), st.integers(1, 40))
-def test_dense_views_are_spread(count: int, dense: int) -> None:
-    views = dense_views(count, dense)
-    assert len(views) == min(count, dense) and views == sorted(set(views))
-    assert all(0 <= view < count for view in views)
-
-
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:
     label_map = np.zeros((30, 30), np.uint16)
     label_map[2:8, 2:8], label_map[20:28, 20:28], label_map[2:8, 20:26], label_map[15, 15] = 3, 3, 1, 1
@@ -182,7 +186,7 @@ def test_regions_of_a_label_map_are_its_connected_areas() -> None:
     assert (regions.ids > 0).sum() == (label_map > 0).sum() - 1  # the speck
 
 
-def test_undistorted_margins_say_nothing(room: Room, tmp_path: Path) -> None:
+def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Path) -> None:
     """Pixels without content count for no mask: a view that is all margin changes nothing."""
     import cv2
 
@@ -190,6 +194,6 @@ def test_undistorted_margins_say_nothing(room: Room, tmp_path: Path) -> None:
     cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
     views = list(room.capture.views)
     views[0] = replace(views[0], valid_path=blank)
-    without = discover_things(room.gaussians, views[1:], ColorSegmenter(), SETTINGS, PERCEPTION)
-    margin = discover_things(room.gaussians, views, ColorSegmenter(), SETTINGS, PERCEPTION)
+    without = discover_things(room.gaussians, views[1:], masks[1:], SETTINGS)
+    margin = discover_things(room.gaussians, views, masks, SETTINGS)
     assert len(margin.things.table) == len(without.things.table) == 4

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.instances.hierarchy import find_hierarchy
-from fastsplat.service.instances.ownership import NOBODY, assign_owners, without_strays
+from fastsplat.service.instances.ownership import (
+    NOBODY,
+    assign_owners,
+    with_neighbors,
+    with_weak_votes,
+    without_strays,
+)
 from fastsplat.service.instances.selection import select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import Plane, fit_plane, grow_surfaces, surface_kinds
@@ -67,6 +75,46 @@ def test_strays_are_left_out_and_whole_things_stay() -> None:
     owners = np.zeros(len(points), np.int32)
     left = without_strays(owners, gaussians_at(points), np.ones(len(points), np.float32), 0.1)
     assert (left[:400] == 0).all() and (left[400:] == NOBODY).all()
+
+
+def test_weak_votes_take_what_nobody_owns_and_nothing_else() -> None:
+    owners = np.array([0, NOBODY, NOBODY, NOBODY, 1], np.int32)
+    things = [
+        replace(candidate([0]), weak_rows=np.arange(5), weak_shares=np.array([1, 0.3, 0.3, 0.1, 0.4], np.float32)),
+        replace(candidate([4]), weak_rows=np.array([0, 2, 3]), weak_shares=np.array([0.4, 0.4, 0.15], np.float32)),
+    ]
+    result, shares = with_weak_votes(owners, things, 0.2)
+    assert result.tolist() == [0, 0, 1, NOBODY, 1]
+    assert shares.tolist() == pytest.approx([0, 0.3, 0.4, 0, 0])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_holes_are_filled_and_owners_stay(seed: int) -> None:
+    """Holes in a sheet close; what has an owner keeps it, and what no view sees gets none."""
+    gaussians = gaussians_at(grid(1.0, 1.0, 0.1))
+    before = np.zeros(len(gaussians), np.int32)
+    before[np.random.default_rng(seed).choice(len(gaussians), 3, replace=False)] = NOBODY
+    before[:10][before[:10] != NOBODY] = 1
+    after = with_neighbors(before, gaussians, np.ones(len(gaussians), np.float32), 8)
+    assert (after[20:] == 0).all() and (after != NOBODY).sum() >= (before != NOBODY).sum()
+    assert (after[before != NOBODY] == before[before != NOBODY]).all()
+    hidden = with_neighbors(before, gaussians, np.zeros(len(gaussians), np.float32), 8)
+    assert (hidden == before).all()
+
+
+def test_what_floats_far_away_joins_nothing() -> None:
+    gaussians = gaussians_at(np.concatenate([grid(1.0, 1.0, 0.1), [[50.0, 0, 0], [50.0, 0, 0.1]]]))
+    owners = np.zeros(len(gaussians), np.int32)
+    owners[-2:] = NOBODY
+    assert (with_neighbors(owners, gaussians, np.ones(len(gaussians), np.float32), 8) == owners).all()
+
+
+def test_without_a_majority_nobody_owns() -> None:
+    points = np.concatenate([grid(1.0, 1.0, 0.1), [[50.0, 0, 0]]])
+    gaussians = gaussians_at(points)
+    owners = np.arange(len(points), dtype=np.int32)
+    owners[-1] = NOBODY
+    assert (with_neighbors(owners, gaussians, np.ones(len(points), np.float32), 8) == owners).all()
 
 
 @settings(max_examples=25, deadline=None)

@@ -15,7 +15,7 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.perception.types import Detections, Labelling, Regions
+from fastsplat.service.perception.types import Detections, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.vocabulary import (
     build_labelling,
     labelling_from_maps,
@@ -206,6 +206,31 @@ def test_what_is_saved_is_loaded(
     for before, after in zip(maps, loaded.label_maps, strict=True):
         np.testing.assert_array_equal(before, after)
     assert [path.name for path in folder.parent.iterdir()] == ["labels"]
+
+
+def test_masks_without_names_come_back_and_damage_is_refused(tmp_path: Path) -> None:
+    bits = np.packbits(np.arange(60).reshape(2, 30) % 7 < 3, axis=1)
+    own = ViewMasks(bits, np.array([0.5, 0.75], np.float32), 6, 5, 17)
+    maps = (np.zeros((5, 6), np.uint16),) * 3
+    folder = tmp_path / "labels"
+    save_labelling(Labelling(Dictionary(()), maps, masks=(None, own, None)), folder)
+    before, loaded, after = load_labelling(folder).masks
+    assert before is None and after is None and loaded is not None
+    assert (loaded.bits == bits).all() and (loaded.quality == own.quality).all()
+    assert (loaded.width, loaded.height, loaded.prompts) == (6, 5, 17)
+    path = folder / "masks-000001.npz"
+    whole = path.read_bytes()
+    for damaged in (whole[:40], b""):
+        path.write_bytes(damaged)
+        with pytest.raises(InvalidInputError, match="labelling"):
+            load_labelling(folder)
+    for shape in ([7, 9, 1], [0, 5, 1], [6, 5, -1], [6, 5]):
+        np.savez_compressed(path, bits=bits, quality=own.quality, shape=np.array(shape, np.int64))
+        with pytest.raises(InvalidInputError, match="labelling"):
+            load_labelling(folder)
+    path.unlink()
+    with pytest.raises(InvalidInputError, match="labelling"):
+        load_labelling(folder)
 
 
 def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:

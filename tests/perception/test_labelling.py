@@ -52,6 +52,26 @@ def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Pat
     assert [bool(label_map.any()) for label_map in labelling.label_maps] == [True, False, False]
 
 
+def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, models_dir: Path, helpers: Any) -> None:
+    """Every region of a label is one of its view's masks, and things without a name are among the masks as well."""
+    capture = helpers.make_capture(_table_views(test_data, ["018", "024"]))
+    settings = _SETTINGS.model_copy(update={"proposal_views": 1, "proposal_points": 8})
+    plain = label_capture(capture, settings, models_dir, ["banana", "orange"], silent)
+    labelling = label_capture(capture, settings, models_dir, ["banana", "orange"], silent, masks=True)
+    assert plain.masks == () and len(labelling.masks) == 2
+    assert [entry.label for entry in labelling.dictionary.entries] == [e.label for e in plain.dictionary.entries]
+    for before, after in zip(plain.label_maps, labelling.label_maps, strict=True):
+        assert (before == after).mean() > 0.998  # edges are interpolated between other steps
+    own, none = labelling.masks
+    assert own is not None and none is None and len(own) > len(labelling.regions[0].votes)
+    height, width = labelling.label_maps[0].shape
+    masks, ids = own.resized(width, height), labelling.regions[0].ids
+    for number in range(1, len(labelling.regions[0].votes) + 1):
+        region = ids == number
+        overlaps = (masks & region).sum(axis=(1, 2)) / (masks | region).sum(axis=(1, 2))
+        assert overlaps.max() > 0.9
+
+
 def test_nothing_found_is_an_empty_dictionary(models_dir: Path, tmp_path: Path, helpers: Any) -> None:
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((60, 80, 3), 127, np.uint8))
     labelling = label_capture(helpers.make_capture([tmp_path / "grey.png"]), _SETTINGS, models_dir, [], silent)

@@ -12,16 +12,17 @@ from hypothesis import strategies as st
 
 from fastsplat.service.perception.mask_proposals import (
     MaskProposals,
+    boxes_to_prompt,
     distinct_proposals,
-    grid_points,
     joined_proposals,
     sure_proposals,
+    unexplained_points,
 )
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.models.pull import pull
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import MaskLogits, box_prompts, point_prompts
+from fastsplat.service.perception.types import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
 
 SETTINGS = PerceptionSettings(min_pixels=4)
 
@@ -38,12 +39,46 @@ def _proposals(layers: list[np.ndarray], quality: list[float]) -> MaskProposals:
     )
 
 
-@given(st.integers(1, 700), st.integers(1, 700), st.integers(1, 20))
-def test_grid_points_lie_inside_and_spread_evenly(width: int, height: int, across: int) -> None:
-    points = grid_points(width, height, across)
-    assert (points > 0).all() and (points < [width, height]).all()
-    assert len(np.unique(points[:, 0 if width >= height else 1])) == across
-    assert np.allclose(points.mean(axis=0), [width / 2, height / 2])
+@given(st.integers(0, 2**32 - 1), st.integers(0, 12))
+def test_unexplained_points_lie_where_nothing_is_explained(seed: int, most: int) -> None:
+    explained = np.kron(np.random.default_rng(seed).random((4, 5)) < 0.5, np.ones((16, 16))).astype(bool)
+    points = unexplained_points(explained, most)
+    rows, columns = points[:, 1].astype(int), points[:, 0].astype(int)
+    assert len(points) <= most and not explained[rows, columns].any()
+    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(len(points), dtype=bool)]
+    assert (apart >= 9).all()  # twice the least radius, but for the pixel grid
+    if most >= 12:  # what is left has no room for another prompt
+        left = explained.copy()
+        for row, column in zip(rows, columns, strict=True):
+            left[max(0, row - 40) : row + 41, max(0, column - 40) : column + 41] = True
+        assert len(points) == most or not len(unexplained_points(left, 1))
+
+
+def test_boxes_of_objects_come_first_and_rivals_are_left_out() -> None:
+    objects = Detections(np.array([[0, 0, 10, 10], [0, 0, 10, 9]], np.float32), np.full(2, 0.4, np.float32), ("a", "b"))
+    others = Detections(
+        np.array([[0, 0, 10, 10], [50, 50, 60, 60], [50, 50, 60, 61]], np.float32),
+        np.array([0.9, 0.5, 0.6], np.float32),
+        ("c", "d", "e"),
+    )
+    boxes = boxes_to_prompt(objects, others, SETTINGS)
+    assert boxes.tolist() == [[0, 0, 10, 10], [0, 0, 10, 9], [50, 50, 60, 61]]
+    assert boxes_to_prompt(objects.take([]), others.take([]), SETTINGS).shape == (0, 4)
+
+
+def test_of_two_answers_the_one_to_a_box_stays() -> None:
+    both = _proposals([_square(4, 4, 20), _square(4, 4, 21)], [0.8, 0.99])
+    assert distinct_proposals(both, 0.75).quality.tolist() == pytest.approx([0.99])
+    assert distinct_proposals(both, 0.75, first=1).quality.tolist() == pytest.approx([0.8])
+
+
+@given(st.integers(1, 40), st.integers(1, 30), st.integers(0, 5))
+def test_stored_masks_come_back(width: int, height: int, count: int) -> None:
+    masks = np.random.default_rng(count).random((count, height, width)) < 0.5
+    bits = np.packbits(masks.reshape(count, width * height), axis=1)
+    stored = ViewMasks(bits, np.ones(count, np.float32), width, height, count)
+    assert (stored.resized(width, height) == masks).all()
+    assert (stored.resized(2 * width, 3 * height) == masks.repeat(3, axis=1).repeat(2, axis=2)).all()
 
 
 def test_only_sure_stable_and_large_answers_count() -> None:
@@ -123,7 +158,7 @@ def test_one_by_one_and_in_batches_are_the_same(
         (PerceptionSettings(threads=1, segmenter="sam1:alone"), tmp_path),
     ):
         segmenter = open_segmenter(settings, own)
-        points = grid_points(image.shape[1], image.shape[0], 5)
+        points = np.stack(np.meshgrid([40.0, 160.0, 280.0], [30.0, 110.0, 200.0]), axis=-1).reshape(-1, 2)
         answers.append(segmenter.mask_logits(segmenter.embed(image), point_prompts(points)))
     assert np.abs(answers[0].quality - answers[1].quality).max() < 0.01
     assert ((answers[0].logits > 0) == (answers[1].logits > 0)).mean() > 0.999

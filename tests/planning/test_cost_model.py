@@ -14,6 +14,7 @@ from fastsplat.service.planning.cost_model import (
     fit_training,
     step_seconds,
     steps_per_second,
+    things_seconds,
     views_within_budget,
 )
 from fastsplat.service.planning.machine import machine_speed
@@ -146,3 +147,9 @@ def test_the_mean_rate_lies_between_the_cheapest_and_the_dearest_step() -> None:
 def test_the_measured_speed_of_this_machine_is_plausible() -> None:
     planned = machine_speed()
     assert 0.001 < planned.steps < 1_000 and 0.001 < planned.serial < 1_000
+
+
+@given(st.integers(0, 500), st.integers(0, 500))
+def test_things_take_longer_the_more_views_tell_of_them(views: int, proposed: int) -> None:
+    assert 0 < things_seconds(views, 0) <= things_seconds(views, min(views, proposed))
+    assert things_seconds(views, 0) < things_seconds(views + 1, 0)

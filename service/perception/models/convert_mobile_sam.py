@@ -67,10 +67,9 @@ class _BatchDecoder(nn.Module):
         count = sparse.shape[0]
         own = torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).unsqueeze(0).expand(count, -1, -1)
         absent = self.sam.prompt_encoder.no_mask_embed.weight.reshape(1, -1, 1, 1)
-        image = (embeddings + absent).expand(count, -1, -1, -1)
-        tokens, image = decoder.transformer(
-            image, self.positions.expand(count, -1, -1, -1), torch.cat([own, sparse], dim=1)
-        )
+        # The image is one for all prompts until its features have looked at them: what the first layer makes of it is
+        # computed once, by broadcasting.
+        tokens, image = decoder.transformer(embeddings + absent, self.positions, torch.cat([own, sparse], dim=1))
         masks = decoder.num_mask_tokens
         upscaled = decoder.output_upscaling(image.transpose(1, 2).reshape(-1, 256, 64, 64))
         kernels = torch.stack(

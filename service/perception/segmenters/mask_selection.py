@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.perception.types import MaskLogits
+
 
 def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
     """Index of the proposal to keep.
@@ -23,6 +25,20 @@ def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: 
     return int(
         np.argmax([q * _box_agreement(x > 0, box) * _stability(x) for x, q in zip(logits, quality, strict=True)])
     )
+
+
+def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
+    """To each of K box prompts the one answer that `select_mask` takes: logits [K, 1, h, w], quality [K, 1].
+
+    Args:
+        answer: to the boxes.
+        boxes: float32 [K, 4], pixels of the image.
+    """
+    on_grid = boxes * np.array(answer.scale * 2, np.float32)
+    layers = zip(answer.logits, answer.quality, on_grid, strict=True)
+    best = np.array([select_mask(logits, quality, box) for logits, quality, box in layers], np.intp)
+    rows = np.arange(len(best))
+    return MaskLogits(answer.logits[rows, best][:, None], answer.quality[rows, best][:, None], answer.scale)
 
 
 def _stability(logits: NDArray[np.float32]) -> float:

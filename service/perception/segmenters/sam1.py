@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.image_tensors import long_side_padded
+from fastsplat.service.perception.mask_postprocessing import upsampled
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.segmenters.mask_selection import select_mask
-from fastsplat.service.perception.types import Image, MaskLogits, Prompts
+from fastsplat.service.perception.segmenters.mask_selection import best_answers, select_mask
+from fastsplat.service.perception.types import Image, MaskLogits, Prompts, box_prompts
 from fastsplat_contract.errors import ModelUnavailableError
 
 _SIDE = 1024
@@ -88,6 +89,10 @@ class Sam1:
 
     def masks(self, embedding: _Embedding, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
         """bool [K, H, W] for float32 [K, 4] boxes in pixels of the image."""
+        if self._batch is not None:  # at the grid's resolution, and the best answers alone are enlarged
+            best = best_answers(self.mask_logits(embedding, box_prompts(boxes)), boxes)
+            size = (embedding.height, embedding.width)
+            return upsampled(best.logits[:, 0], best.scale, size, embedding.width, embedding.height)
         result = np.zeros((len(boxes), embedding.height, embedding.width), np.bool_)
         for row, box in enumerate(boxes):
             feed = {

@@ -87,7 +87,9 @@ class Sam2:
                 feed["orig_im_size"] = np.array([height, width], np.int32)
             parts.append(self._decoder.run(["masks", "iou_predictions"], feed))
         if not parts:
-            return MaskLogits(np.zeros((0, 3, 256, 256), np.float32), np.zeros((0, 3), np.float32), (1.0, 1.0))
+            return MaskLogits(
+                np.zeros((0, 3, 256, 256), np.float32), np.zeros((0, 3), np.float32), (256 / width, 256 / height)
+            )
         logits = np.concatenate([part[0] for part in parts])
         scale = (logits.shape[3] / width, logits.shape[2] / height)
         return MaskLogits(logits, np.concatenate([part[1] for part in parts]), scale)

@@ -1,0 +1,60 @@
+"""Masks without names for the views of a capture that nobody labels: with given label maps, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fastsplat.service.capture import load_image
+from fastsplat.service.capture.types import View
+from fastsplat.service.perception.capture_detection import detect_closed_set
+from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
+from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import ClosedSetDetector, Segmenter, ViewMasks
+
+OnView = Callable[[int, int], None]
+"""Called with the number of views done and their total; may raise `CancelledError`."""
+
+
+def propose_capture_masks(
+    views: Sequence[View], settings: PerceptionSettings, models: Path, on_view: OnView = lambda done, total: None
+) -> tuple[ViewMasks | None, ...]:
+    """What is in each of at most `proposal_views` of these views, evenly spread; None for the others.
+
+    Raises:
+        ModelUnavailableError: the closed-set detector or the segmenter of the settings is missing or damaged.
+    """
+    detector, segmenter = open_closed_set_detector(settings, models), open_segmenter(settings, models)
+    return propose_view_masks(views, detector, segmenter, settings, on_view)
+
+
+def propose_view_masks(
+    views: Sequence[View],
+    detector: ClosedSetDetector,
+    segmenter: Segmenter,
+    settings: PerceptionSettings,
+    on_view: OnView = lambda done, total: None,
+) -> tuple[ViewMasks | None, ...]:
+    """As `propose_capture_masks`, with these models. What the detector calls its boxes does not matter."""
+    positions = spread(len(views), settings.proposal_views)
+    masks: list[ViewMasks | None] = [None] * len(views)
+    for done, position in enumerate(positions, start=1):
+        image = load_image(views[position])
+        detections = detect_closed_set(detector, image, settings)
+        boxes = boxes_to_prompt(detections.take([]), detections, settings)
+        embedding = segmenter.embed(image)
+        answer = answer_boxes(segmenter, embedding, boxes)
+        masks[position] = propose_masks(segmenter, embedding, answer, (image.shape[0], image.shape[1]), settings)
+        on_view(done, len(positions))
+    return tuple(masks)
+
+
+def spread(total: int, limit: int) -> list[int]:
+    """Positions of at most `limit` of `total` views, evenly spread, first and last included; 0: all."""
+    if not limit or limit >= total:
+        return list(range(total))
+    return sorted({round(position) for position in np.linspace(0, total - 1, limit)})
