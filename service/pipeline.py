@@ -269,7 +269,7 @@ def assemble_scene(
         quality={**quality, **_searched(labelling, settings.perception)},
         label_templates=templates,
         evidence=trained.evidence,
-        label_mode=trained.label_mode if things is None else "things",
+        label_mode=trained.label_mode if things is None or labelling.exact else "things",
         things=things,
     )
 
