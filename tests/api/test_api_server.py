@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import grpc
 import httpx
@@ -103,15 +104,21 @@ def test_the_page_and_its_files_come_from_here_alone(faces: Faces) -> None:
     links = re.findall(r'(?:src|href)="([^"]+)"', page.text)
     assert links
     for link in links:
-        assert link.startswith("/") and faces.rest.get(link).status_code == 200
+        assert _is_relative(link) and faces.rest.get(f"/{link}").status_code == 200
 
 
 def test_the_api_description_needs_no_other_host(faces: Faces) -> None:
     page = faces.rest.get("/docs")
     links = re.findall(r"""(?:src|href)=["']([^"']+)["']""", page.text)
     assert len(links) >= 2
-    for link in (*links, "/openapi.json"):
-        assert link.startswith("/") and faces.rest.get(link).status_code == 200
+    for link in (*links, "openapi.json"):
+        assert _is_relative(link) and faces.rest.get(f"/{link}").status_code == 200
+
+
+def _is_relative(link: str) -> bool:
+    """To the page itself, so that it also holds below a proxy's path."""
+    parts = urlsplit(link)
+    return not parts.scheme and not parts.netloc and not link.startswith("/")
 
 
 def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, faces: Faces) -> None:
@@ -150,6 +157,7 @@ def test_slow_calls_hold_up_nobody(api_settings: Settings) -> None:
 _SERVE = """
 import logging, sys, time
 from pathlib import Path
+from urllib.parse import urlsplit
 from fastsplat.api.server import run
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 from fastsplat.service.application.service import SceneService, open_service

@@ -21,7 +21,9 @@ _GROUPS = {
     if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
 }
 _DOCUMENTED = {name: group for name, group in _GROUPS.items() if issubclass(group, SettingGroup)}
-_NOT_SETTINGS = {"BIND", "PARENT_PID", "RASTER_THREADS", "RASTER_ISA", "TEST_DATA", "TEST_SEED"}
+_NOT_SETTINGS = {
+    "BIND", "KEY", "PARENT_PID", "RASTER_THREADS", "RASTER_ISA", "SERVER", "TEST_DATA", "TEST_SEED"
+}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
