@@ -25,6 +25,7 @@ from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
@@ -139,6 +140,7 @@ class SceneService:
             with self._validating.taken(self.project):
                 upload.replace_files(self._check_files(upload.raw, self._settings.capture).folder)
             self._store.blobs.keep_upload(upload.id)
+            check_cancelled()  # from here on the scene is made, whether or not somebody still waits to hear of it
             job = NewJob(
                 scene_id=_new_id(),
                 operation_id=_new_id(),

@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.application.service import open_service
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import (
+    CancelledError,
     ConflictError,
     CorruptImageError,
     FastSplatError,
@@ -42,6 +46,20 @@ def test_an_archive_is_dropped_once_unpacked(service, settings):
         service.create_scene(upload, "", "", SceneOptions())
     names = [path.name for path in (settings.data_dir / "uploads").rglob("*") if path.is_file()]
     assert names == ["a.jpg"]
+
+
+def test_whoever_leaves_while_files_are_checked_gets_no_scene(settings):
+    leaving = Cancellation()
+
+    def admit(folder, _):
+        leaving.cancel()
+        return ValidatedUpload(folder, "images", 1)
+
+    with open_service(settings, admit) as service:
+        with service.new_upload() as upload, cancellable(leaving), pytest.raises(CancelledError):
+            upload.write("a.jpg", [b"abc"])
+            service.create_scene(upload, "", "", SceneOptions())
+        assert left_behind(service, settings.data_dir) == []
 
 
 def test_leaving_without_a_commit_leaves_nothing(service, settings):
