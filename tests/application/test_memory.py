@@ -135,9 +135,9 @@ def test_requests_wait_until_others_have_released_enough() -> None:
     threads = [threading.Thread(target=first), threading.Thread(target=second)]
     threads[0].start()
     assert begun.wait(60)
-    threads[1].start()
     with budget.reserve(40, "camera"):  # fits beside
         pass
+    threads[1].start()
     release.set()
     for thread in threads:
         thread.join(60)
@@ -158,3 +158,28 @@ def test_who_waits_for_memory_leaves_when_nobody_waits_for_the_answer_and_needs_
         with run_by(Runner()), pytest.raises(CallAgainError), budget.reserve(1, "camera"):
             raise AssertionError
     assert budget.reserved == 0
+
+
+class _Runner:
+    """Makes calls again."""
+
+    def charge(self, cost: float) -> None:
+        raise AssertionError
+
+
+def test_small_requests_do_not_overtake_a_large_one_that_waits() -> None:
+    seconds = 0.0
+    budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 0, lambda: seconds)
+    large, small = _Runner(), _Runner()
+    with budget.reserve(30, "camera"):
+        with run_by(large), pytest.raises(CallAgainError), budget.reserve(80, "camera"):
+            raise AssertionError
+        with run_by(small), pytest.raises(CallAgainError), budget.reserve(20, "camera"):
+            raise AssertionError  # there is room for it now
+    with run_by(large), budget.reserve(80, "camera"), run_by(small), budget.reserve(20, "camera"):
+        assert budget.reserved == 100
+        with run_by(large), pytest.raises(CallAgainError), budget.reserve(80, "camera"):
+            raise AssertionError
+    seconds += 60.0  # whoever has left keeps nobody waiting
+    with budget.reserve(100, "camera"):
+        assert budget.reserved == 100

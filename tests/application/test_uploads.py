@@ -56,9 +56,10 @@ def test_whoever_leaves_while_files_are_checked_gets_no_scene(settings):
         return ValidatedUpload(folder, "images", 1)
 
     with open_service(settings, admit) as service:
-        with service.new_upload() as upload, cancellable(leaving), pytest.raises(CancelledError):
+        with service.new_upload() as upload, cancellable(leaving):
             upload.write("a.jpg", [b"abc"])
-            service.create_scene(upload, "", "", SceneOptions())
+            with pytest.raises(CancelledError):
+                service.create_scene(upload, "", "", SceneOptions())
         assert left_behind(service, settings.data_dir) == []
 
 
