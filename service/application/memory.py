@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.call_scheduling import current_runner, wait_elsewhere
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.settings import CallSettings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import FastSplatError, LimitExceededError
@@ -35,6 +35,9 @@ _PER_GAUSSIAN = 768
 """Bytes of a Gaussian's features, projection and tiles, in one rendering."""
 _PER_MASK_PIXEL = 80
 _PER_ENCODED_PIXEL = 1
+_PER_EDITED_GAUSSIAN = 512
+_EDITED_COPIES = 3
+"""Each edit of a request copies what it changes; the copy before may be there still, and the PLY file is laid out."""
 _PER_MASKED_GAUSSIAN: Mapping[Mask3dEncoding, float] = {"bits": 2.0, "runs": 16.0, "indices": 16.0, "ply": 0.0}
 _PER_PIXEL: Mapping[PictureKind, int] = {
     "rgb": 56,
@@ -78,6 +81,19 @@ def mask3d_bytes(encoding: Mask3dEncoding, texts: int, gaussians: Gaussians) -> 
     return int(texts * per_gaussian * len(gaussians))
 
 
+def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
+    """Estimated peak of editing a scene: the copy of what changes, what choosing its Gaussians needs, and the index of
+    the result, in bytes.
+
+    Args:
+        scene: as it is.
+        sources: the scenes that things are inserted from, as often as that is done.
+    """
+    scenes = [scene, *sources]
+    gaussians = sum(len(one.gaussians) for one in scenes)
+    return _FIXED_BYTES + _PER_EDITED_GAUSSIAN * gaussians + _EDITED_COPIES * sum(map(_weight, scenes))
+
+
 @dataclass(frozen=True)
 class _Waiting:
     """A call that waits for so many bytes; calls that are made again try again."""
@@ -95,9 +111,7 @@ class MemoryBudget:
         clock: seconds.
     """
 
-    def __init__(
-        self, settings: CallSettings, machine_bytes: int, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, settings: CallSettings, machine_bytes: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._all = settings.answer_memory_bytes or int(_SHARE_OF_ALL * machine_bytes)
         self._one = min(self._all, settings.request_memory_bytes or int(_SHARE_OF_ONE * machine_bytes))
         self._clock = clock
@@ -124,15 +138,23 @@ class MemoryBudget:
             LimitExceededError: more than one request may hold.
             CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
         """
+        self.check(size, field)
+        with self._reserved_for(size):
+            yield
+
+    def check(self, size: int, field: str) -> None:
+        """Return if one request may hold so many bytes.
+
+        Raises:
+            LimitExceededError: it may not.
+        """
         if size > self._one:
             raise LimitExceededError(
                 f"the request would hold about {size / 2**20:.0f} MiB in memory",
                 field=field,
                 limit=f"{self._one / 2**20:.0f} MiB for one request (FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES)",
-                hint="Ask for smaller or fewer views, for fewer texts, or in several requests.",
+                hint="Ask for smaller or fewer views, for fewer texts or edits, or in several requests.",
             )
-        with self._reserved_for(size):
-            yield
 
     @contextmanager
     def opening(self, size: int) -> Iterator[None]:
@@ -198,6 +220,13 @@ def machine_bytes() -> int:
         except (OSError, ValueError):  # no such hierarchy, or "max"
             continue
     return min(limits)
+
+
+def _weight(scene: Scene) -> int:
+    """Bytes of the arrays that have a row for each Gaussian."""
+    counts = [scene.evidence, scene.things.membership if scene.things is not None else None]
+    parts = [scene.gaussians, *(part for part in counts if part is not None)]
+    return sum(array.nbytes for part in parts for array in vars(part).values())
 
 
 def _pixels(posed: PosedCamera) -> int:

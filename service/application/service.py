@@ -55,11 +55,11 @@ class SceneService:
         self._settings = settings
         self._check_files = admit or _admit_upload
         self._validating = ValidationSlots(settings.capture.concurrent_validations)
-        self._scenes = OpenScenes(self._store, settings)
         self._memory = MemoryBudget(settings.calls, machine_bytes())
+        self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
-        self.versions = Versions(self._store, settings, self._scenes)
+        self.versions = Versions(self._store, settings, self._scenes, self._memory)
         """Edits of finished scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
@@ -84,7 +84,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
-        other.versions = Versions(other._store, self._settings, other._scenes)
+        other.versions = Versions(other._store, self._settings, other._scenes, self._memory)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 
