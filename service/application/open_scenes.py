@@ -15,7 +15,7 @@ from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import NotFoundError, NotReadyError
+from fastsplat_contract.errors import NotFoundError, NotReadyError, SceneFileError
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.text import TextEncoder
@@ -64,6 +64,7 @@ class OpenScenes:
         Raises:
             NotFoundError: there is no such scene or version.
             NotReadyError: it is still being made, or its job failed.
+            SceneFileError: its files are damaged, or missing.
             LimitExceededError, CancelledError, DeadlineExceededError, CallAgainError: as `MemoryBudget.opening`.
         """
         name = self.version(scene_id, version)
@@ -118,6 +119,12 @@ class OpenScenes:
                 except NotFoundError:
                     continue
                 return self.index_of(scene)
+        if self.folder(scene_id, version).is_dir():
+            raise SceneFileError(
+                f"version {version} of scene {scene_id} has no folder artefact",
+                field="scene",
+                hint="Restore the scene's folder from a backup, or train it again.",
+            )
         raise _deleted(scene_id)
 
     def index_of(self, scene: Scene) -> SceneIndex:
