@@ -6,6 +6,7 @@ import copy
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -112,10 +113,11 @@ class SceneService:
             ResourceError: the disk is almost full.
         """
         self._quotas.check_room(self.project, 0)
-        check_free_space(self._store.blobs.root, self._settings.uploads.min_free_bytes)
+        check_space = partial(check_free_space, self._store.blobs.root, self._settings.uploads.min_free_bytes)
+        check_space()
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture)
+        return UploadSession(upload_id, folder, self._settings.capture, check_space)
 
     def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the upload is over either way.
