@@ -73,8 +73,8 @@ class UploadSettings(SettingGroup, section="uploads"):
     at once."""
 
     min_free_bytes: int = Field(1 << 30, ge=0)
-    """Uploads are refused while the data folder's disk has less free space than this, so that jobs that run can end and
-    scenes can be deleted; 0: never."""
+    """Uploads are refused, and broken off, while the data folder's disk has less free space than this, so that jobs
+    that run can end and scenes can be deleted; 0: never."""
 
     min_bytes_per_s: float = Field(1024.0, gt=0)
     """A sender that is slower than this over the whole upload is disconnected."""

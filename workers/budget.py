@@ -12,7 +12,7 @@ from fastsplat.service.planning.time_budget import StagePlan, plan_training
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.protocol import Job
-from fastsplat.workers.results import stage_seconds
+from fastsplat.workers.results import intact, stage_seconds
 
 _PLAN = "plan.json"
 _FORMER_KEY = "given_up"  # of plans that version 0.1.0 wrote
@@ -44,9 +44,10 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
     """The plan that the training stage follows or followed; without a time budget that is the job's settings."""
     if not (job.folder / _PLAN).exists():
         return StagePlan(job_settings(job).training)
-    stored = json.loads((job.folder / _PLAN).read_text())
-    tradeoffs = stored.get("tradeoffs", stored.get(_FORMER_KEY, ()))
-    return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(tradeoffs))
+    with intact(job.folder / _PLAN):
+        stored = json.loads((job.folder / _PLAN).read_text())
+        tradeoffs = stored.get("tradeoffs", stored.get(_FORMER_KEY, ()))
+        return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(tradeoffs))
 
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:

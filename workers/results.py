@@ -7,14 +7,16 @@ import json
 import re
 import shutil
 import traceback
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 from fastsplat.service.common.atomic import publish_directory
 from fastsplat.service.store.blobs import remove
 from fastsplat.workers.protocol import Job
-from fastsplat_contract.errors import FastSplatError, Kind, ResourceError
+from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError
 
 _TIMES = "stage.json"
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -37,9 +39,28 @@ def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
         remove(folder)
 
 
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """A block that reads a file of an earlier stage's result.
+
+    Raises:
+        ArtefactError: it is damaged; names it.
+    """
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, AttributeError, BadZipFile) as error:
+        raise ArtefactError(
+            f"{path.parent.name}/{path.name}, the result of an earlier stage, is damaged ({type(error).__name__})",
+            field=path.name,
+            hint="Retry the operation.",
+        ) from error
+
+
 def stage_seconds(job: Job, stage: str) -> float:
     """How long the attempt that finished a stage needed for it."""
-    return float(json.loads((job.result(stage) / _TIMES).read_text())["seconds"])
+    path = job.result(stage) / _TIMES
+    with intact(path):
+        return float(json.loads(path.read_text())["seconds"])
 
 
 def checkpoint_folder(job: Job) -> Path:

@@ -22,7 +22,7 @@ from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
 from fastsplat.workers.protocol import Job, Stages
-from fastsplat.workers.results import checkpoint_folder, stage_seconds
+from fastsplat.workers.results import checkpoint_folder, intact, stage_seconds
 
 _TRADEOFFS = "tradeoffs.json"
 
@@ -78,19 +78,22 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
 
 def load_trained(folder: Path) -> TrainedSplats:
     """The training result that `save_trained` wrote, exactly."""
-    with np.load(folder / "arrays.npz", allow_pickle=False) as file:
+    with intact(folder / "arrays.npz"), np.load(folder / "arrays.npz", allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
-    head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))
-    parts = {name.partition(".")[2]: arrays.pop(name) for name in list(arrays) if name.startswith("evidence.")}
-    evidence = Evidence(**parts) if parts else None
-    report = json.loads((folder / "report.json").read_text())
-    return TrainedSplats(Gaussians(**arrays), head, report["quality"], tuple(report["held_out"]), evidence)
+        head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))
+        parts = {name.partition(".")[2]: arrays.pop(name) for name in list(arrays) if name.startswith("evidence.")}
+        evidence = Evidence(**parts) if parts else None
+        gaussians = Gaussians(**arrays)
+    with intact(folder / "report.json"):
+        report = json.loads((folder / "report.json").read_text())
+        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence)
 
 
 def _tradeoffs(job: Job) -> tuple[str, ...]:
     """What the time budget reduced in perception and training, in words."""
     path = job.result("perception") / _TRADEOFFS
-    of_perception = json.loads(path.read_text()) if path.exists() else ()
+    with intact(path):
+        of_perception = json.loads(path.read_text()) if path.exists() else ()
     return (*of_perception, *stored_plan(job).tradeoffs)
 
 

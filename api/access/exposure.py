@@ -21,7 +21,7 @@ def check_exposure(settings: Settings) -> None:
     """Keys may be off only where nobody else can come in.
 
     Raises:
-        InvalidInputError: `auth` is off, and `host` is not this machine's own.
+        InvalidInputError: `auth` is off, and `host` or one of `cors_origins` is not this machine's own.
     """
     if settings.auth == "off" and not is_loopback(settings.host):
         raise InvalidInputError(
@@ -30,6 +30,14 @@ def check_exposure(settings: Settings) -> None:
             limit="loopback (FASTSPLAT_HOST=127.0.0.1)",
             hint="Leave FASTSPLAT_AUTH on, or bind to loopback.",
         )
+    for origin in settings.cors_origins if settings.auth == "off" else ():
+        if not is_loopback(_host_of(origin)):
+            raise InvalidInputError(
+                f"without keys no page of {origin[:80]!r} is answered",
+                field="cors_origins",
+                limit="origins of this machine (FASTSPLAT_CORS_ORIGINS), as http://localhost:3000",
+                hint="Leave FASTSPLAT_AUTH on, or take the origin out.",
+            )
 
 
 def check_local(headers: Mapping[str, str]) -> None:
@@ -41,7 +49,9 @@ def check_local(headers: Mapping[str, str]) -> None:
     Raises:
         PermissionDeniedError: the browser says so, or one of the two names another machine.
     """
-    if headers.get("sec-fetch-site") == "cross-site":
+    origin = headers.get("origin", "")
+    # A page of http://localhost is another site to http://127.0.0.1; CORS decides whether it may read the answer.
+    if headers.get("sec-fetch-site") == "cross-site" and not is_loopback(_host_of(origin)):
         raise PermissionDeniedError(
             "without keys, requests from pages of other sites are refused",
             field="sec-fetch-site",
@@ -49,11 +59,16 @@ def check_local(headers: Mapping[str, str]) -> None:
         )
     for name in ("host", "origin"):
         value = headers.get(name, "")
-        host = value.rpartition("://")[2]
-        host = host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]
+        host = _host_of(value)
         if value and not is_loopback(host):
             raise PermissionDeniedError(
                 f"without keys, requests for or from {host[:80]!r} are refused",
                 field=name,
                 hint="Ask http://localhost, or switch the keys on.",
             )
+
+
+def _host_of(value: str) -> str:
+    """The host of an origin, or of a Host header."""
+    host = value.rpartition("://")[2]
+    return host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]

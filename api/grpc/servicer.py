@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf import empty_pb2
+from grpc import aio
 
 from fastsplat.api.access.caller import caller_role
 from fastsplat.api.grpc.guard import Context, guarded
@@ -28,7 +28,6 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
 M = TypeVar("M")
-_NEWS_S = 0.05
 
 
 class SceneServicer(pb_grpc.SceneServiceServicer):
@@ -301,11 +300,15 @@ def _as(kind: type[M], value: object) -> M:
 
 
 async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:
-    """The client's messages. Of a call that was cancelled gRPC reads an end like any other, sometimes before the news
-    of the cancellation; what has arrived then must not pass for the whole."""
+    """The client's messages. Of a call that was cancelled gRPC reads an end like any other, sometimes long before the
+    news of the cancellation; what has arrived then must not pass for the whole. A stream that the client has cut can
+    no longer be written to either, one that has ended can: so the answer's head is sent first."""
     async for message in messages:
         yield message
-    await asyncio.sleep(_NEWS_S)
+    try:
+        await context.send_initial_metadata(())
+    except aio.InternalError:
+        raise CancelledError("the sender went away") from None
     left = context.time_remaining()
     if context.done() or (left is not None and left <= 0):
         raise CancelledError("the sender went away")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -12,9 +13,11 @@ from typing import Any
 import fastapi_offline
 from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
+from starlette.datastructures import Headers
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
 
 from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate, build_gate
@@ -43,6 +46,7 @@ _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"
 )  # FastAPI's own page wants a CDN, and a robot's LAN has none
 _PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+_COMPRESSED_TYPES = {"text/html", "text/css", "text/javascript", "application/javascript", "image/svg+xml"}
 _TAGS = (
     {"name": "server", "description": "What this server can do."},
     {"name": "scenes", "description": "Captures come in, scenes are looked at, edited and deleted."},
@@ -82,10 +86,27 @@ class _App(FastAPI):
 class _Files(StaticFiles):
     """Files of this release. The next one has others under the same names, so a browser asks whether its copy holds."""
 
-    def file_response(self, *arguments: Any, **named: Any) -> Response:
-        response = super().file_response(*arguments, **named)
-        response.headers["Cache-Control"] = "no-cache"
-        return response
+    def file_response(
+        self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200
+    ) -> Response:
+        response = super().file_response(full_path, stat_result, scope, status_code)
+        etag = response.headers["etag"]
+        # Weak: one tag for the file as it is and compressed.
+        headers = {"Cache-Control": "no-cache", "Vary": "Accept-Encoding", "ETag": f"W/{etag}"}
+        response.headers.update(headers)
+        if not isinstance(response, FileResponse) or response.media_type not in _COMPRESSED_TYPES:
+            return response
+        request_headers = Headers(scope=scope)
+        if not reads_gzip(request_headers) or "range" in request_headers:
+            return response
+        content = _compressed(Path(full_path), etag)
+        return Response(content, status_code, {**headers, "Content-Encoding": "gzip"}, response.media_type)
+
+
+@cache
+def _compressed(path: Path, etag: str) -> bytes:
+    """A file of this release, of which there are few."""
+    return gzip.compress(path.read_bytes(), mtime=0)
 
 
 def create_app(

@@ -50,6 +50,11 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(exact))
         return Response(content, media_type=_MEDIA_TYPES[picture.format], headers=headers)
 
+    async def tagged(name: str, scene_id: str, version: str, *question: str) -> tuple[str, dict[str, str]]:
+        """The version that is meant, and the headers of an answer that never changes for it."""
+        exact = await threads.call(lambda: service.versions.resolve(scene_id, version))
+        return exact, {"ETag": etag_of(name, scene_id, exact, *question), "Cache-Control": "private, no-cache"}
+
     @router.get("/query", response_model=QueryOut)
     async def query(
         request: Request,
@@ -168,20 +173,27 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.get(
         "/v1/scenes/{scene_id}/mask.ply",
         response_class=Response,
-        responses=file_response(_PLY, description="3DGS PLY"),
+        responses={**file_response(_PLY, description="3DGS PLY"), **_UNCHANGED},
     )
     async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
         """Only the Gaussians that answer the text, as a 3DGS PLY."""
-        ply = await run_cancellable(request, threads.answer, lambda: service.answers.mask_ply(scene_id, text, version))
-        return Response(ply, media_type=_PLY, headers={"Content-Disposition": 'attachment; filename="mask.ply"'})
+        exact, headers = await tagged("mask.ply", scene_id, version, text)
+        if (unchanged := not_modified(request, headers)) is not None:
+            return unchanged
+        ply = await run_cancellable(request, threads.answer, lambda: service.answers.mask_ply(scene_id, text, exact))
+        headers["Content-Disposition"] = 'attachment; filename="mask.ply"'
+        return Response(ply, media_type=_PLY, headers=headers)
 
     @router.get(
         "/v1/scenes/{scene_id}/mask3d.bin",
         response_class=Response,
-        responses=file_response(
-            "application/octet-stream",
-            description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
-        ),
+        responses={
+            **file_response(
+                "application/octet-stream",
+                description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
+            ),
+            **_UNCHANGED,
+        },
     )
     async def mask3d(
         request: Request,
@@ -193,14 +205,17 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         version: Version = "",
     ) -> Response:
         """Which Gaussians answer the text."""
+        exact, headers = await tagged("mask3d.bin", scene_id, version, text, encoding)
+        if (unchanged := not_modified(request, headers)) is not None:
+            return unchanged
         question = QueryRequest(
-            scene_id, (text,), outputs=frozenset({"mask3d"}), version=version, mask3d_encoding=encoding
+            scene_id, (text,), outputs=frozenset({"mask3d"}), version=exact, mask3d_encoding=encoding
         )
         answer = (await run_cancellable(request, threads.answer, lambda: service.answers.query(question)))[0]
         return Response(
             answer.mask3d,
             media_type="application/octet-stream",
-            headers={"X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
+            headers={**headers, "X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
         )
 
     return router

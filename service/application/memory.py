@@ -1,4 +1,5 @@
-"""Memory of answers, admitted before it is allocated: estimated from the arguments, bounded for each and for all.
+"""Memory of answers, edits and scenes that open, admitted before it is allocated: estimated from the arguments, bounded
+for each and for all.
 
 The estimates are of what rendering and encoding hold at their peak beside the open scene, measured on the CPU
 backend with images of 4 and 16 million pixels and rounded up; a test compares them with a process's real peak.
@@ -8,19 +9,23 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from fastsplat.service.common.call_scheduling import wait_elsewhere
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.common.call_scheduling import current_runner, wait_elsewhere
+from fastsplat.service.scene import Gaussians, Scene
 from fastsplat.service.settings import CallSettings
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.errors import FastSplatError, LimitExceededError
 from fastsplat_contract.masks import Mask3dEncoding
 from fastsplat_contract.queries import PictureKind
 
 _POLL_S = 0.1
+_FORGOTTEN_S = 5.0
+"""Who waits and has not tried again for so long has left, or is out of turn."""
 _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.25
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
@@ -30,6 +35,9 @@ _PER_GAUSSIAN = 768
 """Bytes of a Gaussian's features, projection and tiles, in one rendering."""
 _PER_MASK_PIXEL = 80
 _PER_ENCODED_PIXEL = 1
+_PER_EDITED_GAUSSIAN = 512
+_EDITED_COPIES = 3
+"""Each edit of a request copies what it changes; the copy before may be there still, and the PLY file is laid out."""
 _PER_MASKED_GAUSSIAN: Mapping[Mask3dEncoding, float] = {"bits": 2.0, "runs": 16.0, "indices": 16.0, "ply": 0.0}
 _PER_PIXEL: Mapping[PictureKind, int] = {
     "rgb": 56,
@@ -73,19 +81,43 @@ def mask3d_bytes(encoding: Mask3dEncoding, texts: int, gaussians: Gaussians) -> 
     return int(texts * per_gaussian * len(gaussians))
 
 
+def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
+    """Estimated peak of editing a scene: the copy of what changes, what choosing its Gaussians needs, and the index of
+    the result, in bytes.
+
+    Args:
+        scene: as it is.
+        sources: the scenes that things are inserted from, as often as that is done.
+    """
+    scenes = [scene, *sources]
+    gaussians = sum(len(one.gaussians) for one in scenes)
+    return _FIXED_BYTES + _PER_EDITED_GAUSSIAN * gaussians + _EDITED_COPIES * sum(map(_weight, scenes))
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """A call that waits for so many bytes; calls that are made again try again."""
+
+    size: int
+    tried_at: float
+
+
 class MemoryBudget:
-    """Bytes that answers hold together in this process. Safe from any thread.
+    """Bytes that calls hold together in this process, first come, first served. Safe from any thread.
 
     Args:
         settings: the limits; those that are 0 follow from the machine's memory, or its control group's.
         machine_bytes: that memory.
+        clock: seconds.
     """
 
-    def __init__(self, settings: CallSettings, machine_bytes: int) -> None:
+    def __init__(self, settings: CallSettings, machine_bytes: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._all = settings.answer_memory_bytes or int(_SHARE_OF_ALL * machine_bytes)
         self._one = min(self._all, settings.request_memory_bytes or int(_SHARE_OF_ONE * machine_bytes))
+        self._clock = clock
         self._lock = threading.Lock()
         self._reserved = 0
+        self._waiting: dict[object, _Waiting] = {}  # in the order in which they came
 
     @property
     def reserved(self) -> int:
@@ -95,7 +127,8 @@ class MemoryBudget:
     @contextmanager
     def reserve(self, size: int, field: str) -> Iterator[None]:
         """A block that may hold so many bytes; waits until others have released enough, without a thread if the call
-        can be made again.
+        can be made again. Who comes later waits until there is room for those before, too, so that many small calls
+        never keep a large one waiting.
 
         Args:
             size: bytes.
@@ -105,25 +138,75 @@ class MemoryBudget:
             LimitExceededError: more than one request may hold.
             CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
         """
+        self.check(size, field)
+        with self._reserved_for(size):
+            yield
+
+    def check(self, size: int, field: str) -> None:
+        """Return if one request may hold so many bytes.
+
+        Raises:
+            LimitExceededError: it may not.
+        """
         if size > self._one:
             raise LimitExceededError(
-                f"the answer would hold about {size / 2**20:.0f} MiB in memory",
+                f"the request would hold about {size / 2**20:.0f} MiB in memory",
                 field=field,
                 limit=f"{self._one / 2**20:.0f} MiB for one request (FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES)",
-                hint="Ask for smaller or fewer views, for fewer texts, or in several requests.",
+                hint="Ask for smaller or fewer views, for fewer texts or edits, or in several requests.",
             )
-        while not self._take(size):
-            wait_elsewhere(_POLL_S)
+
+    @contextmanager
+    def opening(self, size: int) -> Iterator[None]:
+        """A block that opens a scene of so many bytes, as `reserve`; afterwards the scene counts among the open ones.
+
+        Raises:
+            LimitExceededError: more than all requests together may hold.
+            CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
+        """
+        if size > self._all:
+            raise LimitExceededError(
+                f"opening the scene would take about {size / 2**20:.0f} MiB of memory",
+                field="scene",
+                limit=f"{self._all / 2**20:.0f} MiB (FASTSPLAT_CALLS__ANSWER_MEMORY_BYTES)",
+                hint="Train it with fewer Gaussians, or run the server on a machine with more memory.",
+            )
+        with self._reserved_for(size):
+            yield
+
+    @contextmanager
+    def _reserved_for(self, size: int) -> Iterator[None]:
+        call = current_runner() or object()
+        while not self._take(call, size):
+            try:
+                wait_elsewhere(_POLL_S)
+            except FastSplatError:
+                with self._lock:
+                    self._waiting.pop(call, None)
+                raise
         try:
             yield
         finally:
             with self._lock:
                 self._reserved -= size
 
-    def _take(self, size: int) -> bool:
+    def _take(self, call: object, size: int) -> bool:
         with self._lock:
-            if self._reserved + size > self._all:
+            now = self._clock()
+            self._waiting = {
+                known: waiting
+                for known, waiting in self._waiting.items()
+                if now - waiting.tried_at < _FORGOTTEN_S or known is call
+            }
+            before = 0
+            for known, waiting in self._waiting.items():
+                if known is call:
+                    break
+                before += waiting.size
+            if self._reserved + before + size > self._all:
+                self._waiting[call] = _Waiting(size, now)
                 return False
+            self._waiting.pop(call, None)
             self._reserved += size
             return True
 
@@ -137,6 +220,13 @@ def machine_bytes() -> int:
         except (OSError, ValueError):  # no such hierarchy, or "max"
             continue
     return min(limits)
+
+
+def _weight(scene: Scene) -> int:
+    """Bytes of the arrays that have a row for each Gaussian."""
+    counts = [scene.evidence, scene.things.membership if scene.things is not None else None]
+    parts = [scene.gaussians, *(part for part in counts if part is not None)]
+    return sum(array.nbytes for part in parts for array in vars(part).values())
 
 
 def _pixels(posed: PosedCamera) -> int:

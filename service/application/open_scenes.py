@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
+from fastsplat.service.application.memory import MemoryBudget
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import NotFoundError, NotReadyError
+from fastsplat_contract.errors import NotFoundError, NotReadyError, SceneFileError
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.text import TextEncoder
@@ -29,9 +30,10 @@ _COPIES = 2
 class OpenScenes:
     """Scenes ready to be asked, and the text encoders, shared by all threads."""
 
-    def __init__(self, store: Store, settings: Settings) -> None:
+    def __init__(self, store: Store, settings: Settings, memory: MemoryBudget) -> None:
         self._store = store
         self._settings = settings
+        self._memory = memory
         self._open: LeastRecentlyUsed[tuple[str, str], SceneIndex] = LeastRecentlyUsed(
             settings.calls.scene_memory_bytes
         )
@@ -62,6 +64,8 @@ class OpenScenes:
         Raises:
             NotFoundError: there is no such scene or version.
             NotReadyError: it is still being made, or its job failed.
+            SceneFileError: its files are damaged, or missing.
+            LimitExceededError, CancelledError, DeadlineExceededError, CallAgainError: as `MemoryBudget.opening`.
         """
         name = self.version(scene_id, version)
         folder = self.folder(scene_id, name)
@@ -109,11 +113,18 @@ class OpenScenes:
     def _load(self, scene_id: str, version: str) -> SceneIndex:
         for _ in range(_TRIES):  # this machine's copy may leave, for others', before it is open
             folder = self.folder(scene_id, version)
-            try:
-                scene = read_scene(folder / "artefact")
-            except NotFoundError:
-                continue
-            return self.index_of(scene)
+            with self._memory.opening(_weigh(folder)):
+                try:
+                    scene = read_scene(folder / "artefact")
+                except NotFoundError:
+                    continue
+                return self.index_of(scene)
+        if self.folder(scene_id, version).is_dir():
+            raise SceneFileError(
+                f"version {version} of scene {scene_id} has no folder artefact",
+                field="scene",
+                hint="Restore the scene's folder from a backup, or train it again.",
+            )
         raise _deleted(scene_id)
 
     def index_of(self, scene: Scene) -> SceneIndex:

@@ -21,12 +21,13 @@ import uuid
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import Literal
 
 from fastsplat.service.application.quotas import Quotas
-from fastsplat.service.application.uploads import disk_error
+from fastsplat.service.application.uploads import SPACE_CHECK_BYTES, disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.activity_clock import ActivityClock
@@ -203,7 +204,8 @@ class ResumableUploads:
                     hint="Ask for the offset with HEAD, then go on from there.",
                 )
             _mark_activity(folder, self._clock.now())
-            return Piece(folder, data, reached, info.length, checksum, self._clock.now)
+            check_space = partial(check_free_space, self._blobs.root, self._min_free_bytes)
+            return Piece(folder, data, reached, info.length, checksum, self._clock.now, check_space)
         except BaseException:
             data.close()
             raise
@@ -272,7 +274,9 @@ class Piece:
         length: int,
         checksum: tuple[Algorithm, bytes] | None,
         now: Callable[[], float],
+        check_space: Callable[[], None],
     ) -> None:
+        self._check_space, self._space_checked_at = check_space, offset
         self._folder, self._data, self._length, self._checksum, self._now = folder, data, length, checksum, now
         self._begin = self._end = self._durable = offset
         self._hash = hashlib.new(checksum[0]) if checksum is not None else None
@@ -285,7 +289,7 @@ class Piece:
 
         Raises:
             LimitExceededError: they reach over the announced end.
-            ResourceError: the disk is full.
+            ResourceError: the disk is full, or almost.
         """
         if self._end + len(chunk) > self._length:
             raise LimitExceededError(
@@ -294,6 +298,9 @@ class Piece:
                 limit=f"{self._length} bytes (Upload-Length)",
                 hint="Send as many bytes as were announced.",
             )
+        if self._end + len(chunk) - self._space_checked_at >= SPACE_CHECK_BYTES:
+            self._space_checked_at = self._end + len(chunk)
+            self._check_space()
         try:
             rest = memoryview(chunk)
             while rest:

@@ -6,6 +6,7 @@ import copy
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -25,6 +26,7 @@ from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
@@ -54,11 +56,11 @@ class SceneService:
         self._settings = settings
         self._check_files = admit or _admit_upload
         self._validating = ValidationSlots(settings.capture.concurrent_validations)
-        self._scenes = OpenScenes(self._store, settings)
         self._memory = MemoryBudget(settings.calls, machine_bytes())
+        self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
-        self.versions = Versions(self._store, settings, self._scenes)
+        self.versions = Versions(self._store, settings, self._scenes, self._memory)
         """Edits of finished scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
@@ -83,7 +85,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
-        other.versions = Versions(other._store, self._settings, other._scenes)
+        other.versions = Versions(other._store, self._settings, other._scenes, self._memory)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 
@@ -111,10 +113,11 @@ class SceneService:
             ResourceError: the disk is almost full.
         """
         self._quotas.check_room(self.project, 0)
-        check_free_space(self._store.blobs.root, self._settings.uploads.min_free_bytes)
+        check_space = partial(check_free_space, self._store.blobs.root, self._settings.uploads.min_free_bytes)
+        check_space()
         upload_id = _new_id()
         folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture)
+        return UploadSession(upload_id, folder, self._settings.capture, check_space)
 
     def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the upload is over either way.
@@ -144,6 +147,7 @@ class SceneService:
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
+            check_cancelled()  # from here on the scene is made, whether or not somebody still waits to hear of it
             job = NewJob(
                 scene_id=_new_id(),
                 operation_id=_new_id(),

@@ -20,12 +20,15 @@ from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExc
 from fastsplat_contract.operations import SceneOptions
 
 _CHUNK = 1 << 20
+SPACE_CHECK_BYTES = 1 << 24
+"""The disk's free space is looked at again each time that so many bytes have come."""
 
 
 class UploadSession:
     """Files of one future scene, kept in a folder of their own until they are a scene's: `raw` inside `folder`.
 
     A context manager: leaving it before `SceneService.create_scene` removes everything. One thread at a time.
+    `check_space` raises if the disk has too little free space to go on.
     """
 
     def __init__(
@@ -33,11 +36,14 @@ class UploadSession:
         upload_id: str,
         folder: Path,
         settings: CaptureSettings,
+        check_space: Callable[[], None] = lambda: None,
     ) -> None:
         self.id = upload_id
         self.folder = folder
         self.raw = folder / "raw"
         self._settings = settings
+        self._check_space = check_space
+        self._space_checked_at = 0
         self._digests: dict[str, str] = {}
         self._bytes = 0
         self._open = True
@@ -131,6 +137,9 @@ class UploadSession:
                 limit=f"{limit} bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)",
                 hint="Send fewer or smaller images.",
             )
+        if self._bytes + more - self._space_checked_at >= SPACE_CHECK_BYTES:
+            self._space_checked_at = self._bytes + more
+            self._check_space()
 
     @contextmanager
     def committing(self) -> Iterator[None]:
@@ -234,7 +243,7 @@ class UploadFile:
 
         Raises:
             LimitExceededError: the upload becomes too large.
-            ResourceError: the disk is full.
+            ResourceError: the disk is full, or almost.
         """
         self._size += len(chunk)
         self._check_bytes(self._name, self._size)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fastsplat.service.application.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
@@ -33,10 +34,11 @@ _TRIES = 5
 class Versions:
     """The versions of scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
+        self._memory = memory
 
     def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "") -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
@@ -55,7 +57,8 @@ class Versions:
             NotFoundError: there is no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, or duplicates that make the scene too large.
+            LimitExceededError: too many edits, duplicates that make the scene too large, or more memory than a request
+                may hold.
             ConflictError: the request id was used before for other edits, or a person has given a thing another name.
         """
         self._check(edits, request_id)
@@ -150,9 +153,22 @@ class Versions:
         seen: Things | None = None
         if looked_at:
             seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
-        before, index = self._scenes.reading(
-            scene_id, parent, lambda index, _: (index, self._apply(index, edits, seen))
-        )
+        before = self._scenes.reading(scene_id, parent, lambda index, _: index)
+        sources = self._sources(edits)  # first: opening a scene has its own share of the memory
+        with self._memory.reserve(edit_bytes(before.scene, (one.scene for one in sources.values())), "edits"):
+            index = self._apply(before, edits, seen, sources)
+            return self._publish(scene_id, parent, before, index, request_id, digest, rows)
+
+    def _publish(
+        self,
+        scene_id: str,
+        parent: str,
+        before: SceneIndex,
+        index: SceneIndex,
+        request_id: str,
+        digest: str,
+        rows: Sequence[Mapping[str, Any]],
+    ) -> SceneVersion:
         edited = index.scene
         version = f"e{secrets.token_hex(8)}"
         dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
@@ -168,7 +184,9 @@ class Versions:
         self._scenes.keep(scene_id, version, index)
         return self._named(scene_id, version)
 
-    def _apply(self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None) -> SceneIndex:
+    def _apply(
+        self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
+    ) -> SceneIndex:
         from fastsplat.service.query.edits import Edit as SceneEdit
         from fastsplat.service.query.edits import apply_edit
 
@@ -176,21 +194,32 @@ class Versions:
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
             try:
-                source = None if edit.source is None or edit.action != "insert" else self._source(edit.source)
                 scene = apply_edit(
                     index,
                     SceneEdit(**{**vars(edit), "transform": matrix}),
                     seen,
                     before,
-                    source,
+                    sources.get(number),
                     max_gaussians=self._settings.store.max_gaussians,
                 )
                 self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
+                self._memory.check(edit_bytes(scene, ()), "things")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = index.after(scene)
             check_cancelled()
         return index
+
+    def _sources(self, edits: Sequence[Edit]) -> dict[int, SceneIndex]:
+        """The scenes that things are inserted from, by the number of the edit."""
+        sources = {}
+        for number, edit in enumerate(edits):
+            if edit.source is not None and edit.action == "insert":
+                try:
+                    sources[number] = self._source(edit.source)
+                except (NotFoundError, NotReadyError) as error:
+                    raise error.within(f"edits[{number}]") from error
+        return sources
 
     def _source(self, source: InsertSource) -> SceneIndex:
         try:

@@ -56,12 +56,12 @@ def load_capture(out_dir: Path) -> Capture:
     """
     path = out_dir / _CAPTURE
     if not path.is_file():
-        raise NotFoundError(f"{out_dir} has no capture", field="capture", hint="Build it from the upload again.")
+        raise NotFoundError("there is no capture here", field="capture", hint="Build it from the upload again.")
     try:
         document = json.loads(path.read_text())
         if document["version"] != _VERSION:
             raise InvalidInputError(
-                f"{path} has version {document['version']}, expected {_VERSION}",
+                f"{path.name} has version {document['version']}, expected {_VERSION}",
                 field="capture",
                 hint="Build it again.",
             )
@@ -78,7 +78,7 @@ def load_capture(out_dir: Path) -> Capture:
         )
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise InvalidInputError(
-            f"{path} is damaged: {error}", field="capture", hint="Build it from the upload again."
+            f"{path.name} is damaged: {error}", field="capture", hint="Build it from the upload again."
         ) from error
 
 

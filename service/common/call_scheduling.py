@@ -51,6 +51,11 @@ def run_by(runner: CallRunner) -> Iterator[None]:
         _runner.reset(token)
 
 
+def current_runner() -> CallRunner | None:
+    """Who runs the call on this thread, the same object whenever the call is made again; None outside of `run_by`."""
+    return _runner.get()
+
+
 def charge(cost: float) -> None:
     """Account for work that is about to be done; nothing where nobody accounts for it.
 

@@ -18,14 +18,14 @@ from fastapi.routing import iter_route_contexts
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
-from fastsplat.api.access.exposure import check_exposure
+from fastsplat.api.access.exposure import check_exposure, check_local
 from fastsplat.api.rest.access import AccessLayer, route_name
 from fastsplat.api.rest.app import create_app
 from fastsplat.api.server import run
 from fastsplat.cli.logs import JsonLines
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, served
 
@@ -225,3 +225,20 @@ def test_without_a_source_of_keys_nobody_gets_in() -> None:
             return (await client.get("/v1/scenes", headers=_header(f"fsk_{'0' * 12}_{'x' * 43}"))).status_code
 
     assert asyncio.run(asked()) == 401
+
+
+def test_without_keys_no_origin_of_another_machine_can_be_allowed() -> None:
+    for origin in ("https://app.example", "*"):
+        with pytest.raises(InvalidInputError) as caught:
+            check_exposure(Settings(host="127.0.0.1", auth="off", cors_origins=(origin,)))
+        assert caught.value.field == "cors_origins" and caught.value.hint
+        check_exposure(Settings(host="127.0.0.1", cors_origins=(origin,)))
+    check_exposure(Settings(host="127.0.0.1", auth="off", cors_origins=("http://localhost:3000", "http://[::1]:5")))
+
+
+def test_without_keys_a_page_of_this_machine_is_answered_whatever_its_name_for_it() -> None:
+    own = {"host": "127.0.0.1:8000", "sec-fetch-site": "cross-site"}
+    check_local({**own, "origin": "http://localhost:3000"})
+    for origin in ({}, {"origin": "null"}, {"origin": "https://app.example"}):
+        with pytest.raises(PermissionDeniedError):
+            check_local({**own, **origin})

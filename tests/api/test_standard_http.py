@@ -52,6 +52,31 @@ def test_a_picture_that_a_client_has_is_not_made_again(
     assert rest_refusal(gone).reason == "NOT_FOUND"
 
 
+@pytest.mark.parametrize("path", ["mask.ply?text=mug", "mask3d.bin?text=mug", "mask3d.bin?text=mug&encoding=runs"])
+def test_a_mask_that_a_client_has_is_not_made_again(faces: Faces, scene_id: str, path: str) -> None:
+    url = f"/v1/scenes/{scene_id}/{path}"
+    first = faces.rest.get(url)
+    tag = first.headers["etag"]
+    assert first.status_code == 200 and "no-cache" in first.headers["cache-control"]
+    assert faces.rest.get(url.replace("mug", "ball")).headers["etag"] != tag
+    again = faces.rest.get(url, headers={"If-None-Match": tag})
+    assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == tag
+
+
+@pytest.mark.parametrize("path", ["/", "/web/app.js", "/docs-files/swagger-ui.css"])
+def test_files_of_the_page_are_compressed_for_those_who_read_it(faces: Faces, path: str) -> None:
+    plain = faces.rest.get(path, headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers and plain.headers["vary"] == "Accept-Encoding"
+    with faces.rest.stream("GET", path, headers={"Accept-Encoding": "gzip"}) as response:
+        raw = b"".join(response.iter_raw())
+    assert response.headers["content-encoding"] == "gzip" and len(raw) < len(plain.content)
+    assert gzip.decompress(raw) == plain.content and response.headers["etag"].startswith("W/")
+    for name in ("etag", "content-type", "cache-control", "content-security-policy"):
+        assert response.headers.get(name) == plain.headers.get(name)
+    again = faces.rest.get(path, headers={"If-None-Match": response.headers["etag"], "Accept-Encoding": "gzip"})
+    assert again.status_code == 304 and again.content == b""
+
+
 def test_large_answers_are_compressed_for_those_who_can_read_it(faces: Faces, scene_id: str) -> None:
     url = f"/query?text={'&text='.join(['mug', 'ball', 'moon', 'novel'] * 4)}&scene={scene_id}"
     plain = faces.rest.get(url, headers={"Accept-Encoding": "identity"})

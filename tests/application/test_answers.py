@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -19,6 +20,7 @@ from fastsplat_contract.errors import (
     ModelUnavailableError,
     NotFoundError,
     NotReadyError,
+    SceneFileError,
 )
 from fastsplat_contract.queries import PictureRequest, QueryRequest
 
@@ -176,3 +178,15 @@ def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):
         pytest.raises(ModelUnavailableError),
     ):
         bare.answers.query(QueryRequest(ready.id, ("mug",)))
+
+
+def test_a_version_without_its_artefact_folder_is_damaged_and_not_deleted(service, settings, post, finish) -> None:
+    info = post()
+    finish(info)
+    shutil.rmtree(settings.data_dir / "scenes" / info.id / "v1" / "artefact")
+    with pytest.raises(SceneFileError, match="artefact") as caught:
+        service.answers.query(QueryRequest(info.id, ("mug",)))
+    assert info.id in caught.value.message and "v1" in caught.value.message
+    shutil.rmtree(settings.data_dir / "scenes" / info.id)
+    with pytest.raises(NotFoundError):
+        service.answers.query(QueryRequest(info.id, ("mug",)))

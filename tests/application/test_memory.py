@@ -19,6 +19,7 @@ from fastsplat.service.settings import CallSettings, Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CancelledError, LimitExceededError
 from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.scenes import Color, Edit
 
 _PEAKS = """
 import json, sys
@@ -135,9 +136,9 @@ def test_requests_wait_until_others_have_released_enough() -> None:
     threads = [threading.Thread(target=first), threading.Thread(target=second)]
     threads[0].start()
     assert begun.wait(60)
-    threads[1].start()
     with budget.reserve(40, "camera"):  # fits beside
         pass
+    threads[1].start()
     release.set()
     for thread in threads:
         thread.join(60)
@@ -158,3 +159,117 @@ def test_who_waits_for_memory_leaves_when_nobody_waits_for_the_answer_and_needs_
         with run_by(Runner()), pytest.raises(CallAgainError), budget.reserve(1, "camera"):
             raise AssertionError
     assert budget.reserved == 0
+
+
+class _Runner:
+    """Makes calls again."""
+
+    def charge(self, cost: float) -> None:
+        raise AssertionError
+
+
+def test_small_requests_do_not_overtake_a_large_one_that_waits() -> None:
+    seconds = 0.0
+    budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 0, lambda: seconds)
+    large, small = _Runner(), _Runner()
+    with budget.reserve(30, "camera"):
+        with run_by(large), pytest.raises(CallAgainError), budget.reserve(80, "camera"):
+            raise AssertionError
+        with run_by(small), pytest.raises(CallAgainError), budget.reserve(20, "camera"):
+            raise AssertionError  # there is room for it now
+    with run_by(large), budget.reserve(80, "camera"), run_by(small), budget.reserve(20, "camera"):
+        assert budget.reserved == 100
+        with run_by(large), pytest.raises(CallAgainError), budget.reserve(80, "camera"):
+            raise AssertionError
+    seconds += 60.0  # whoever has left keeps nobody waiting
+    with budget.reserve(100, "camera"):
+        assert budget.reserved == 100
+
+
+def test_edits_and_scenes_that_open_take_their_share_of_the_memory(
+    settings: Settings, models_dir: Path, post, finish
+) -> None:
+    info = post()
+    finish(info)
+    recolor = [Edit("recolor", "mug", color=Color(1.0, 0.0, 0.0))]
+    small = CallSettings(request_memory_bytes=1 << 20)
+    with open_service(settings.model_copy(update={"calls": small, "models": models_dir})) as service:
+        with pytest.raises(LimitExceededError) as edit:
+            service.versions.edit(info.id, recolor)
+        assert edit.value.field == "edits" and "REQUEST_MEMORY_BYTES" in edit.value.limit
+        assert [version.version for version in service.versions.all(info.id)] == ["v1"]
+    with open_service(
+        settings.model_copy(update={"calls": CallSettings(answer_memory_bytes=1), "models": models_dir})
+    ) as service:
+        with pytest.raises(LimitExceededError) as opened:
+            service.answers.query(QueryRequest(info.id, ("mug",)))
+        assert opened.value.field == "scene" and "ANSWER_MEMORY_BYTES" in opened.value.limit
+    with open_service(settings.model_copy(update={"models": models_dir})) as service:
+        memory = service._scenes._memory
+        with memory.opening(memory._all), run_by(_Runner()):
+            with pytest.raises(CallAgainError):  # without a thread
+                service.answers.query(QueryRequest(info.id, ("mug",)))
+            memory._waiting.clear()
+        assert service.answers.query(QueryRequest(info.id, ("mug",)))
+        with memory.opening(memory._all), run_by(_Runner()), pytest.raises(CallAgainError):
+            service.versions.edit(info.id, recolor)
+        memory._waiting.clear()
+        assert service.versions.edit(info.id, recolor).current and memory.reserved == 0
+
+
+_EDIT_PEAKS = """
+import gc, json, sys, tempfile
+from pathlib import Path
+import numpy as np
+from fastsplat.service.application.memory import edit_bytes
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.scene import read_scene, write_ply, write_scene
+from tests.scenes import labelled_scene
+
+COUNT = 200_000
+random = np.random.default_rng(0)
+encoder = open_text_encoder(sys.argv[1], Path(sys.argv[2]))
+scene = labelled_scene(
+    random.uniform(-2, 2, (COUNT, 3)), np.arange(COUNT) % 2 + 1, ("mug", "banana"), scales=0.02,
+    sh=np.zeros((COUNT, 4, 3)), encoder=encoder, templates=QuerySettings().templates,
+)
+shift = np.eye(4)
+shift[0, 3] = 5.0
+edits = {
+    "recolor": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0))],
+    "move": [Edit("move", "mug", transform=shift)],
+    "remove": [Edit("remove", "mug")],
+    "duplicate": [Edit("duplicate", "mug", transform=shift)],
+    "three": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0)), Edit("move", "banana", transform=shift),
+              Edit("recolor", "mug", color=(0.0, 1.0, 0.0))],
+}
+
+def status(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(name))
+
+rows = {}
+with tempfile.TemporaryDirectory() as folder:
+    write_scene(scene, Path(folder) / "scene")
+    for name, made in edits.items():
+        index = SceneIndex(read_scene(Path(folder) / "scene"), encoder, QuerySettings())
+        gc.collect()
+        before = status("VmRSS")
+        Path("/proc/self/clear_refs").write_text("5")
+        for edit in made:
+            index = index.after(apply_edit(index, edit))
+        write_scene(index.scene, Path(folder) / name)
+        write_ply(index.scene.gaussians, Path(folder) / f"{name}.ply")
+        rows[name] = (status("VmHWM") - before, edit_bytes(scene, ()))
+print(json.dumps(rows))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
+def test_estimates_of_edits_are_above_the_real_peak_and_not_far_above(models_dir: Path) -> None:
+    command = [sys.executable, "-c", _EDIT_PEAKS, "minilm_l6_int8", str(models_dir)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
+    for kind, (peak, estimate) in json.loads(done.stdout).items():
+        assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)

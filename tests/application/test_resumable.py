@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.application.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.store.blobs import Blobs
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
@@ -239,3 +241,17 @@ def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads) -> N
     with pytest.raises(ResourceError, match="full"):
         uploads.append("k", made.id, 0, full())
     assert uploads.get("k", made.id).offset == 5
+
+
+def test_a_piece_ends_when_the_disk_becomes_almost_full_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads = ResumableUploads(Blobs(tmp_path), 1 << 30, 3600.0, min_free_bytes=1 << 30)
+    upload = uploads.create("k", "a.zip", 2 * SPACE_CHECK_BYTES)
+    free = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: free._replace(free=free.total // 1000))
+    with pytest.raises(ResourceError) as caught:
+        uploads.append("k", upload.id, 0, [bytes(SPACE_CHECK_BYTES)])
+    assert "MIN_FREE_BYTES" in caught.value.limit
+    monkeypatch.undo()
+    assert uploads.append("k", upload.id, 0, [bytes(2 * SPACE_CHECK_BYTES)]).offset == 2 * SPACE_CHECK_BYTES

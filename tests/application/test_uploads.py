@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import io
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
+from fastsplat.service.application.service import open_service
+from fastsplat.service.application.uploads import SPACE_CHECK_BYTES
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import (
+    CancelledError,
     ConflictError,
     CorruptImageError,
     FastSplatError,
     InvalidInputError,
     LimitExceededError,
+    ResourceError,
 )
 from fastsplat_contract.operations import SceneOptions
 
@@ -57,6 +64,21 @@ def test_an_archive_is_dropped_once_unpacked(service, settings):
         service.create_scene(upload, "", "", SceneOptions())
     names = [path.name for path in (settings.data_dir / "uploads").rglob("*") if path.is_file()]
     assert names == ["a.jpg"]
+
+
+def test_whoever_leaves_while_files_are_checked_gets_no_scene(settings):
+    leaving = Cancellation()
+
+    def admit(folder, _):
+        leaving.cancel()
+        return ValidatedUpload(folder, "images", 1)
+
+    with open_service(settings, admit) as service:
+        with service.new_upload() as upload, cancellable(leaving):
+            upload.write("a.jpg", [b"abc"])
+            with pytest.raises(CancelledError):
+                service.create_scene(upload, "", "", SceneOptions())
+        assert left_behind(service, settings.data_dir) == []
 
 
 def test_leaving_without_a_commit_leaves_nothing(service, settings):
@@ -183,3 +205,18 @@ def test_two_services_share_a_folder(service, another, post):
             assert service.create_scene(upload, "kitchen", "once", SceneOptions()).scene_id == first.id
         second.delete_scene(first.id)
     assert service.list_scenes() == ((), "")
+
+
+def test_an_upload_ends_when_the_disk_becomes_almost_full_meanwhile(service, settings):
+    large = settings.model_copy(update={"capture": settings.capture.model_copy(update={"max_upload_bytes": 1 << 30})})
+    with open_service(large) as service:
+        with service.new_upload() as upload:
+            file = upload.begin("a.jpg")
+            file.write(b"abc")
+            root, usage = str(settings.data_dir), shutil.disk_usage
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(shutil, "disk_usage", lambda path: usage(path)._replace(free=usage(root).total // 1000))
+                with pytest.raises(ResourceError) as caught:
+                    file.write(bytes(SPACE_CHECK_BYTES))
+        assert "MIN_FREE_BYTES" in caught.value.limit
+        assert left_behind(service, settings.data_dir) == []
