@@ -43,12 +43,12 @@ def _uploads(data: Path) -> list[Path]:
 
 
 def test_a_splat_is_queued_with_what_was_said_of_it(call, splat: Path, tmp_path: Path) -> None:
-    result = call(splat, "--up", "-y", "--labels", "mug, tulip")
+    result = call(splat, "--up", "-y", "--labels", "cup, teddy bear")
     assert result.exit_code == 0, result.output
     store = open_store(tmp_path / "data")
     (record,) = store.scenes.list_operations(5, None, None)
     assert record.id in result.output and record.scene_id in result.output
-    assert (record.options["up"], record.options["labels"]) == ("-y", ["mug", "tulip"])
+    assert (record.options["up"], record.options["labels"]) == ("-y", ["cup", "teddy bear"])
     folder = store.blobs.upload(record.upload_id)
     store.close()
     (arrays,) = folder.rglob("splat.safetensors")
