@@ -77,12 +77,11 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
             again.close()
 
 
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
 def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
     deployment: Deployment, postgres: PostgresServer, tmp_path: Path, programs: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Such a backup is made here as that release made it: `pg_dump` into the folder, and its digest in the list."""
-    if not deployment.settings.database_url:
-        pytest.skip("of PostgreSQL alone")
     waiting = deployment.post(request_id="waiting")
     _back_up(deployment, tmp_path / "backup")
     dump = tmp_path / "backup/postgresql.dump"
@@ -106,9 +105,8 @@ def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
             restore(tmp_path / "backup", tmp_path / "third", other)
 
 
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
 def test_a_database_with_something_in_it_is_not_restored_over(deployment: Deployment, tmp_path: Path) -> None:
-    if not deployment.settings.database_url:
-        pytest.skip("of PostgreSQL alone; of SQLite the folder must be empty")
     waiting = deployment.post(request_id="waiting")
     _back_up(deployment, tmp_path / "backup")
     with pytest.raises(ConflictError):
