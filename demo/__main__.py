@@ -72,14 +72,15 @@ def _run(client: Client, options: argparse.Namespace, console: Console, output: 
     scene = client.scene(operation.scene_id)
     texts = options.ask or (questions_for(_labels(scene)) if options.photos else SAMPLE_QUESTIONS)
     answers = [_ask(client, scene.id, text) for text in texts]
-    if (named := click_and_name(client, scene.id, answers)) is not None:
-        thing, view = named[0].thing, named[1]
-        before = f'"{thing.name}"' if thing.name else "without a name"
-        console.print(f'a click in {view} finds thing {thing.id}, {before}; a person names it "{NAME}"')
+    things, view = list(client.things(scene.id)), scene.cameras[len(scene.cameras) // 2].name
+    (output / "things.png").write_bytes(client.picture(scene.id, "things", view))
+    if (named := click_and_name(client, scene.id, view)) is not None:
+        before = f'"{named.thing.name}"' if named.thing.name else "without a name"
+        console.print(f'a click in {view} finds thing {named.thing.id}, {before}; a person names it "{NAME}"')
         answers.append(_ask(client, scene.id, NAME))
-    report = report_of(scene, operation, answers)
+    report = report_of(scene, operation, things, answers)
     write_report(report, output)
-    save_pictures(client, scene, answers, output)
+    save_pictures(client, scene, answers, view, output)
     print_report(report, console)
 
 

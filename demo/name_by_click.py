@@ -1,31 +1,43 @@
-"""A thing gets a name by one click, and is asked for by that name."""
+"""Everything that a scene holds, named or not; and a thing that gets a name by one click."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from fastsplat_client import Client
-from fastsplat_contract.queries import Answer
-from fastsplat_contract.thing_messages import PickedThing
+from fastsplat_contract.thing_messages import PickedThing, SceneThing
 
 NAME = "Oskar"
 """A name that no detector knows."""
 
 
-def click_and_name(client: Client, scene_id: str, answers: Sequence[Answer]) -> tuple[PickedThing, str] | None:
-    """Click on the first thing that answers anything, where its view shows most of it, and name it `NAME`; returns what
-    was under the click and the view, or None where nothing answers."""
-    for answer in answers:
-        for thing in answer.objects or ():
-            for view in thing.best_views[:1]:
-                (seen,) = client.query(scene_id, thing.label, views=[view], outputs=["mask2d"])
-                inner = cv2.distanceTransform(seen.masks[0].array().astype(np.uint8), cv2.DIST_L2, 5)
-                if inner.max() > 0:
-                    row, column = np.unravel_index(int(inner.argmax()), inner.shape)
-                    picked = client.pick(scene_id, view, pixel=(float(column) + 0.5, float(row) + 0.5))
-                    client.name_things(scene_id, picked.thing.id, NAME, looked_at=picked.version)
-                    return picked, view
-    return None
+def click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
+    """Click on a thing of a view and name it `NAME`: the largest one without a name that is no surface, or, where all
+    have one, the largest of these. Returns what was under the click; None for a view without things."""
+    ids = client.thing_map(scene_id, view)
+    things = {thing.id: thing for thing in client.things(scene_id)}
+    target = thing_to_name(ids, things)
+    if target is None:
+        return None
+    inner = cv2.distanceTransform((ids == target).astype(np.uint8), cv2.DIST_L2, 5)
+    row, column = np.unravel_index(int(inner.argmax()), inner.shape)
+    picked = client.pick(scene_id, view, pixel=(float(column) + 0.5, float(row) + 0.5))
+    client.name_things(scene_id, picked.thing.id, NAME, looked_at=picked.version)
+    return picked
+
+
+def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> int | None:
+    """Id of the thing that a click on a view names; None where the view shows no thing.
+
+    Args:
+        ids: uint16 [H, W], the thing of each pixel, 0 for none.
+        things: by id.
+    """
+    numbers, areas = np.unique(ids[ids > 0], return_counts=True)
+    shown = [(things[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
+    order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), -one[1]))
+    return order[0][0].id if order else None

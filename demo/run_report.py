@@ -16,12 +16,15 @@ from fastsplat_client import Client
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.queries import Answer, PictureKind
 from fastsplat_contract.scenes import Scene
+from fastsplat_contract.thing_messages import SceneThing
 
 _SHOWN = 4
 _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
-def report_of(scene: Scene, operation: Operation, answers: Sequence[Answer]) -> dict[str, Any]:
+def report_of(
+    scene: Scene, operation: Operation, things: Sequence[SceneThing], answers: Sequence[Answer]
+) -> dict[str, Any]:
     """The figures of one run, from the server's answers."""
     quality = scene.quality
     return {
@@ -30,12 +33,24 @@ def report_of(scene: Scene, operation: Operation, answers: Sequence[Answer]) -> 
         "unregistered": quality.get("unregistered", []),
         "warnings": quality.get("warnings", []),
         "dictionary": [{"label": row.label, "pixels": row.pixels, "views": row.views} for row in scene.dictionary],
+        "things": [_thing_of(thing) for thing in things],
         "gaussians": scene.gaussians,
         "train_seconds": {stage.stage: round(stage.seconds, 1) for stage in operation.stages},
         "psnr": quality.get("psnr"),
         "ssim": quality.get("ssim"),
         "held_out": quality.get("held_out"),
         "queries": [_query_of(answer) for answer in answers],
+    }
+
+
+def _thing_of(thing: SceneThing) -> dict[str, Any]:
+    return {
+        "id": thing.id,
+        "name": thing.name,
+        "probability": thing.probability,
+        "suggestions": {suggestion.name: suggestion.probability for suggestion in thing.suggestions},
+        "kind": thing.surface or thing.kind,
+        "gaussians": thing.gaussian_count,
     }
 
 
@@ -56,17 +71,17 @@ def _query_of(answer: Answer) -> dict[str, Any]:
     }
 
 
-def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], folder: Path) -> None:
-    """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY."""
-    middle = scene.cameras[len(scene.cameras) // 2].name
-    (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", middle))
-    panels = [("rendered", folder / "view.png")]
+def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view: str, folder: Path) -> None:
+    """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY; the
+    sheet has `things.png`, which is in the folder, too."""
+    (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", view))
+    panels = [("rendered", folder / "view.png"), ("everything that is there", folder / "things.png")]
     for answer in answers:
         text = answer.text
         stem = re.sub(r"\W+", "-", text).strip("-") or "query"
         for kind in _SHOWN_KINDS:
             (folder / f"{stem}-{kind}.png").write_bytes(
-                client.picture(scene.id, kind, middle, text=text, version=answer.version)
+                client.picture(scene.id, kind, view, text=text, version=answer.version)
             )
         panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
         (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text, version=answer.version))
@@ -85,9 +100,9 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     if report["psnr"] is not None:
         facts += f", {report['psnr']:.2f} dB on {report['held_out']:g} held-out views"
     console.print(f"\n[bold]{facts}[/bold]")
-    table = Table("label", "views", "pixels", title="The scene's dictionary")
-    for row in report["dictionary"]:
-        table.add_row(row["label"], str(row["views"]), f"{row['pixels']:,}")
+    table = Table("thing", "name", "kind", "Gaussians", title="Everything that is there, before anybody named anything")
+    for thing in report["things"]:
+        table.add_row(str(thing["id"]), _name_of(thing), thing["kind"], f"{thing['gaussians']:,}")
     console.print(table)
     table = Table(
         "query",
@@ -104,3 +119,9 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
             table.add_row(*first, *figures, style="" if match["relevant"] else "dim")
         table.add_section()
     console.print(table)
+
+
+def _name_of(thing: Mapping[str, Any]) -> str:
+    if thing["name"]:
+        return f"{thing['name']} {thing['probability']:.2f}"
+    return " or ".join(f"{name}? {probability:.2f}" for name, probability in thing["suggestions"].items())

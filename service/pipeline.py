@@ -148,9 +148,8 @@ def label_views(
         FastSplatError: as `label_capture`.
     """
     plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
-    labelling = label_capture(
-        capture, plan.settings, settings.models, tuple(labels), progress, masks=settings.discovery.things == "on"
-    )
+    masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
+    labelling = label_capture(capture, plan.settings, settings.models, tuple(labels), progress, masks=masks)
     return LabelledViews(labelling, plan.tradeoffs)
 
 
@@ -287,7 +286,7 @@ def _searched(labelling: Labelling, perception: PerceptionSettings) -> dict[str,
 def _things(
     trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
 ) -> Things | None:
-    if settings.discovery.things == "off":
+    if settings.discovery.things == "off" or (settings.discovery.things == "auto" and not labelling.masks):
         return None
 
     def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
@@ -300,7 +299,7 @@ def _things(
     masks = labelling.masks or propose_capture_masks(
         capture.views, settings.perception, settings.models, tell("looking for things", 0, _LOOKING_SHARE)
     )
-    return find_scene_things(
+    things = find_scene_things(
         trained.gaussians,
         capture,
         labelling,
@@ -309,6 +308,7 @@ def _things(
         tell("discovering things", 0.0 if labelling.masks else _LOOKING_SHARE, 1.0),
         backend=settings.training.backend,
     )
+    return things if things.table else None  # then the scene's labels are its things, as without discovery
 
 
 def scene_quality(

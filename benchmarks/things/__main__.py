@@ -31,7 +31,6 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.contact_sheets import label_colors
 from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.instances.discovery import discover_things
@@ -41,6 +40,7 @@ from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
 from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.pictures import label_colors
 from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.blending import thing_map

@@ -292,6 +292,11 @@ class Client(ThingCalls):
         content = self._render(viewpoint, PictureRequest(scene_id, "label_map", version=version, format="npy"))
         return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
 
+    def thing_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
+        """uint16 [H, W]: ids of things, 0 where there is none or too little is covered."""
+        content = self._render(viewpoint, PictureRequest(scene_id, "thing_map", version=version, format="npy"))
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
+
     def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
         """float32 [H, W]: camera z in scene units, 0 where nothing is."""
         content = self._render(viewpoint, PictureRequest(scene_id, "depth", version=version, format="npy"))

@@ -16,7 +16,9 @@ from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, So
 Output = Literal["mask2d", "mask3d", "objects"]
 Verdict = Literal["exact", "related", "absent"]
 DecidedBy = Literal["name", "score"]
-PictureKind = Literal["rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture"]
+PictureKind = Literal[
+    "rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture", "thing_map", "things"
+]
 PictureFormat = Literal["png", "npy"]
 CameraFormat = Literal["json", "transforms", "colmap"]
 
@@ -240,7 +242,8 @@ class RenderIn(Request):
         Field(
             description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and "
             "255; label_map: 16-bit label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so "
-            "far or farther; depth_picture: depth in turbo colors"
+            "far or farther; depth_picture: depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: "
+            "every thing in a color of its own, with its name"
         ),
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
@@ -249,7 +252,10 @@ class RenderIn(Request):
     version: Version = ""
     format: Annotated[
         PictureFormat,
-        Field(description="png, or npy: numpy's file of a label_map (uint16) or of depth (float32, scene units)"),
+        Field(
+            description="png, or npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene "
+            "units)"
+        ),
     ] = "png"
     depth_scale: Annotated[
         float, Field(ge=0, description="scene units that one step of a 16-bit depth PNG means; 0: 0.001")

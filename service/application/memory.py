@@ -47,6 +47,8 @@ _PER_PIXEL: Mapping[PictureKind, int] = {
     "label_map": 32,
     "depth": 48,
     "depth_picture": 128,
+    "thing_map": 32,
+    "things": 128,
 }
 
 

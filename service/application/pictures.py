@@ -16,7 +16,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
-_ARRAYS = ("label_map", "depth")
+_ARRAYS = ("label_map", "thing_map", "depth")
 DEPTH_SCALE = 0.001
 _FARTHEST = 65_535
 
@@ -40,7 +40,9 @@ def question_of(request: PictureRequest) -> str:
         raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
     if request.format == "npy" and kind not in _ARRAYS:
         raise InvalidInputError(
-            f'"{kind}" is a picture, not an array', field="format", hint='Use "png", or ask for label_map or depth.'
+            f'"{kind}" is a picture, not an array',
+            field="format",
+            hint=f'Use "png", or ask for {", ".join(_ARRAYS)}.',
         )
     if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
         raise InvalidInputError(
@@ -61,9 +63,12 @@ def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None)
     kind, image_format = request.kind, request.format
     if kind == "rgb":
         return pictures.png_bytes(index.render(posed))
-    if kind == "label_map":
-        labels = index.label_map(posed)
-        return _npy(labels) if image_format == "npy" else _png16(labels)
+    if kind == "things":
+        by_id = {thing.id: thing.name for thing in index.things.present}
+        return pictures.png_bytes(pictures.things_picture(index.render(posed), index.thing_map(posed), by_id))
+    if kind in ("label_map", "thing_map"):
+        ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)
+        return _npy(ids) if image_format == "npy" else _png16(ids)
     if kind in ("depth", "depth_picture"):
         depth = index.depth(posed)
         if kind == "depth_picture":

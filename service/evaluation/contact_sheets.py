@@ -11,13 +11,12 @@ from PIL import Image, ImageDraw, ImageFont
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.evaluation.segmentation import mask_counts
 from fastsplat.service.evaluation.types import ViewPrediction
-from fastsplat.service.query.pictures import overlay
+from fastsplat.service.query.pictures import label_colors, overlay
 
 U8 = NDArray[np.uint8]
 
 _GAP = 4
 _WRONG, _MISSED, _TOO_MUCH, _RIGHT = (230, 40, 40), (250, 200, 30), (230, 40, 40), (60, 180, 90)
-_GOLDEN = 0.618034  # turns of hue between neighbours: consecutive ids look unlike
 
 
 def label_sheet(view: ViewPrediction) -> U8:
@@ -67,15 +66,6 @@ def query_sheet(view: ViewPrediction) -> U8:
         )  # fmt: skip
         rows.append(_sheet(f"{view.truth.name}   {query.truth.text}", panels, ()))
     return np.concatenate(rows) if rows else rgb
-
-
-def label_colors(labels: int) -> U8:
-    """uint8 [N + 1, 3]: black for undetected, then colors that neighbours do not share."""
-    hue = (np.arange(labels, dtype=np.float64) * _GOLDEN) % 1.0
-    light = np.where(np.arange(labels) % 2, 0.55, 0.95)[:, None]
-    channels = [np.clip(np.abs(((hue + offset) % 1.0) * 6 - 3) - 1, 0, 1) for offset in (0, 1 / 3, 2 / 3)]
-    rgb = np.stack(channels, axis=1) * light * 255
-    return np.asarray(np.concatenate([np.zeros((1, 3)), rgb]).round(), dtype=np.uint8)
 
 
 def _mixed(rgb: U8, tint: U8, where: NDArray[np.bool_]) -> U8:

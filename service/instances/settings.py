@@ -12,8 +12,9 @@ from fastsplat.service.common.settings import SettingGroup
 class DiscoverySettings(SettingGroup, section="discovery"):
     """How things are discovered without a vocabulary, and when they count."""
 
-    things: Literal["off", "on"] = "off"
-    """Whether a scene gets things: everything in it, with or without a name."""
+    things: Literal["auto", "off", "on"] = "auto"
+    """Whether a scene gets things: everything in it, with or without a name. `auto`: where models label its views;
+    where label maps came with the capture, their objects are its things and no model runs. `on`: there too."""
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
 
@@ -54,3 +55,7 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """A name is stated from this mean score over the views that see the thing; below, it is a suggestion."""
     name_rivals: float = Field(0.5, ge=0, le=1)
     """A name is stated only where no other has more than this share of its score."""
+
+    def proposes(self, *, given_labels: bool) -> bool:
+        """Whether masks without names are proposed in a capture's views, which may come with label maps."""
+        return self.things == "on" or (self.things == "auto" and not given_labels)

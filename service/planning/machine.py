@@ -78,9 +78,8 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
         progress(replace(event, fraction=0.0))
 
     begun = time.monotonic()
-    label_capture(
-        one_view, settings.perception, settings.models, tuple(labels), listen, masks=settings.discovery.things == "on"
-    )
+    masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
+    label_capture(one_view, settings.perception, settings.models, tuple(labels), listen, masks=masks)
     total = time.monotonic() - begun
     # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
     view = _SEARCH_FACTOR * (times[-1] - times[-2])

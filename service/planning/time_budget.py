@@ -109,10 +109,11 @@ def plan_training(
 
 def _things_seconds(capture: Capture, settings: Settings) -> float:
     """What discovery takes after training; where label maps came with the capture, nobody has looked for masks yet."""
-    if settings.discovery.things == "off":
+    given_labels = capture.given_labels is not None
+    if not settings.discovery.proposes(given_labels=given_labels):
         return 0.0
     views = min(settings.perception.proposal_views or len(capture.views), len(capture.views))
-    return things_seconds(views, views if capture.given_labels is not None else 0)
+    return things_seconds(views, views if given_labels else 0)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:

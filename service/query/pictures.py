@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 
 import cv2
@@ -31,6 +31,8 @@ _TURBO = np.array(
 _RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 200, 40))
 """Tints of an answer's labels, best first; the last serves all further ones."""
 _WIDEST_TAG = 1 / 3
+_GOLDEN = 0.618034
+"""Turns of hue between neighbours: consecutive ids look unlike."""
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 
 
@@ -75,12 +77,42 @@ def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[
             strength = 0.6 if rank == 0 else 0.4
             picture = overlay(picture, mask, colour=_RANKED[min(rank, len(_RANKED) - 1)], strength=strength)
             tags.append((_middle_of_largest(mask), name))
+    return _tagged(picture, tags)
+
+
+def label_colors(labels: int) -> U8:
+    """uint8 [N + 1, 3]: black for undetected, then colors that neighbours do not share."""
+    hue = (np.arange(labels, dtype=np.float64) * _GOLDEN) % 1.0
+    light = np.where(np.arange(labels) % 2, 0.55, 0.95)[:, None]
+    channels = [np.clip(np.abs(((hue + offset) % 1.0) * 6 - 3) - 1, 0, 1) for offset in (0, 1 / 3, 2 / 3)]
+    rgb = np.stack(channels, axis=1) * light * 255
+    return np.asarray(np.concatenate([np.zeros((1, 3)), rgb]).round(), dtype=np.uint8)
+
+
+def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, str]) -> U8:
+    """uint8 [H, W, 3]: every thing of a view in a colour that its id alone decides, over the grey view, with its name.
+
+    Args:
+        rgb: uint8 [H, W, 3], the view.
+        thing_ids: uint16 [H, W], 0 for none.
+        names: of the things that have one, by id; "" for none.
+    """
+    grey = rgb @ np.array([0.299, 0.587, 0.114])
+    colors = label_colors(int(thing_ids.max(initial=0)))[thing_ids]
+    tinted = np.where((thing_ids > 0)[..., None], 0.4 * grey[..., None] + 0.6 * colors, grey[..., None])
+    present = [thing_id for thing_id in np.unique(thing_ids).tolist() if names.get(thing_id)]
+    tags = [(_middle_of_largest(thing_ids == thing_id), names[thing_id]) for thing_id in present]
+    return _tagged(tinted.round().astype(np.uint8), tags)
+
+
+def _tagged(picture: U8, tags: Sequence[tuple[tuple[float, float], str]]) -> U8:
+    """The picture with texts at places (x, y) in pixels."""
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(max(10, rgb.shape[0] // 28))
+    font = ImageFont.load_default(max(10, picture.shape[0] // 28))
     for place, name in tags:
         box = draw.textbbox(place, name, font=font, anchor="mm")
-        if box[2] - box[0] > _WIDEST_TAG * rgb.shape[1]:
+        if box[2] - box[0] > _WIDEST_TAG * picture.shape[1]:
             continue  # on a thumbnail the name would hide what it names
         draw.rectangle(box, fill=(0, 0, 0))
         draw.text(place, name, font=font, anchor="mm", fill=(255, 255, 255))

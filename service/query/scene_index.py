@@ -258,6 +258,15 @@ class SceneIndex:
         """
         return self._renderer_for(posed).label_map(posed)
 
+    def thing_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
+        """uint16 [H, W]: id of each pixel's most probable thing, 0 = none or too little covered.
+
+        Raises:
+            LimitExceededError: the image is larger than the settings allow.
+        """
+        self.check_view(posed)
+        return self.things.map(posed)
+
     def _thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
         return self._renderer_for(posed).thing_map(posed, things)
 

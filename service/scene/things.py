@@ -143,7 +143,7 @@ def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
 def _things_of(scene: Scene) -> Things:
     if scene.things is None:
         raise NotFoundError(
-            "this scene has no things", field="things", hint="Train it with FASTSPLAT_DISCOVERY__THINGS=on."
+            "this scene has no things", field="things", hint="Train it with FASTSPLAT_DISCOVERY__THINGS=auto, or on."
         )
     return scene.things
 

@@ -125,7 +125,21 @@ def test_depth_is_metres_as_an_array_and_steps_as_a_picture(faces: Faces, client
     assert faces.rest.get(f"/v1/scenes/{scene_id}/rgb.npy", params={"view": "front.png"}).status_code == 400
 
 
-@pytest.mark.parametrize("kind", ["label_map", "depth", "depth_picture"])
+def test_a_thing_map_shows_what_a_click_finds(client: Client, scene_id: str) -> None:
+    ids = client.thing_map(scene_id, "front.png")
+    picture = Image.open(io.BytesIO(client.picture(scene_id, "thing_map", "front.png")))
+    np.testing.assert_array_equal(np.asarray(picture), ids)
+    present = np.unique(ids[ids > 0]).tolist()
+    assert ids.dtype == np.uint16 and len(present) > 1
+    assert set(present) <= {thing.id for thing in client.things(scene_id)}
+    for number in present:
+        row, column = np.argwhere(ids == number)[0].tolist()
+        picked = client.pick(scene_id, "front.png", pixel=(column + 0.5, row + 0.5))
+        assert picked.thing.id == number
+        np.testing.assert_array_equal(picked.mask.array(), ids == number)
+
+
+@pytest.mark.parametrize("kind", ["label_map", "depth", "depth_picture", "thing_map", "things"])
 @pytest.mark.parametrize("image_format", ["png", "npy"])
 def test_arrays_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str, kind: str, image_format: str) -> None:
     body = {"kind": kind, "view": "front.png", "format": image_format, "depth_scale": 0.002}
@@ -137,7 +151,7 @@ def test_arrays_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str, 
         format=pb.PictureFormat.Value(f"PICTURE_FORMAT_{image_format.upper()}"),
         depth_scale=0.002,
     )
-    if kind == "depth_picture" and image_format == "npy":
+    if kind in ("depth_picture", "things") and image_format == "npy":
         with pytest.raises(grpc.RpcError) as caught:
             list(faces.rpc.RenderView(request))
         assert rest_refusal(response).details == rpc_refusal(caught.value).details

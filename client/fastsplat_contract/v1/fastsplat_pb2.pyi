@@ -349,6 +349,10 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     """16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
     PICTURE_KIND_DEPTH_PICTURE: _PictureKind.ValueType  # 7
     """depth in turbo colors, near is red; for people"""
+    PICTURE_KIND_THING_MAP: _PictureKind.ValueType  # 8
+    """16-bit gray: id of each pixel's thing, 0 none or too little covered"""
+    PICTURE_KIND_THINGS: _PictureKind.ValueType  # 9
+    """every thing in a color of its own, with its name; for people"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -369,6 +373,10 @@ PICTURE_KIND_DEPTH: PictureKind.ValueType  # 6
 """16-bit gray: camera z / depth_scale, rounded; 0: nothing there, 65535: so far or more"""
 PICTURE_KIND_DEPTH_PICTURE: PictureKind.ValueType  # 7
 """depth in turbo colors, near is red; for people"""
+PICTURE_KIND_THING_MAP: PictureKind.ValueType  # 8
+"""16-bit gray: id of each pixel's thing, 0 none or too little covered"""
+PICTURE_KIND_THINGS: PictureKind.ValueType  # 9
+"""every thing in a color of its own, with its name; for people"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
 
 class _PictureFormat:
@@ -381,7 +389,7 @@ class _PictureFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Picture
     """read as PNG"""
     PICTURE_FORMAT_PNG: _PictureFormat.ValueType  # 1
     PICTURE_FORMAT_NPY: _PictureFormat.ValueType  # 2
-    """LABEL_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+    """LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
 
 class PictureFormat(_PictureFormat, metaclass=_PictureFormatEnumTypeWrapper): ...
 
@@ -389,7 +397,7 @@ PICTURE_FORMAT_UNSPECIFIED: PictureFormat.ValueType  # 0
 """read as PNG"""
 PICTURE_FORMAT_PNG: PictureFormat.ValueType  # 1
 PICTURE_FORMAT_NPY: PictureFormat.ValueType  # 2
-"""LABEL_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+"""LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
 Global___PictureFormat: _TypeAlias = PictureFormat  # noqa: Y015
 
 class _CameraFormat:
@@ -2815,7 +2823,8 @@ class RenderViewRequest(_message.Message):
     kind: Global___PictureKind.ValueType
     """rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and 255; label_map: 16-bit
     label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so far or farther; depth_picture:
-    depth in turbo colors
+    depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: every thing in a color of its own, with its
+    name
     """
     text: _builtins.str
     """the question; overlay, relevancy and mask need one"""
@@ -2824,7 +2833,7 @@ class RenderViewRequest(_message.Message):
     version: _builtins.str
     """of the scene; empty: the current one"""
     format: Global___PictureFormat.ValueType
-    """png, or npy: numpy's file of a label_map (uint16) or of depth (float32, scene units)"""
+    """png, or npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene units)"""
     depth_scale: _builtins.float
     """scene units that one step of a 16-bit depth PNG means; 0: 0.001"""
     @_builtins.property
