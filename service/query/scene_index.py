@@ -160,7 +160,7 @@ class SceneIndex:
         with self._instances_lock:
             if self._instances is None:
                 if self.scene.label_mode == "things":
-                    self._instances = objects_of_things(self.scene, self._labels)
+                    self._instances = objects_of_things(self.scene, self._labels, self.things.described)
                 else:
                     self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
             return self._instances
@@ -233,6 +233,20 @@ class SceneIndex:
         for match in answer.matches:
             relevancy[match.label_id] = match.relevancy
         return self._renderer_for(posed).mask(posed, relevant, relevancy)
+
+    def mask(self, answer: Answer, posed: PosedCamera) -> NDArray[np.bool_]:
+        """bool [H, W]: `mask2d(answer, posed).mask`, drawn without colors and relevancy. Where the names of things are
+        the labels, the maps of things of the last views are used again.
+
+        Raises:
+            InvalidInputError, LimitExceededError: as `mask2d`.
+        """
+        relevant = self._relevant_ids(answer)
+        if self.scene.label_mode == "things":
+            self.check_view(posed)
+            ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]
+            return np.asarray(np.isin(self.things.map(posed), ids))
+        return np.asarray(np.isin(self.label_map(posed), relevant))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3]: the scene's colors on black.

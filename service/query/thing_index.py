@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.absence import searched_names
-from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.query.objects import Instance, grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.types import Scene, Thing, Things
@@ -33,7 +33,7 @@ _REACH = 3.0
 _MAX_UNNAMED = 100
 
 
-_OF_MEMBERSHIP = ("belief", "owner", "counts", "_boxes", "_solid")
+_OF_MEMBERSHIP = ("belief", "owner", "counts", "described", "_boxes", "_solid")
 """What depends on the Gaussians and on which thing they belong to, and on no name."""
 
 
@@ -45,6 +45,9 @@ class SceneThings:
         stored: whether the scene's file has them.
         draw: the thing of each pixel of a view, 0 for none.
         before: those of the scene that this one was edited from; what names alone do not change is taken from it.
+
+    Attributes:
+        described: things as objects, see `objects_of_things`; shared with the versions that differ in names alone.
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class SceneThings:
         self._draw = draw
         self._maps: OrderedDict[tuple[Camera, bytes], ThingMap] = OrderedDict()
         self._lock = threading.Lock()
+        self.described: dict[int, Instance | None] = {}
         same = before is not None and before.scene.gaussians is scene.gaussians
         if before is not None and same and before.table.membership is scene.things.membership:
             with before._lock:
