@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.api.made_scene import ENCODER, add_scene, write_words
 
 
@@ -53,6 +53,26 @@ def test_a_thing_is_picked_named_and_listed(things: Callable[..., Result], scene
     assert undone.stdout == "version 1 is current\n"
     point = [str(value) for value in rows[1]["box"]["center"]["position"].values()]
     assert json.loads(things("pick", scene_id, "--point", *point).stdout)["thing"]["name"] == "ball"
+
+
+def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[..., Result], scene_id: str) -> None:
+    with open_service(load_settings()) as service:
+        other = add_scene(service, load_settings())
+    before = json.loads(things("list", scene_id, "--json").stdout)
+    half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
+    inserted = things("insert", scene_id, other, "2", *half_turn)
+    assert inserted.exit_code == 0 and inserted.stdout.startswith("version e")
+    after = json.loads(things("list", scene_id, "--json").stdout)
+    assert after[:-1] == before and (after[-1]["id"], after[-1]["name"]) == (4, "ball")
+    here, there = (row["box"]["center"]["position"] for row in (before[1], after[-1]))
+    moved = (2 - here["x"], -here["y"], here["z"] + 0.5)
+    assert tuple(there.values()) == pytest.approx(moved, abs=1e-4)
+    assert things("undo", scene_id).stdout == "version 1 is current\n"
+    assert isinstance(things("insert", scene_id, "0" * 32, "2").exception, NotFoundError)
+    assert isinstance(things("insert", scene_id, other, "9").exception, NotFoundError)
+    assert isinstance(things("insert", scene_id, other, "2", "--source-version", "e1").exception, NotFoundError)
+    long = things("insert", scene_id, other, "2", "--orientation", "0", "0", "0", "2")
+    assert isinstance(long.exception, InvalidInputError)
 
 
 def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str) -> None:
