@@ -39,14 +39,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @things_app.command("list")
-def list_things(scene: Scene, version: Version = "", project: Project = DEFAULT_PROJECT, as_json: Json = False) -> None:
+def list_things(
+    scene: Scene,
+    version: Version = "",
+    parts: Annotated[bool, typer.Option("--parts", help="Show the parts of things as well.")] = False,
+    project: Project = DEFAULT_PROJECT,
+    as_json: Json = False,
+) -> None:
     """Show every thing of a scene, by id."""
     things: list[SceneThing] = []
     with _service(project) as service:
-        page = service.answers.list_things(scene, version)
+        page = service.answers.list_things(scene, version, parts=parts)
         things += page.things
         while page.next_page_token:
-            page = service.answers.list_things(scene, page.version, page_token=page.next_page_token)
+            page = service.answers.list_things(scene, page.version, page_token=page.next_page_token, parts=parts)
             things += page.things
     if as_json:
         typer.echo(json.dumps([to_plain(thing) for thing in things], indent=2, ensure_ascii=False))
@@ -57,7 +63,8 @@ def list_things(scene: Scene, version: Version = "", project: Project = DEFAULT_
     for thing in things:
         source = f"{thing.source} {thing.probability:.0%}" if thing.source else thing.surface
         maybe = ", ".join(f"{name} {probability:.0%}" for name, probability in thing.suggestions)
-        table.add_row(str(thing.id), Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
+        place = "  " if thing.parent else ""
+        table.add_row(f"{place}{thing.id}", Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
     Console().print(table)
 
 

@@ -15,7 +15,7 @@ from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.things import part_rows, thing_rows
 from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject
@@ -62,8 +62,8 @@ def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
 
 
 def objects_of_things(scene: Scene, field: GaussianLabels, known: dict[int, Instance | None]) -> tuple[Instance, ...]:
-    """The named things of a scene that stores things, by the label id of their names, then from the largest; their
-    scores take in the probability of the name. Sizes, centroids and boxes are as in `find_objects`.
+    """The named things, and named parts, of a scene that stores things, by the label id of their names, then from the
+    largest; their scores take in the probability of the name. Sizes, centroids and boxes are as in `find_objects`.
 
     Args:
         scene: whose labels are the names of its things.
@@ -72,7 +72,7 @@ def objects_of_things(scene: Scene, field: GaussianLabels, known: dict[int, Inst
             cannot be seen; what is missing is added.
     """
     assert scene.things is not None
-    label_ids = {thing.id: scene.dictionary.id_of(thing.name) for thing in scene.things.table if thing.name}
+    label_ids = {thing.id: scene.dictionary.id_of(thing.name) for thing in scene.things.everything if thing.name}
     missing = {thing_id for thing_id, label_id in label_ids.items() if label_id and thing_id not in known}
     if missing:
         _describe(scene, field, missing, known)
@@ -82,7 +82,7 @@ def objects_of_things(scene: Scene, field: GaussianLabels, known: dict[int, Inst
         instance = known.get(thing_id)
         if label_id and instance is not None:
             labeled.setdefault(label_id, []).append((-float(opacities[instance.rows].sum()), instance))
-    probability = {thing.id: thing.probability for thing in scene.things.table}
+    probability = {thing.id: thing.probability for thing in scene.things.everything}
     instances = []
     for label_id, own in sorted(labeled.items()):
         own.sort(key=itemgetter(0))
@@ -101,14 +101,16 @@ def objects_of_things(scene: Scene, field: GaussianLabels, known: dict[int, Inst
 def _describe(scene: Scene, field: GaussianLabels, thing_ids: set[int], known: dict[int, Instance | None]) -> None:
     """Adds these things to `known`, under a label and a number that mean nothing."""
     assert scene.things is not None
-    areas = masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities)
-    parts: list[_Part] = []
-    for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(scene.gaussians)):
-        if thing_id in thing_ids:
-            areas[rows] = np.minimum(areas[rows], _WIDEST * np.median(areas[rows]))
-            parts.append(_Part(1, 1, thing_id, rows))
-    visible = {instance.object.thing_id: instance for instance in _instances(scene, field, parts, areas)}
-    known.update({thing_id: visible.get(thing_id) for thing_id in thing_ids})
+    gaussians = scene.gaussians
+    for owner in (thing_rows(scene.things), part_rows(scene.things)):
+        areas = masses(gaussians.log_scales, gaussians.logit_opacities)
+        groups: list[_Part] = []
+        for thing_id, rows in grouped_rows(owner, solid_rows(gaussians)):
+            if thing_id in thing_ids:
+                areas[rows] = np.minimum(areas[rows], _WIDEST * np.median(areas[rows]))
+                groups.append(_Part(1, 1, thing_id, rows))
+        visible = {instance.object.thing_id: instance for instance in _instances(scene, field, groups, areas)}
+        known.update({thing_id: visible.get(thing_id, known.get(thing_id)) for thing_id in thing_ids})
 
 
 def numbered_as_things(instances: Sequence[Instance], things: Things | None) -> tuple[Instance, ...]:
