@@ -1,4 +1,4 @@
-"""`fastsplat things`: list the things of a scene, find the one at a pixel, name, merge and discard them."""
+"""`fastsplat things`: list the things of a scene, find the one at a pixel, name, merge, discard and insert them."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from rich.text import Text
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox, SceneThing
 
 if TYPE_CHECKING:
     from fastsplat.service.application.service import SceneService
 
 things_app = typer.Typer(
-    name="things", help="What a scene holds, with or without a name: list, pick, name, merge, discard.",
+    name="things", help="What a scene holds, with or without a name: list, pick, name, merge, discard, insert.",
     no_args_is_help=True,
 )  # fmt: skip
 
@@ -39,14 +39,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @things_app.command("list")
-def list_things(scene: Scene, version: Version = "", project: Project = DEFAULT_PROJECT, as_json: Json = False) -> None:
+def list_things(
+    scene: Scene,
+    version: Version = "",
+    parts: Annotated[bool, typer.Option("--parts", help="Show the parts of things as well.")] = False,
+    project: Project = DEFAULT_PROJECT,
+    as_json: Json = False,
+) -> None:
     """Show every thing of a scene, by id."""
     things: list[SceneThing] = []
     with _service(project) as service:
-        page = service.answers.list_things(scene, version)
+        page = service.answers.list_things(scene, version, parts=parts)
         things += page.things
         while page.next_page_token:
-            page = service.answers.list_things(scene, page.version, page_token=page.next_page_token)
+            page = service.answers.list_things(scene, page.version, page_token=page.next_page_token, parts=parts)
             things += page.things
     if as_json:
         typer.echo(json.dumps([to_plain(thing) for thing in things], indent=2, ensure_ascii=False))
@@ -57,7 +63,8 @@ def list_things(scene: Scene, version: Version = "", project: Project = DEFAULT_
     for thing in things:
         source = f"{thing.source} {thing.probability:.0%}" if thing.source else thing.surface
         maybe = ", ".join(f"{name} {probability:.0%}" for name, probability in thing.suggestions)
-        table.add_row(str(thing.id), Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
+        place = "  " if thing.parent else ""
+        table.add_row(f"{place}{thing.id}", Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
     Console().print(table)
 
 
@@ -115,6 +122,32 @@ def merge(scene: Scene, things: Ids, looked_at: LookedAt = "", project: Project 
 def discard(scene: Scene, things: Ids, looked_at: LookedAt = "", project: Project = DEFAULT_PROJECT) -> None:
     """Say that these are no things; their Gaussians stay."""
     _edit(scene, Edit("discard", things=tuple(things)), looked_at, project)
+
+
+@things_app.command()
+def insert(
+    scene: Scene,
+    source: Annotated[str, typer.Argument(help="The id of the scene that they come from, of the same project.")],
+    things: Annotated[list[int], typer.Argument(help="Ids of things of that scene.", metavar="THING...")],
+    position: Annotated[
+        tuple[float, float, float],
+        typer.Option(help="x y z here, in scene units, of the other scene's origin."),
+    ] = (0.0, 0.0, 0.0),
+    orientation: Annotated[
+        tuple[float, float, float, float],
+        typer.Option(help="Rotation from the other scene's world frame into this one's: a unit quaternion x y z w."),
+    ] = (0.0, 0.0, 0.0, 1.0),
+    source_version: Annotated[str, typer.Option(help="Of the other scene. Default: its current one.")] = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Put things of another scene into this one; they get new ids and keep their names."""
+    edit = Edit(
+        "insert",
+        things=tuple(things),
+        transform=Pose(Vector3(*position), Quaternion(*orientation)),
+        source=InsertSource(source, source_version),
+    )
+    _edit(scene, edit, "", project)
 
 
 @things_app.command()

@@ -92,7 +92,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             return await self._message(
                 pb.ListThingsResponse,
                 lambda: self._service.answers.list_things(
-                    request.scene_id, request.version, request.page_size, request.page_token
+                    request.scene_id, request.version, request.page_size, request.page_token, request.parts
                 ),
             )
 

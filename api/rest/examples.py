@@ -276,6 +276,7 @@ PARAMETERS: Mapping[str, Any] = {
     "outputs": ["objects"],
     "page_size": 50,
     "page_token": _TOKEN,
+    "parts": True,
     "query text": ["mug", "ball"],
     "scene": IDS["scene_id"],
     "state": "RUNNING",

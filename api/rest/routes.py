@@ -96,11 +96,18 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
 
     @router.get("/scenes/{scene_id}/things", response_model=ThingList)
     async def list_things(
-        request: Request, scene_id: str, version: Version = "", page_size: PageSize = 0, page_token: PageToken = ""
+        request: Request,
+        scene_id: str,
+        version: Version = "",
+        page_size: PageSize = 0,
+        page_token: PageToken = "",
+        parts: Annotated[bool, Query(description="whether each thing is followed by its parts")] = False,
     ) -> Response:
         """Every thing of a scene, with or without a name, in pages, by id."""
         return await json_of_call(
-            request, threads.answer, lambda: service.answers.list_things(scene_id, version, page_size, page_token)
+            request,
+            threads.answer,
+            lambda: service.answers.list_things(scene_id, version, page_size, page_token, parts),
         )
 
     @router.get(

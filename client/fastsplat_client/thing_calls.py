@@ -24,9 +24,10 @@ class ThingCalls:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def things(self, scene_id: str, *, version: str = "") -> Iterator[SceneThing]:
-        """Every thing of a scene, with or without a name, by id."""
-        return self._pages(ThingList, f"{scene_path(scene_id)}/things", {"version": version})
+    def things(self, scene_id: str, *, version: str = "", parts: bool = False) -> Iterator[SceneThing]:
+        """Every thing of a scene, with or without a name, by id; with `parts` each followed by its parts."""
+        query = {"version": version} | ({"parts": "true"} if parts else {})
+        return self._pages(ThingList, f"{scene_path(scene_id)}/things", query)
 
     def pick(
         self,
@@ -38,7 +39,7 @@ class ThingCalls:
         point: tuple[float, float, float] | None = None,
         version: str = "",
     ) -> PickedThing:
-        """The thing at a place, with its mask.
+        """The thing at a place, with its mask, and the part of it there.
 
         Args:
             scene_id: which scene.

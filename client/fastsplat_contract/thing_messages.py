@@ -17,7 +17,7 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 NameSource = Literal["given", "detected", "person"]
 """Who named a thing: label maps that came with the capture, a detector, a person."""
 
-ThingKind = Literal["thing", "surface"]
+ThingKind = Literal["thing", "surface", "part"]
 
 
 @travels(request=False)
@@ -30,7 +30,7 @@ class NameSuggestion(NamedTuple):
 
 @dataclass(frozen=True)
 class SceneThing(Response):
-    """One physical object or surface of a scene, with or without a name."""
+    """One physical object or surface of a scene, or a part of one, with or without a name."""
 
     id: Annotated[int, Field(description="from 1; the same in all versions of the scene that have the thing")]
     name: Annotated[str, Field(description="empty for a thing without one; things of one name have one label")]
@@ -40,7 +40,9 @@ class SceneThing(Response):
     ]
     probability: Annotated[float, Field(description="that the name is right, 0..1; 0 without a name")]
     suggestions: Annotated[Many[NameSuggestion], Field(description="names that nobody has settled, likeliest first")]
-    kind: Annotated[ThingKind, Field(description="surface: a floor, a wall, the top of a table or the like")]
+    kind: Annotated[
+        ThingKind, Field(description="surface: a floor, a wall, the top of a table or the like; part: of another thing")
+    ]
     surface: Annotated[
         str,
         Field(description="of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"),
@@ -49,11 +51,13 @@ class SceneThing(Response):
     gaussian_count: int
     box: Annotated[Box | None, Field(description="absent if all its Gaussians are too faint to be seen")]
     meters: Annotated[bool, Field(description="whether lengths are meters")]
+    parent: Annotated[int, Field(description="of a part: the thing that it is a part of; else 0")] = 0
+    parts: Annotated[Many[int], Field(description="ids of its parts, which lists of things have on request")] = ()
 
 
 @travels(request=False, proto="ListThingsResponse")
 class ThingList(NamedTuple):
-    """One page of a scene's things, by id."""
+    """One page of a scene's things, by id, each followed by its parts if they were asked for."""
 
     things: Many[SceneThing]
     next_page_token: NextPageToken
@@ -113,3 +117,4 @@ class PickedThing(Response):
     thing: SceneThing
     mask: Annotated[ViewMask | None, Field(description="of the thing in the camera or view; absent without one")]
     version: Annotated[str, Field(description="which version was read")]
+    part: Annotated[SceneThing | None, Field(description="of the thing, at the pixel or point; absent for none")] = None

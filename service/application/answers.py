@@ -177,13 +177,16 @@ class Answers:
 
         return self._scenes.reading(scene_id, version, read)
 
-    def list_things(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ThingList:
+    def list_things(
+        self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
+    ) -> ThingList:
         """Every thing of a scene, with or without a name, by id, in pages as `list_scenes`.
 
         Args:
             scene_id: which scene.
             version: of the scene; "" is the current one.
             page_size, page_token: as `SceneService.list_scenes`.
+            parts: whether each thing is followed by its parts.
 
         Raises:
             NotFoundError: there is no such scene or version.
@@ -192,13 +195,17 @@ class Answers:
         size = check_page_size(page_size, self._settings.store)
 
         def read(index: SceneIndex, read_version: str) -> ThingList:
-            page, token = page_of(index.things.listed, size, page_token, f"things {scene_id} {read_version}")
+            listed = index.things.listed_with_parts if parts else index.things.listed
+            page, token = page_of(
+                listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
+            )
             return ThingList(tuple(page), token, read_version)
 
         return self._scenes.reading(scene_id, version, read)
 
     def pick(self, request: PickRequest) -> PickedThing:
-        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask.
+        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask; and the part of it at
+        the pixel or point.
 
         Raises:
             NotFoundError: unknown scene, version or view; no thing is there.
@@ -214,13 +221,15 @@ class Answers:
             posed = view_of(index, request.view) if request.view is not None else request.camera
             if posed is not None:
                 check_pixels((posed,), 1, self._settings.calls)
-            things = index.things
+            things, part_id = index.things, 0
             if request.point is not None:
                 thing_id = things.at_point(request.point)
+                part_id = things.part_at_point(request.point, thing_id)
             else:
                 assert posed is not None
                 if request.pixel is not None:
                     thing_id = things.at_pixel(posed, request.pixel)
+                    part_id = things.part_at_pixel(posed, request.pixel, thing_id)
                 else:
                     assert request.box is not None
                     thing_id = things.in_box(posed, request.box)
@@ -228,7 +237,8 @@ class Answers:
             if posed is not None:
                 inside = things.map(posed) == thing_id
                 mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-            return PickedThing(things.get(thing_id), mask, read_version)
+            part = things.get(part_id) if part_id else None
+            return PickedThing(things.get(thing_id), mask, read_version, part)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 

@@ -20,7 +20,7 @@ def view_mask(
     index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
 ) -> ViewMask:
     """Where an answer is in one camera."""
-    return encoded_mask(index.mask2d(answer, posed).mask, view, camera_index, encoding)
+    return encoded_mask(index.mask(answer, posed), view, camera_index, encoding)
 
 
 def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding: MaskEncoding) -> ViewMask:

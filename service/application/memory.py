@@ -226,9 +226,11 @@ def machine_bytes() -> int:
 
 def _weight(scene: Scene) -> int:
     """Bytes of the arrays that have a row for each Gaussian."""
-    counts = [scene.evidence, scene.things.membership if scene.things is not None else None]
-    parts = [scene.gaussians, *(part for part in counts if part is not None)]
-    return sum(array.nbytes for part in parts for array in vars(part).values())
+    things = scene.things
+    parts = None if things is None else things.parts
+    counts = [scene.evidence, things and things.membership, parts and parts.membership]
+    held = [scene.gaussians, *(part for part in counts if part is not None)]
+    return sum(array.nbytes for part in held for array in vars(part).values())
 
 
 def _pixels(posed: PosedCamera) -> int:

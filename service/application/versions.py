@@ -11,8 +11,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fastsplat.service.application.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.validate import check_request_id, check_texts
@@ -277,7 +275,7 @@ def _linked(file: Path, place: Path) -> bool:
 def _dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
     """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
     entries = index.scene.dictionary.entries
-    counts = np.bincount(index.gaussian_classes, minlength=len(entries) + 1).tolist()
+    counts = index.label_counts
     known = {row["label_id"]: row for row in rows}
     nowhere = {"pixels": 0, "views": 0}
     return [

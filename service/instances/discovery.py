@@ -12,22 +12,19 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from fastsplat.service.capture.types import View
-from fastsplat.service.instances.candidates import find_candidates
+from fastsplat.service.instances.candidates import F32, find_candidates
 from fastsplat.service.instances.lifting import lift_masks
 from fastsplat.service.instances.selection import Selection, select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import surface_kinds
+from fastsplat.service.instances.thing_parts import find_parts, membership_of
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.boxes import vertical_axis
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Evidence, Gaussians, Thing, Things
+from fastsplat.service.scene.types import Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, device_of
 from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.training_views import training_size
-
-_PIXELS = 64.0
-"""Evidence of a Gaussian's membership, in pixels: much against the prior, so that shares of votes are probabilities."""
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""
@@ -85,7 +82,7 @@ def discover_things(
         lifted.append(lift_masks(splats, viewmat, camera, flat, valid=valid, backend=backend))
         on_view(len(lifted), len(used))
     return Discovery(
-        things=_things(_selected(gaussians, lifted, [own for _, own in used], settings), gaussians, views),
+        things=_things(*_selected(gaussians, lifted, [own for _, own in used], settings), gaussians, views, settings),
         views=len(used),
         prompts=sum(own.prompts for _, own in used),
         proposals=sum(len(regions) for regions in lifted),
@@ -94,9 +91,10 @@ def discover_things(
 
 def _selected(
     gaussians: Gaussians, lifted: Sequence[LiftedRegions], masks: Sequence[ViewMasks], settings: DiscoverySettings
-) -> Selection:
+) -> tuple[Selection, F32]:
     if not lifted:
-        return select_things([], gaussians, np.zeros(len(gaussians), np.float32), settings)
+        size = np.zeros(len(gaussians), np.float32)
+        return select_things([], gaussians, size, settings), size
     overlaps = overlaps_of(lifted)
     candidates = find_candidates(
         overlaps,
@@ -105,23 +103,12 @@ def _selected(
         min_views=settings.min_views,
         min_view_share=settings.min_view_share,
     )
-    return select_things(candidates, gaussians, overlaps.size, settings)
+    return select_things(candidates, gaussians, overlaps.size, settings), overlaps.size
 
 
-def _membership(selection: Selection) -> Evidence:
-    """Its thing's share of votes for each Gaussian, and the rest for no thing."""
-    rows = np.arange(len(selection.owners))
-    inside = np.rint(selection.shares * _PIXELS * UNIT).astype(np.int64)
-    outside = round(_PIXELS * UNIT) - inside
-    return evidence_of(
-        np.concatenate([rows, rows]),
-        np.concatenate([selection.owners + 1, np.zeros(len(rows), np.int64)]),
-        np.concatenate([inside, outside]),
-        len(rows),
-    )
-
-
-def _things(selection: Selection, gaussians: Gaussians, views: Sequence[View]) -> Things:
+def _things(
+    selection: Selection, size: F32, gaussians: Gaussians, views: Sequence[View], settings: DiscoverySettings
+) -> Things:
     centers = {
         number: gaussians.means[selection.owners == number].mean(axis=0).astype(np.float64)
         for number in selection.surfaces
@@ -132,7 +119,10 @@ def _things(selection: Selection, gaussians: Gaussians, views: Sequence[View]) -
         Thing(id=number + 1, consensus=min(1.0, thing.consensus), surface=kinds.get(number, ""))
         for number, thing in enumerate(selection.things)
     )
-    return Things(table, _membership(selection))
+    rows = np.arange(len(selection.owners))
+    membership = membership_of(rows, selection.owners + 1, selection.shares, len(rows))
+    parts = find_parts(selection, size, settings, len(table) + 1)
+    return Things(table, membership, len(table) + 1 + (0 if parts is None else len(parts.table)), parts)
 
 
 def _valid_pixels(view: View, width: int, height: int) -> NDArray[np.bool_] | None:

@@ -40,12 +40,14 @@ class Selection:
         owners: int32 [G], number of the thing of each Gaussian, -1 for none.
         shares: float32 [G], how sure that is: share of the views that say so; 0 where nobody owns.
         surfaces: the planes of things that are surfaces.
+        parts: candidates that are parts, each with the number of the thing that it is a part of, the largest first.
     """
 
     things: tuple[Candidate, ...]
     owners: Owners
     shares: F32
     surfaces: Mapping[int, Plane]
+    parts: tuple[tuple[Candidate, int], ...] = ()
 
 
 def select_things(
@@ -64,7 +66,10 @@ def select_things(
         size: float32 [G], see `Overlaps`.
         settings: the bounds.
     """
-    things = [candidates[row] for row in find_hierarchy(candidates, size, settings).things]
+    hierarchy = find_hierarchy(candidates, size, settings)
+    things = [candidates[row] for row in hierarchy.things]
+    places = {row: place for place, row in enumerate(hierarchy.things)}
+    parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
     owners, shares = assign_owners(things, len(gaussians))
     surfaces = find_surfaces(things, gaussians, size, settings)
     for candidate in sorted(candidates, key=lambda one: -one.weight):
@@ -91,11 +96,12 @@ def select_things(
     owners = with_neighbors(owners, gaussians, size, settings.neighbors)
     shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
-    return _numbered(things, owners, shares, surfaces, size, settings)
+    return _numbered(things, parts, owners, shares, surfaces, size, settings)
 
 
 def _numbered(
     things: Sequence[Candidate],
+    parts: Sequence[tuple[Candidate, int]],
     owners: Owners,
     shares: F32,
     surfaces: Mapping[int, Plane],
@@ -114,4 +120,5 @@ def _numbered(
         owners=renumbered,
         shares=np.where(renumbered == NOBODY, np.float32(0), shares),
         surfaces={int(number[n]): plane for n, plane in surfaces.items() if number[n] != NOBODY},
+        parts=tuple((part, int(number[n])) for part, n in parts if number[n] != NOBODY),
     )

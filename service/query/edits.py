@@ -22,7 +22,13 @@ from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
-from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows, things_of_rows
+from fastsplat.service.scene.things import (
+    MAX_THING_ID,
+    next_thing_id,
+    thing_rows,
+    things_of_rows,
+    with_rows_of_no_part,
+)
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
@@ -197,10 +203,11 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
             raise NotFoundError(
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
-        return np.flatnonzero(index.gaussian_classes == label_id)
+        return np.flatnonzero(index.labeled((label_id,)))
     if edit.things:
         index.things.check_all(edit.things)
-        return np.flatnonzero(np.isin(index.things.owner, edit.things))
+        things = index.things
+        return np.flatnonzero(np.isin(things.owner, edit.things) | np.isin(things.part_owner, edit.things))
     for instance in index.instances:
         if instance.object.id == edit.object_id:
             return instance.rows.astype(np.int64)
@@ -232,7 +239,7 @@ def _duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 def _copied(before: Things, grown: Things, rows: Rows) -> Things:
     """The things after the Gaussians `rows` were added once more at the end: the copy of a thing, or of what there is
-    of it among them, is a thing of its own, with a new id and the same name."""
+    of it among them, is a thing of its own, with a new id and the same name, and without parts."""
     membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
     copied = np.unique(thing_rows(before)[rows])
     originals = [thing for thing in before.table if thing.id in copied]
@@ -251,6 +258,7 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
         (*before.table, *copies),
         evidence_of(entries, labels, membership.counts, len(membership)),
         first + len(originals),
+        None if before.parts is None else with_rows_of_no_part(before.parts, len(membership)),
     )
 
 

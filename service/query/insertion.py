@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastsplat.service.query.edits import Edit, edited_rows, gaussians_of_rows, moved_gaussians
-from fastsplat.service.query.thing_edits import edited_things, with_label
+from fastsplat.service.query.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of
+from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
 from fastsplat.service.scene.types import Evidence, Gaussians, Scene, Things
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
@@ -26,8 +26,8 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     on.
 
     The Gaussians of the things, and those that they enclose (see `edited_rows`), come after all others; the things get
-    new ids and keep their names, names' sources and suggestions. Colors keep as many harmonics as this scene has. A
-    length of the other scene is the same number of this scene's units.
+    new ids and keep their names, names' sources and suggestions; their parts stay behind. Colors keep as many harmonics
+    as this scene has. A length of the other scene is the same number of this scene's units.
 
     Args:
         index: of the scene as it is.
@@ -36,8 +36,8 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
 
     Raises:
         NotFoundError: no such label, object or thing there.
-        InvalidInputError: not exactly one of label, object_id and things; lengths of one scene are meters and those of
-            the other have no unit.
+        InvalidInputError: not exactly one of label, object_id and things; a part; lengths of one scene are meters and
+            those of the other have no unit.
         LimitExceededError: more things than there are ids.
     """
     here = index.things.scene
@@ -49,6 +49,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
             hint="Insert from a scene of the same scale; lengths would mean nothing.",
         )
     ids = edited_things(source, edit)
+    check_no_parts(source.things.table, ids)
     own = replace(edit, label=None, object_id=None, things=ids)
     rows = edited_rows(source, own)
     first = next_thing_id(here.things)
@@ -78,6 +79,9 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
             (*scene.things.table, *things),
             _with_members(scene.things.membership, inside),
             first + len(ids),
+            None
+            if scene.things.parts is None
+            else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
         ),
         label_mode="things",
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
-from fastsplat.service.scene.things import thing_of, thing_rows
+from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import SH_C0, Scene, Thing
 
 F64 = NDArray[np.float64]
@@ -36,7 +36,7 @@ def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     unnamed = [thing.id for thing in scene.things.table if not thing.name]
     if not unnamed:
         return scene
-    name = thing_of(scene.things, thing_ids[0]).name
+    name = next(thing.name for thing in scene.things.everything if thing.id == thing_ids[0])
     looks = _looks(scene, {*thing_ids, *unnamed})
     models = [looks[thing_id] for thing_id in thing_ids if thing_id in looks]
     likeness = {

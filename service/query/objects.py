@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.things import part_rows, thing_rows
 from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject
@@ -60,29 +61,56 @@ def find_objects(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
     return _instances(scene, field, parts, areas)
 
 
-def objects_of_things(scene: Scene, field: GaussianLabels) -> tuple[Instance, ...]:
-    """The named things of a scene that stores things, by the label id of their names, then from the largest; their
-    scores take in the probability of the name. Sizes, centroids and boxes are as in `find_objects`."""
+def objects_of_things(scene: Scene, field: GaussianLabels, known: dict[int, Instance | None]) -> tuple[Instance, ...]:
+    """The named things, and named parts, of a scene that stores things, by the label id of their names, then from the
+    largest; their scores take in the probability of the name. Sizes, centroids and boxes are as in `find_objects`.
+
+    Args:
+        scene: whose labels are the names of its things.
+        field: labels of its Gaussians.
+        known: things of the same Gaussians that were described before, whatever their names were, by id, None for what
+            cannot be seen; what is missing is added.
+    """
     assert scene.things is not None
-    areas = masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities)
-    things = {thing.id: thing for thing in scene.things.table if thing.name}
-    labeled: dict[int, list[tuple[int, NDArray[np.int64]]]] = {}
-    for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(scene.gaussians)):
-        label_id = scene.dictionary.id_of(things[thing_id].name) if thing_id in things else None
-        if label_id is not None:
-            areas[rows] = np.minimum(areas[rows], _WIDEST * np.median(areas[rows]))
-            labeled.setdefault(label_id, []).append((thing_id, rows))
+    label_ids = {thing.id: scene.dictionary.id_of(thing.name) for thing in scene.things.everything if thing.name}
+    missing = {thing_id for thing_id, label_id in label_ids.items() if label_id and thing_id not in known}
+    if missing:
+        _describe(scene, field, missing, known)
+    labeled: dict[int, list[tuple[float, Instance]]] = {}
     opacities = logistic(scene.gaussians.logit_opacities)
-    parts = []
+    for thing_id, label_id in label_ids.items():
+        instance = known.get(thing_id)
+        if label_id and instance is not None:
+            labeled.setdefault(label_id, []).append((-float(opacities[instance.rows].sum()), instance))
+    probability = {thing.id: thing.probability for thing in scene.things.everything}
+    instances = []
     for label_id, own in sorted(labeled.items()):
-        own.sort(key=lambda part: -opacities[part[1]].sum())
-        parts += [_Part(label_id, number, *part) for number, part in enumerate(own, start=1)]
-    return tuple(
-        instance._replace(
-            object=replace(instance.object, score=instance.object.score * things[instance.object.thing_id].probability)
-        )
-        for instance in _instances(scene, field, parts, areas)
-    )
+        own.sort(key=itemgetter(0))
+        for number, (_, instance) in enumerate(own, start=1):
+            named = replace(
+                instance.object,
+                id=f"{label_id}-{number}",
+                label_id=label_id,
+                label=scene.dictionary.label_of(label_id),
+                score=instance.object.score * probability[instance.object.thing_id],
+            )
+            instances.append(instance._replace(object=named))
+    return tuple(instances)
+
+
+def _describe(scene: Scene, field: GaussianLabels, thing_ids: set[int], known: dict[int, Instance | None]) -> None:
+    """Adds these things to `known`, under a label and a number that mean nothing."""
+    assert scene.things is not None
+    gaussians = scene.gaussians
+    for owner in (thing_rows(scene.things), part_rows(scene.things)):
+        areas = masses(gaussians.log_scales, gaussians.logit_opacities)
+        groups: list[_Part] = []
+        for thing_id, rows in grouped_rows(owner, solid_rows(gaussians)):
+            if thing_id in thing_ids:
+                areas[rows] = np.minimum(areas[rows], _WIDEST * np.median(areas[rows]))
+                groups.append(_Part(1, 1, thing_id, rows))
+        visible = {instance.object.thing_id: instance for instance in _instances(scene, field, groups, areas)}
+        known.update({thing_id: visible.get(thing_id, known.get(thing_id)) for thing_id in thing_ids})
 
 
 def numbered_as_things(instances: Sequence[Instance], things: Things | None) -> tuple[Instance, ...]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from fastsplat.service.query.query_text import TextQuery, check_query
 from fastsplat.service.query.ranking import Ranker
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import Scene, SemanticHead, Things, ThingSemantics, semantics_of
+from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import Answer
@@ -75,10 +76,9 @@ class SceneIndex:
             self._labels = label_by_things(semantics, self.things.belief)
         else:
             self._labels = label_gaussians(scene)
-        counts: list[int] = np.bincount(self._labels.classes, minlength=len(scene.dictionary) + 1).tolist()
         things = None if scene.things is None else self.things
         self._ranker: Ranker = Ranker(
-            scene, counts, encoder, settings, things, None if before is None else before._ranker
+            scene, self.label_counts, encoder, settings, things, None if before is None else before._ranker
         )
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
@@ -102,6 +102,31 @@ class SceneIndex:
     def gaussian_classes(self) -> NDArray[np.int32]:
         """int32 [G]: dictionary id of each Gaussian, 0 = undetected."""
         return self._labels.classes
+
+    @cached_property
+    def label_counts(self) -> list[int]:
+        """The number of Gaussians of each dictionary id, those of parts of that name included; [0] those of none."""
+        counts: list[int] = np.bincount(self._labels.classes, minlength=len(self.scene.dictionary) + 1).tolist()
+        for label_id in self._part_labels:
+            counts[label_id] = int(self.labeled((label_id,)).sum())
+        return counts
+
+    def labeled(self, label_ids: Sequence[int]) -> NDArray[np.bool_]:
+        """bool [G]: Gaussians that have one of these labels, or are of a part that bears one."""
+        relevant = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
+        relevant[list(label_ids)] = True
+        rows = relevant[self._labels.classes]
+        parts = [part_id for label_id in label_ids for part_id in self._part_labels.get(label_id, ())]
+        return np.asarray(rows | np.isin(self.things.part_owner, parts) if parts else rows)
+
+    @cached_property
+    def _part_labels(self) -> Mapping[int, tuple[int, ...]]:
+        """The ids of the parts that bear each label, of labels that a part bears."""
+        if self.scene.label_mode != "things" or self.scene.things is None or self.scene.things.parts is None:
+            return {}
+        parts = {part.id for part in self.things.present_parts}
+        named = {label_id: tuple(i for i in ids if i in parts) for label_id, ids in self.things.by_label.items()}
+        return {label_id: ids for label_id, ids in named.items() if ids}
 
     def ask(
         self,
@@ -141,14 +166,13 @@ class SceneIndex:
         )
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
-        """bool [G]: Gaussians whose most probable class is a relevant entry; row number = Gaussian id.
+        """bool [G]: Gaussians whose most probable class is a relevant entry, or that are of a part that bears one; row
+        number = Gaussian id.
 
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
-        relevant = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
-        relevant[list(self._relevant_ids(answer))] = True
-        return np.asarray(relevant[self._labels.classes])
+        return self.labeled(self._relevant_ids(answer))
 
     @property
     def instances(self) -> tuple[Instance, ...]:
@@ -160,7 +184,7 @@ class SceneIndex:
         with self._instances_lock:
             if self._instances is None:
                 if self.scene.label_mode == "things":
-                    self._instances = objects_of_things(self.scene, self._labels)
+                    self._instances = objects_of_things(self.scene, self._labels, self.things.described)
                 else:
                     self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
             return self._instances
@@ -232,7 +256,27 @@ class SceneIndex:
         relevancy = np.zeros(len(self.scene.dictionary) + 1, dtype=np.float32)
         for match in answer.matches:
             relevancy[match.label_id] = match.relevancy
-        return self._renderer_for(posed).mask(posed, relevant, relevancy)
+        drawn = self._renderer_for(posed).mask(posed, relevant, relevancy)
+        for label_id in relevant:
+            if parts := self._part_labels.get(label_id):
+                inside = np.isin(self.things.part_map(posed), parts)
+                label_ids = np.where(inside, np.uint16(label_id), drawn.label_ids)
+                drawn = replace(drawn, mask=drawn.mask | inside, label_ids=label_ids)
+        return drawn
+
+    def mask(self, answer: Answer, posed: PosedCamera) -> NDArray[np.bool_]:
+        """bool [H, W]: `mask2d(answer, posed).mask`, drawn without colors and relevancy. Where the names of things are
+        the labels, the maps of things of the last views are used again.
+
+        Raises:
+            InvalidInputError, LimitExceededError: as `mask2d`.
+        """
+        relevant = self._relevant_ids(answer)
+        if self.scene.label_mode == "things":
+            self.check_view(posed)
+            ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]
+            return self.things.mask(posed, ids)
+        return np.asarray(np.isin(self.label_map(posed), relevant))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3]: the scene's colors on black.
@@ -267,8 +311,9 @@ class SceneIndex:
         self.check_view(posed)
         return self.things.map(posed)
 
-    def _thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
-        return self._renderer_for(posed).thing_map(posed, things)
+    def _thing_map(self, posed: PosedCamera, things: Things | Parts) -> NDArray[np.uint16]:
+        renderer = self._renderer_for(posed)
+        return renderer.part_map(posed, things) if isinstance(things, Parts) else renderer.thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         if any(not 1 <= match.label_id <= len(self.scene.dictionary) for match in answer.matches):

@@ -12,11 +12,15 @@ from torch import Tensor
 
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
-from fastsplat.service.scene.types import F32, Scene, Things, ThingSemantics, semantics_of
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
 from fastsplat_contract.camera import PosedCamera
+
+_SURE_PX = 64
+"""Membership of a Gaussian of no part in none, pixels."""
 
 
 class Renderer:
@@ -33,6 +37,7 @@ class Renderer:
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
         self._things = self._labels.things if isinstance(self._labels, ThingBlend) else None
+        self._parts: tuple[Parts, EvidenceBlend] | None = None
 
     def relabeled(self, scene: Scene) -> Renderer:
         """The renderer of a scene with the same Gaussians and other labels."""
@@ -72,8 +77,24 @@ class Renderer:
         if self._things is None:
             classes = max((thing.id for thing in things.table), default=0) + 1
             self._things = EvidenceBlend(things.membership, classes, self._device)
+        return self._drawn_ids(self._things, posed)
+
+    def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
+        """uint16 [H, W]: the most probable part of each pixel, 0 for none, as `thing_map`; Gaussians of no part say so.
+
+        Args:
+            posed: the view.
+            parts: of things of the scene's Gaussians.
+        """
+        known = self._parts
+        if known is None or known[0].membership is not parts.membership:
+            classes = max(part.id for part in parts.table) + 1
+            known = self._parts = parts, EvidenceBlend(_with_rest(parts.membership), classes, self._device)
+        return self._drawn_ids(known[1], posed)
+
+    def _drawn_ids(self, blend: EvidenceBlend, posed: PosedCamera) -> NDArray[np.uint16]:
         with torch.no_grad():
-            drawn = self._things.render(
+            drawn = blend.render(
                 replace(self._splats, features=self._means.new_zeros(len(self._means), 0)),
                 self._viewmat(posed),
                 posed.camera,
@@ -131,6 +152,18 @@ class Renderer:
 
     def _tensor(self, array: F32) -> Tensor:
         return torch.tensor(np.asarray(array), dtype=torch.float32, device=self._device)
+
+
+def _with_rest(membership: Evidence) -> Evidence:
+    """The membership in which a Gaussian without entries is surely of nothing."""
+    sizes = np.diff(membership.starts)
+    rows, rest = np.repeat(np.arange(len(sizes)), sizes), np.flatnonzero(sizes == 0)
+    return evidence_of(
+        np.concatenate([rows, rest]),
+        np.concatenate([membership.labels, np.zeros(len(rest), np.uint16)]),
+        np.concatenate([membership.counts, np.full(len(rest), _SURE_PX * UNIT)]),
+        len(sizes),
+    )
 
 
 def _to_bytes(image: Tensor) -> NDArray[np.uint8]:

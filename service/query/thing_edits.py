@@ -46,7 +46,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
     actions: dict[str, Callable[[SceneIndex, Scene, tuple[int, ...], Edit], Scene]] = {
         "name": _name,
         "unname": _unname,
-        "merge": lambda index, scene, ids, edit: merge_things(scene, ids),
+        "merge": _merge,
         "discard": _discard,
     }
     if (edit.name is not None) != (edit.action == "name") or (edit.aliases and edit.action != "name"):
@@ -86,7 +86,8 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
             f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
         )
     if label_id is not None:
-        ids = tuple(thing.id for thing in things.present if thing.name and dictionary.id_of(thing.name) == label_id)
+        everything = (*things.present, *things.present_parts)
+        ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
         if not ids:
             raise NotFoundError(
                 f"nothing in this version bears the label {str(edit.label)[:80]!r}",
@@ -104,8 +105,8 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
 
 def _check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:
     """Refuse to undo what a person said and whoever edits has not seen."""
-    known = {} if seen is None else {thing.id: thing.name for thing in seen.table}
-    now = {thing.id: thing for thing in before.table}
+    known = {} if seen is None else {thing.id: thing.name for thing in seen.everything}
+    now = {thing.id: thing for thing in before.everything}
     for thing_id in ids:
         thing = now.get(thing_id)
         if thing is not None and thing.source == "person" and thing.name not in (name, known.get(thing_id)):
@@ -125,17 +126,42 @@ def _unname(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -
     return _changed(scene, ids, lambda thing: replace(thing, name="", source=None, probability=0.0))
 
 
+def _merge(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+    check_no_parts(index.things.table, ids)
+    return merge_things(scene, ids)
+
+
 def _discard(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
     for thing_id in ids:
-        scene = discard_thing(scene, thing_id)
+        if scene.things is not None and thing_id in {thing.id for thing in scene.things.everything}:
+            scene = discard_thing(scene, thing_id)  # a part may have gone with its thing
     return scene
+
+
+def check_no_parts(things: Things, thing_ids: Sequence[int]) -> None:
+    """Raise if one of these is a part.
+
+    Raises:
+        InvalidInputError: it is.
+    """
+    parents = {} if things.parts is None else {part.id: part.parent for part in things.parts.table}
+    for number, thing_id in enumerate(thing_ids):
+        if thing_id in parents:
+            raise InvalidInputError(
+                f"{thing_id} is a part of thing {parents[thing_id]}",
+                field=f"things[{number}]",
+                hint="Send ids of whole things.",
+            )
 
 
 def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing]) -> Scene:
     assert scene.things is not None
     chosen = set(ids)
     table = tuple(change(thing) if thing.id in chosen else thing for thing in scene.things.table)
-    return replace(scene, things=replace(scene.things, table=table))
+    parts = scene.things.parts
+    if parts is not None and any(part.id in chosen for part in parts.table):
+        parts = replace(parts, table=tuple(change(part) if part.id in chosen else part for part in parts.table))
+    return replace(scene, things=replace(scene.things, table=table, parts=parts))
 
 
 def with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str]) -> tuple[Scene, str]:

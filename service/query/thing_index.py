@@ -13,10 +13,11 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.absence import searched_names
-from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.query.objects import Instance, grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.label_evidence import Posterior, posterior
-from fastsplat.service.scene.types import Scene, Thing, Things
+from fastsplat.service.scene.things import part_rows
+from fastsplat.service.scene.types import Parts, Scene, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
@@ -33,7 +34,16 @@ _REACH = 3.0
 _MAX_UNNAMED = 100
 
 
-_OF_MEMBERSHIP = ("belief", "owner", "counts", "_boxes", "_solid")
+_OF_MEMBERSHIP = (
+    "belief",
+    "owner",
+    "counts",
+    "part_owner",
+    "described",
+    "_boxes",
+    "_part_boxes",
+    "_solid",
+)
 """What depends on the Gaussians and on which thing they belong to, and on no name."""
 
 
@@ -43,15 +53,18 @@ class SceneThings:
     Args:
         scene: with things.
         stored: whether the scene's file has them.
-        draw: the thing of each pixel of a view, 0 for none.
+        draw: the thing of each pixel of a view, 0 for none; of its parts, the part.
         before: those of the scene that this one was edited from; what names alone do not change is taken from it.
+
+    Attributes:
+        described: things as objects, see `objects_of_things`; shared with the versions that differ in names alone.
     """
 
     def __init__(
         self,
         scene: Scene,
         stored: bool,
-        draw: Callable[[PosedCamera, Things], ThingMap],
+        draw: Callable[[PosedCamera, Things | Parts], ThingMap],
         before: SceneThings | None = None,
     ) -> None:
         assert scene.things is not None
@@ -59,10 +72,11 @@ class SceneThings:
         self.stored = stored
         self.table = scene.things
         self._draw = draw
-        self._maps: OrderedDict[tuple[Camera, bytes], ThingMap] = OrderedDict()
+        self._maps: OrderedDict[tuple[Camera, bytes, bool], ThingMap] = OrderedDict()
         self._lock = threading.Lock()
+        self.described: dict[int, Instance | None] = {}
         same = before is not None and before.scene.gaussians is scene.gaussians
-        if before is not None and same and before.table.membership is scene.things.membership:
+        if before is not None and same and _same_members(before.table, scene.things):
             with before._lock:
                 self._maps.update(before._maps)
             known = vars(before)
@@ -85,23 +99,40 @@ class SceneThings:
         return np.bincount(self.owner, minlength=size)
 
     @cached_property
+    def part_owner(self) -> NDArray[np.int32]:
+        """int32 [G]: the part of each Gaussian, 0 for none."""
+        return part_rows(self.table)
+
+    @cached_property
+    def part_counts(self) -> NDArray[np.int64]:
+        """int64: the number of Gaussians of each part, by its id; [0] those of none."""
+        size = max((thing.id for thing in self.table.everything), default=0) + 1
+        return np.bincount(self.part_owner, minlength=size)
+
+    @cached_property
+    def present_parts(self) -> tuple[Thing, ...]:
+        """The parts of things that have Gaussians, by the ids of the things, then by their own."""
+        parts = () if self.table.parts is None else self.table.parts.table
+        return tuple(sorted((part for part in parts if self.part_counts[part.id]), key=lambda part: part.parent))
+
+    @cached_property
     def present(self) -> tuple[Thing, ...]:
         """The things that have Gaussians, by id."""
         return tuple(thing for thing in self.table.table if self.counts[thing.id])
 
     @cached_property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:
-        """The ids of the things that bear each label, ascending; of labels that some thing bears."""
+        """The ids of the things and parts that bear each label, things first; of labels that one bears."""
         ids: dict[int, tuple[int, ...]] = {}
-        for thing in self.present:
+        for thing in (*self.present, *self.present_parts):
             if thing.name and (label_id := self.scene.dictionary.id_of(thing.name)):
                 ids[label_id] = (*ids.get(label_id, ()), thing.id)
         return ids
 
     @cached_property
     def name_probabilities(self) -> Mapping[int, float]:
-        """For each label that some thing bears the largest probability of its things' names."""
-        sure = {thing.id: thing.probability for thing in self.present}
+        """For each label that a thing or a part bears the largest probability of their names."""
+        sure = {thing.id: thing.probability for thing in (*self.present, *self.present_parts)}
         return {label_id: max(sure[thing_id] for thing_id in ids) for label_id, ids in self.by_label.items()}
 
     def suggested(self, name: str) -> tuple[float, tuple[int, ...]]:
@@ -129,24 +160,45 @@ class SceneThings:
     @cached_property
     def listed(self) -> tuple[SceneThing, ...]:
         """Every thing that has Gaussians, by id."""
-        return tuple(self._described(thing, self._boxes.get(thing.id)) for thing in self.present)
+        parts: dict[int, list[int]] = {}
+        for part in self.present_parts:
+            parts.setdefault(part.parent, []).append(part.id)
+        return tuple(
+            self._described(thing, self.counts, self._boxes.get(thing.id), tuple(parts.get(thing.id, ())))
+            for thing in self.present
+        )
+
+    @cached_property
+    def listed_parts(self) -> tuple[SceneThing, ...]:
+        """Every part of a thing that has Gaussians, in the order of `present_parts`."""
+        return tuple(
+            self._described(part, self.part_counts, self._part_boxes.get(part.id), ()) for part in self.present_parts
+        )
+
+    @cached_property
+    def listed_with_parts(self) -> tuple[SceneThing, ...]:
+        """Every thing that has Gaussians, by id, each followed by its parts."""
+        by_id = {part.id: part for part in self.listed_parts}
+        return tuple(
+            listed for thing in self.listed for listed in (thing, *(by_id[part_id] for part_id in thing.parts))
+        )
 
     def get(self, thing_id: int) -> SceneThing:
-        """The thing with this id, as listed.
+        """The thing or part with this id, as listed.
 
         Raises:
             NotFoundError: there is none here.
         """
         self.check_all((thing_id,))
-        return next(thing for thing in self.listed if thing.id == thing_id)
+        return next(thing for thing in (*self.listed, *self.listed_parts) if thing.id == thing_id)
 
     def check_all(self, thing_ids: Sequence[int]) -> None:
-        """Raise unless there is a thing with each of these ids, and something left of it.
+        """Raise unless there is a thing or a part with each of these ids, and something left of it.
 
         Raises:
             NotFoundError: there is none here.
         """
-        here = {thing.id for thing in self.present}
+        here = {thing.id for thing in (*self.present, *self.present_parts)}
         for number, thing_id in enumerate(thing_ids):
             if thing_id not in here:
                 raise NotFoundError(
@@ -157,12 +209,28 @@ class SceneThings:
 
     def map(self, posed: PosedCamera) -> ThingMap:
         """uint16 [H, W]: the thing of each pixel, 0 for none; the maps of the last views are kept."""
-        key = (posed.camera, posed.world_from_camera.tobytes())
+        return self._map(posed, self.table)
+
+    def part_map(self, posed: PosedCamera) -> ThingMap:
+        """uint16 [H, W]: the part of each pixel, 0 for none; the maps of the last views are kept."""
+        if self.table.parts is None:
+            return np.zeros((posed.camera.height, posed.camera.width), np.uint16)
+        return self._map(posed, self.table.parts)
+
+    def mask(self, posed: PosedCamera, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
+        """bool [H, W]: where a view shows one of these things or parts."""
+        inside = np.isin(self.map(posed), thing_ids)
+        if any(part.id in thing_ids for part in self.present_parts):
+            inside |= np.isin(self.part_map(posed), thing_ids)
+        return np.asarray(inside)
+
+    def _map(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
+        key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
         with self._lock:
             if key in self._maps:
                 self._maps.move_to_end(key)
                 return self._maps[key]
-        drawn = self._draw(posed, self.table)
+        drawn = self._draw(posed, of)
         with self._lock:
             self._maps[key] = drawn
             while len(self._maps) > _KEPT_MAPS:
@@ -188,6 +256,20 @@ class SceneThings:
         if not thing_id:
             raise _nothing(f"at the pixel ({pixel.x:g}, {pixel.y:g})", "pixel")
         return thing_id
+
+    def part_at_pixel(self, posed: PosedCamera, pixel: Pixel, thing_id: int) -> int:
+        """The id of the part of a thing that a view shows at a pixel of it, 0 where there is none."""
+        if all(part.parent != thing_id for part in self.present_parts):
+            return 0
+        return self._part_of(int(self.part_map(posed)[int(pixel.y), int(pixel.x)]), thing_id)
+
+    def part_at_point(self, point: Vector3, thing_id: int) -> int:
+        """The id of the part of a thing at a point of it, see `at_point`; 0 where there is none."""
+        row = self._row_at(point)
+        return 0 if row is None else self._part_of(int(self.part_owner[row]), thing_id)
+
+    def _part_of(self, part_id: int, thing_id: int) -> int:
+        return part_id if any((part.id, part.parent) == (part_id, thing_id) for part in self.present_parts) else 0
 
     def in_box(self, posed: PosedCamera, box: PixelBox) -> int:
         """The id of the thing whose mask overlaps a box of a view best, by intersection over union.
@@ -226,6 +308,12 @@ class SceneThings:
             InvalidInputError: the point is not finite.
             NotFoundError: no thing is there.
         """
+        row = self._row_at(point)
+        if row is not None and (thing_id := int(self.owner[row])):
+            return thing_id
+        raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
+
+    def _row_at(self, point: Vector3) -> int | None:
         place = np.array(point, dtype=np.float64)
         if not np.isfinite(place).all():
             raise InvalidInputError(f"a point at {tuple(point)}", field="point", hint="Send finite numbers.")
@@ -234,9 +322,9 @@ class SceneThings:
             distance, near = tree.query(place, k=min(_NEAREST, len(rows)))
             distance, near = np.atleast_1d(distance), np.atleast_1d(near)
             at = np.flatnonzero(distance <= reach[near])
-            if len(at) and (thing_id := int(self.owner[rows[near[at[0]]]])):
-                return thing_id
-        raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
+            if len(at):
+                return int(rows[near[at[0]]])
+        return None
 
     @cached_property
     def _solid(self) -> tuple[cKDTree | None, NDArray[np.int64], NDArray[np.float64]]:
@@ -246,29 +334,45 @@ class SceneThings:
 
     @cached_property
     def _boxes(self) -> dict[int, Box]:
+        return self._boxes_of(self.owner)
+
+    @cached_property
+    def _part_boxes(self) -> dict[int, Box]:
+        return self._boxes_of(self.part_owner) if self.present_parts else {}
+
+    def _boxes_of(self, owner: NDArray[np.int32]) -> dict[int, Box]:
         gaussians = self.scene.gaussians
         weights = masses(gaussians.log_scales, gaussians.logit_opacities)
         up = vertical_axis(self.scene.cameras)
         means = gaussians.means.astype(np.float64)
         return {
             thing_id: oriented_box(means[rows], np.minimum(weights[rows], 4 * np.median(weights[rows])), up)
-            for thing_id, rows in grouped_rows(self.owner, solid_rows(gaussians))
+            for thing_id, rows in grouped_rows(owner, solid_rows(gaussians))
         }
 
-    def _described(self, thing: Thing, box: Box | None) -> SceneThing:
+    def _described(
+        self, thing: Thing, counts: NDArray[np.int64], box: Box | None, parts: tuple[int, ...]
+    ) -> SceneThing:
         return SceneThing(
             id=thing.id,
             name=thing.name,
             source=thing.source,
             probability=thing.probability,
             suggestions=tuple(NameSuggestion(*suggestion) for suggestion in thing.suggestions),
-            kind="surface" if thing.surface else "thing",
+            kind="part" if thing.parent else "surface" if thing.surface else "thing",
             surface=thing.surface,
             consensus=thing.consensus,
-            gaussian_count=int(self.counts[thing.id]),
+            gaussian_count=int(counts[thing.id]),
             box=box,
             meters=self.scene.scale == "METRIC",
+            parent=thing.parent,
+            parts=parts,
         )
+
+
+def _same_members(one: Things, other: Things) -> bool:
+    parts = [None if things.parts is None else things.parts.membership for things in (one, other)]
+    return one.membership is other.membership and parts[0] is parts[1]
 
 
 def _nothing(where: str, field: str) -> NotFoundError:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter  # type: ignore[import-untyped]
 
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera
@@ -62,11 +61,19 @@ def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: 
     cell, depth, _ = _cells(posed, occluders, step, columns)
     np.minimum.at(nearest, cell, depth)
     # Only centers were drawn: the cells around close the holes between them.
-    nearest = minimum_filter(nearest.reshape(-1, columns), size=3, mode="nearest").ravel()
+    nearest = _least_around(nearest.reshape(-1, columns)).ravel()
     cell, depth, inside = _cells(posed, points, step, columns)
     visible = depth <= nearest[cell] * (1 + _SLACK)
     pixels = areas[inside] * camera.fx * camera.fy / depth**2
     return np.bincount(owner[inside], weights=pixels * visible, minlength=count).astype(np.float64)
+
+
+def _least_around(values: F64) -> F64:
+    """[H, W]: the least of each cell and the eight around it."""
+    columns = np.pad(values, ((0, 0), (1, 1)), mode="edge")
+    across = np.minimum(np.minimum(columns[:, :-2], columns[:, 2:]), values)
+    rows = np.pad(across, ((1, 1), (0, 0)), mode="edge")
+    return np.asarray(np.minimum(np.minimum(rows[:-2], rows[2:]), across))
 
 
 def _cells(

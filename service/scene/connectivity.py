@@ -20,6 +20,8 @@ _SPACINGS = 2.0
 _CELL = 0.5
 _CELLS = 1 << 20
 _CHUNK = 1 << 16
+_SLACK = 1.001
+"""Rotations of 32-bit quaternions stretch by less."""
 
 
 def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -40,7 +42,7 @@ def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.i
     return _joined(
         gaussians.means[members[widest]].astype(np.float64),
         scales[widest],
-        _rotations(gaussians.quats[members[widest]]),
+        gaussians.quats[members[widest]],
     )[cell]
 
 
@@ -57,33 +59,60 @@ def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDA
     return cell, order[first]
 
 
-def _joined(means: F64, scales: F64, turns: F64) -> NDArray[np.int32]:
-    """int32 [K] components of K Gaussians at different places."""
+def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.int32]:
+    """int32 [K] components of K Gaussians at different places.
+
+    Most pairs need no look at the Gaussians' shapes: those nearer than twice the usual spacing touch, those farther
+    apart than their largest standard deviations reach do not, and of the others only pairs of what is not joined yet
+    can change anything.
+    """
     count = len(means)
     if count < 2:
         return np.zeros(count, dtype=np.int32)
-    tree = cKDTree(means)
-    spacing = _usual_spacing(tree, means)
-    edges: list[NDArray[np.int64]] = []
+    left, right, distance = _neighbor_pairs(means)
+    sure = distance <= _SPACINGS * _usual_spacing(count, left, distance)
+    component = _united(count, left[sure], right[sure])
+    widths = scales.max(axis=1)
+    near = ~sure & (distance <= _REACH * _SLACK * (widths[left] + widths[right]))
+    doubtful = np.flatnonzero(near)[component[left[near]] != component[right[near]]]
+    if not len(doubtful):
+        return component
+    left, right, distance = left[doubtful], right[doubtful], distance[doubtful]
+    ends, place = np.unique(np.concatenate([left, right]), return_inverse=True)
+    turns, own = _rotations(quats[ends]), scales[ends]
+    towards = (means[right] - means[left]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
+    reach = sum(_deviation(own[side], turns[side], towards) for side in np.split(place, 2))
+    touch = distance <= _REACH * reach
+    joined = _united(int(component.max()) + 1, component[left[touch]], component[right[touch]])
+    return joined[component]
+
+
+def _neighbor_pairs(means: F64) -> tuple[NDArray[np.int32], NDArray[np.int32], F64]:
+    """Each of K points [K, 3] with its eight nearest others, the nearest first: both numbers, ascending by the point's
+    own, and the distance."""
+    count, tree = len(means), cKDTree(means)
+    own, others, distances = [], [], []
     for start in range(0, count, _CHUNK):
-        rows = np.arange(start, min(start + _CHUNK, count))
+        rows = np.arange(start, min(start + _CHUNK, count), dtype=np.int32)
         distance, near = tree.query(means[rows], k=min(_NEIGHBORS + 1, count))
-        pairs = np.stack([np.repeat(rows, near.shape[1]), near.ravel()])
-        distance = distance.ravel()
-        other = pairs[0] != pairs[1]
-        pairs, distance = pairs[:, other], distance[other]
-        towards = (means[pairs[1]] - means[pairs[0]]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
-        reach = sum(_deviation(scales[end], turns[end], towards) for end in pairs)
-        edges.append(pairs[:, distance <= np.maximum(_REACH * reach, _SPACINGS * spacing)])
-    left, right = np.concatenate(edges, axis=1)
+        left, right = np.repeat(rows, near.shape[1]), near.astype(np.int32).ravel()
+        other = left != right
+        own.append(left[other])
+        others.append(right[other])
+        distances.append(distance.ravel()[other])
+    return np.concatenate(own), np.concatenate(others), np.concatenate(distances)
+
+
+def _usual_spacing(count: int, left: NDArray[np.int32], distance: F64) -> float:
+    """Median distance to the nearest neighbor, of at most 4,096 of the points, from their pairs."""
+    sample = np.arange(0, count, max(1, count // 4096), dtype=np.int32)
+    return float(np.median(distance[np.searchsorted(left, sample)]))
+
+
+def _united(count: int, left: NDArray[np.integer], right: NDArray[np.integer]) -> NDArray[np.int32]:
+    """int32 [count]: components of a graph with these edges, numbered by their lowest nodes."""
     graph = coo_array((np.ones(len(left), dtype=np.bool_), (left, right)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
-
-
-def _usual_spacing(tree: cKDTree, means: F64) -> float:
-    """Median distance to the nearest neighbor, of at most 4,096 points."""
-    sample = means[:: max(1, len(means) // 4096)]
-    return float(np.median(tree.query(sample, k=2)[0][:, 1]))
 
 
 def _deviation(scales: F64, turns: F64, towards: F64) -> F64:

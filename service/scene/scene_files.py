@@ -1,5 +1,5 @@
 """A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json` and, if there are any,
-`evidence.safetensors` and `things.safetensors`; written once, never changed."""
+`evidence.safetensors`, `things.safetensors` and `parts.safetensors`; written once, never changed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from fastsplat.service.scene.scene_manifest import (
     manifest_from_bytes,
     manifest_to_bytes,
 )
-from fastsplat.service.scene.types import F32, Evidence, Gaussians, Scene, SemanticHead, Things
+from fastsplat.service.scene.types import F32, Evidence, Gaussians, Parts, Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, SceneFileError
 
 _MANIFEST = "scene.json"
@@ -37,6 +37,7 @@ _ARRAYS = "gaussians.safetensors"
 _CAMERAS = "cameras.json"
 _EVIDENCE = "evidence.safetensors"
 _THINGS = "things.safetensors"
+_PARTS = "parts.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
 
@@ -56,7 +57,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             raise InvalidInputError(f"{name} is {array.dtype}, expected float32", field=name)
     if bad := first_non_finite(arrays):
         raise InvalidInputError(f"{bad} holds NaN or infinite numbers", field=bad, hint="Drop those Gaussians first.")
-    evidence, membership = _evidence_of(scene), _membership_of(scene)
+    evidence, membership, parts = _evidence_of(scene), _membership_of(scene), _parts_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
     manifest = manifest_to_bytes(
         Manifest(
@@ -78,6 +79,9 @@ def write_scene(scene: Scene, folder: Path) -> None:
             things_entries=len(membership["counts"]) if membership else 0,
             things_sha256=digest_arrays(membership) if membership else "",
             next_thing_id=0 if scene.things is None else scene.things.next_id,
+            parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
+            parts_entries=len(parts["counts"]) if parts else 0,
+            parts_sha256=digest_arrays(parts) if parts else "",
         ),
         cameras,
     )
@@ -88,6 +92,8 @@ def write_scene(scene: Scene, folder: Path) -> None:
                 save_arrays(evidence, beside / _EVIDENCE)
             if membership:
                 save_arrays(membership, beside / _THINGS)
+            if parts:
+                save_arrays(parts, beside / _PARTS)
             (beside / _CAMERAS).write_bytes(cameras)
             (beside / _MANIFEST).write_bytes(manifest)
     except FileExistsError as error:  # another writer was faster
@@ -132,7 +138,7 @@ def _read_scene(folder: Path) -> Scene:
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
         label_mode=manifest.label_mode,
-        things=_read_things(folder / _THINGS, manifest),
+        things=_read_things(folder, manifest),
     )
 
 
@@ -164,6 +170,15 @@ def _membership_of(scene: Scene) -> dict[str, Array]:
     return {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
 
 
+def _parts_of(scene: Scene) -> dict[str, Array]:
+    parts = None if scene.things is None else scene.things.parts
+    if parts is None:
+        return {}
+    if wrong := check_membership(parts.membership, [part.id for part in parts.table]):
+        raise InvalidInputError(f"the parts contradict the scene: {wrong}", field="things")
+    return {field.name: getattr(parts.membership, field.name) for field in fields(Evidence)}
+
+
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     if manifest.evidence_entries is None:
         return None
@@ -173,13 +188,23 @@ def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     return evidence
 
 
-def _read_things(path: Path, manifest: Manifest) -> Things | None:
+def _read_things(folder: Path, manifest: Manifest) -> Things | None:
     if manifest.things is None:
         return None
-    membership = _sparse_counts(path, manifest.gaussians, manifest.things_entries, manifest.things_sha256)
-    if wrong := check_membership(membership, [thing.id for thing in manifest.things]):
+    path = folder / _THINGS
+    membership = _members(path, manifest.gaussians, manifest.things_entries, manifest.things_sha256, manifest.things)
+    if manifest.parts is None:
+        return Things(manifest.things, membership, manifest.next_thing_id)
+    path = folder / _PARTS
+    inside = _members(path, manifest.gaussians, manifest.parts_entries, manifest.parts_sha256, manifest.parts)
+    return Things(manifest.things, membership, manifest.next_thing_id, Parts(manifest.parts, inside))
+
+
+def _members(path: Path, gaussians: int, entries: int, sha256: str, table: tuple[Thing, ...]) -> Evidence:
+    membership = _sparse_counts(path, gaussians, entries, sha256)
+    if wrong := check_membership(membership, [thing.id for thing in table]):
         raise _damaged(path, wrong)
-    return Things(manifest.things, membership, manifest.next_thing_id)
+    return membership
 
 
 def _sparse_counts(path: Path, gaussians: int, entries: int, sha256: str) -> Evidence:

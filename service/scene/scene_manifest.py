@@ -18,10 +18,10 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 5
+SCHEMA = 6
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
-`next_id`: the one after the last."""
+`next_id`: the one after the last. 5 had no parts of things."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -44,6 +44,8 @@ class Manifest:
         things_entries: M of the things' membership.
         things_sha256: digest of the membership, "" without.
         next_thing_id: see `Things.next_id`.
+        parts: the table of parts; None for things without.
+        parts_entries, parts_sha256: of the parts' membership, as of the things'.
     """
 
     dictionary: Dictionary
@@ -64,6 +66,9 @@ class Manifest:
     things_entries: int = 0
     things_sha256: str = ""
     next_thing_id: int = 0
+    parts: tuple[Thing, ...] | None = None
+    parts_entries: int = 0
+    parts_sha256: str = ""
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -107,6 +112,13 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
             "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
+            "parts": None
+            if manifest.parts is None
+            else {
+                "table": [asdict(part) for part in manifest.parts],
+                "entries": manifest.parts_entries,
+                "sha256": manifest.parts_sha256,
+            },
         },
         "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
     }
@@ -151,6 +163,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         )
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
+    parts = None if checked.things is None else checked.things.parts
     return Manifest(
         dictionary=dictionary,
         text_encoder=(checked.text_encoder.name, checked.text_encoder.sha256),
@@ -170,6 +183,9 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
         next_thing_id=0 if checked.things is None else checked.things.next_id,
+        parts=None if parts is None else tuple(Thing(**vars(row)) for row in parts.table),
+        parts_entries=0 if parts is None else parts.entries,
+        parts_sha256="" if parts is None else parts.sha256,
     )
 
 
@@ -254,6 +270,7 @@ class _Thing(_Strict):
     consensus: _Share
     surface: SurfaceKind
     suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
+    parent: Annotated[int, Field(ge=0, le=65535)] = 0
 
     @model_validator(mode="after")
     def _names_have_a_source(self) -> _Thing:
@@ -262,17 +279,35 @@ class _Thing(_Strict):
         return self
 
 
+class _Parts(_Strict):
+    table: list[_Thing]
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
 class _Things(_Strict):
     table: list[_Thing]
     next_id: Annotated[int, Field(ge=0, le=65536)] = 0
     entries: Annotated[int, Field(ge=0)]
     sha256: str
+    parts: _Parts | None = None
 
     @model_validator(mode="after")
     def _ids_ascend(self) -> _Things:
         ids = [thing.id for thing in self.table]
         if ids != sorted(set(ids)):
             raise ValueError("the things' ids do not ascend")
+        return self
+
+    @model_validator(mode="after")
+    def _parts_are_of_things(self) -> _Things:
+        own = [thing.id for thing in self.table]
+        parts = [] if self.parts is None else self.parts.table
+        ids = [part.id for part in parts]
+        if ids != sorted(set(ids)) or set(ids) & set(own):
+            raise ValueError("the parts' ids do not ascend, or are those of things")
+        if any(thing.parent for thing in self.table) or not {part.parent for part in parts} <= set(own):
+            raise ValueError("a part is of no thing, or a thing of another")
         return self
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.boxes import oriented_box, vertical_axis
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
-from fastsplat.service.scene.types import NameSource, Scene, Thing, Things
+from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
@@ -34,9 +34,16 @@ def thing_rows(things: Things) -> NDArray[np.int32]:
     return posterior(things.membership, len(things.table) + 1).classes
 
 
+def part_rows(things: Things) -> NDArray[np.int32]:
+    """int32 [G]: id of the part that each Gaussian most probably belongs to, 0 for none."""
+    if things.parts is None:
+        return np.zeros(len(things.membership), np.int32)
+    return posterior(things.parts.membership, len(things.parts.table) + 1).classes
+
+
 def next_thing_id(things: Things) -> int:
     """The id of the next thing that is added; see `Things.next_id`."""
-    return max(things.next_id, max((thing.id for thing in things.table), default=0) + 1)
+    return max(things.next_id, max((thing.id for thing in things.everything), default=0) + 1)
 
 
 def thing_of(things: Things, thing_id: int) -> Thing:
@@ -103,7 +110,7 @@ def rename_thing(
 
 
 def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
-    """The scene in which several things are one, under the id and the name of the first.
+    """The scene in which several things are one, under the id and the name of the first; it has the parts of all.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -117,27 +124,62 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
 
 
 def discard_thing(scene: Scene, thing_id: int) -> Scene:
-    """The scene without this thing: its Gaussians stay and belong to none.
+    """The scene without this thing and its parts, or without this part: the Gaussians of a thing stay and belong to
+    none, those of a part to its thing alone.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
     """
     things = _things_of(scene)
+    parts = () if things.parts is None else things.parts.table
+    gone = [part.id for part in parts if thing_id in (part.id, part.parent)]
+    if gone:
+        things = _without_parts(things, gone)
+    if thing_id in gone:
+        return replace(scene, things=things)
     return replace(scene, things=_relabeled(things, [thing_of(things, thing_id).id], 0))
 
 
 def things_of_rows(things: Things | None, rows: NDArray[np.integer]) -> Things | None:
     """The things of the Gaussians `rows`, in that order; a row may be named twice. Ids stay, also of things that have
     lost all their Gaussians."""
-    return None if things is None else replace(things, membership=rows_of(things.membership, rows))
+    if things is None:
+        return None
+    parts = things.parts
+    if parts is not None:
+        parts = replace(parts, membership=rows_of(parts.membership, rows))
+    return replace(things, membership=rows_of(things.membership, rows), parts=parts)
+
+
+def with_rows_of_no_part(parts: Parts, gaussians: int) -> Parts:
+    """The parts in a scene of `gaussians` Gaussians, of which the last, those that the parts do not know, are of no
+    part."""
+    starts = parts.membership.starts
+    more = np.full(gaussians - len(parts.membership), starts[-1])
+    return replace(parts, membership=replace(parts.membership, starts=np.append(starts, more)))
 
 
 def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
-    membership = things.membership
+    """Without the things `before`: their Gaussians, and their parts, are those of `after`."""
+    table = tuple(thing for thing in things.table if thing.id not in before)
+    parts = things.parts
+    if parts is not None:
+        own = tuple(replace(part, parent=after) if part.parent in before else part for part in parts.table)
+        parts = replace(parts, table=own)
+    return Things(table, _renamed(things.membership, before, after), next_thing_id(things), parts)
+
+
+def _without_parts(things: Things, gone: Sequence[int]) -> Things:
+    assert things.parts is not None
+    table = tuple(part for part in things.parts.table if part.id not in gone)
+    parts = Parts(table, _renamed(things.parts.membership, gone, 0)) if table else None
+    return replace(things, parts=parts, next_id=next_thing_id(things))
+
+
+def _renamed(membership: Evidence, before: Sequence[int], after: int) -> Evidence:
     rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     labels = np.where(np.isin(membership.labels, before), after, membership.labels)
-    table = tuple(thing for thing in things.table if thing.id not in before)
-    return Things(table, evidence_of(rows, labels, membership.counts, len(membership)), next_thing_id(things))
+    return evidence_of(rows, labels, membership.counts, len(membership))
 
 
 def _things_of(scene: Scene) -> Things:

@@ -108,16 +108,17 @@ SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "sur
 
 @dataclass(frozen=True)
 class Thing:
-    """One physical object or surface.
+    """One physical object or surface, or a part of one.
 
     Attributes:
-        id: 1..65535, stable: no other thing of any version of the scene has it.
+        id: 1..65535, stable: no other thing of any version of the scene, and no part, has it.
         name: "" for a thing without one.
         source: who named it; None without a name.
         probability: that the name is right, 0..1; 0 without a name.
         consensus: share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody added.
         surface: see `SurfaceKind`.
         suggestions: names that nobody has settled, with their probabilities, the most probable first.
+        parent: of a part, the id of the thing that it is a part of; 0 for a thing.
     """
 
     id: int
@@ -127,11 +128,29 @@ class Thing:
     consensus: float = 1.0
     surface: SurfaceKind = ""
     suggestions: tuple[tuple[str, float], ...] = ()
+    parent: int = 0
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
         assert all(0 <= probability <= 1 for _, probability in self.suggestions)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of things, and which Gaussians they have; a Gaussian of a part is of the part's thing as well.
+
+    Attributes:
+        table: by ascending id, each with its `parent`.
+        membership: of G Gaussians; its labels are ids of parts, 0 = no part. A Gaussian without entries is of none.
+    """
+
+    table: tuple[Thing, ...]
+    membership: Evidence
+
+    def __post_init__(self) -> None:
+        ids = [part.id for part in self.table]
+        assert ids == sorted(set(ids)) and all(part.parent for part in self.table)
 
 
 @dataclass(frozen=True)
@@ -141,17 +160,28 @@ class Things:
     Attributes:
         table: by ascending id.
         membership: of G Gaussians; its labels are ids of things, 0 = no thing, its counts how sure that is.
-        next_id: no thing of this version of the scene, or of those it was made of, has this id or a larger one; 0
-            stands for the one after the last of `table`.
+        next_id: no thing of this version of the scene, or of those it was made of, and no part has this id or a larger
+            one; 0 stands for the one after the last.
+        parts: of the things; None for none.
     """
 
     table: tuple[Thing, ...]
     membership: Evidence
     next_id: int = 0
+    parts: Parts | None = None
 
     def __post_init__(self) -> None:
         ids = [thing.id for thing in self.table]
-        assert ids == sorted(set(ids))
+        assert ids == sorted(set(ids)) and not any(thing.parent for thing in self.table)
+        if self.parts is not None:
+            assert len(self.parts.membership) == len(self.membership)
+            assert not {part.id for part in self.parts.table} & set(ids)
+            assert {part.parent for part in self.parts.table} <= set(ids)
+
+    @property
+    def everything(self) -> tuple[Thing, ...]:
+        """The things, then the parts."""
+        return self.table if self.parts is None else (*self.table, *self.parts.table)
 
 
 @dataclass(frozen=True)

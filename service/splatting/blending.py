@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
@@ -17,20 +16,14 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import (
     Backend,
     LabelMap,
-    Rendering,
+    ShareMaps,
     Splats,
     device_of,
     label_map,
-    rasterize_bands,
+    rasterize,
 )
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
-
-_CHANNELS = 32
-"""Labels of one rasterization: twice the channels take a fifth more time, up to about here."""
-
-_BAND_VALUES = 8 << 20
-"""Numbers of label probabilities in memory at a time."""
 
 
 class LabelBlend(Protocol):
@@ -130,9 +123,7 @@ class EvidenceBlend:
     """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part.
 
     Gaussians that no labeled view has seen do not count. Of two labels that are equally probable the lower id wins.
-    Many labels are blended in pieces, only those of the Gaussians in view, and all in bands of rows: memory beside the
-        result grows
-    neither with the dictionary nor with the image.
+    See `ShareMaps` for how they are drawn.
 
     Args:
         evidence: of G Gaussians.
@@ -143,15 +134,10 @@ class EvidenceBlend:
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
         self.evidence = evidence
         mean = posterior(evidence, classes)
-        rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
-        order = np.argsort(evidence.labels, kind="stable")
-        self._count = len(evidence)
-        self._rows = rows[order]
-        self._labels = evidence.labels[order]
-        self._shares = (mean.probability - mean.rest[rows])[order]
+        self._rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
+        self._shares = mean.probability - mean.rest[self._rows]
+        self._maps = ShareMaps(evidence.starts, evidence.labels, self._shares)
         self._device = device
-        names = np.unique(self._labels)
-        self._few = (names, self._table(names)) if len(names) <= _CHANNELS else None
 
     def render(
         self,
@@ -164,40 +150,17 @@ class EvidenceBlend:
         backend: Backend,
     ) -> LabelMap:
         """See `LabelBlend`."""
-        expected = splats.means.new_zeros(self._count, 0)
+        labels = self._maps.draw(splats, viewmat, camera, alpha_min=alpha_min, backend=backend)
+        leading = splats.features
         if relevancy is not None:
-            sums = np.bincount(self._rows, self._shares * relevancy[self._labels], self._count)
+            sums = np.bincount(self._rows, self._shares * relevancy[self.evidence.labels], len(self.evidence))
             expected = torch.tensor(sums, dtype=splats.means.dtype, device=self._device)[:, None]
-        names, table = self._few or (np.zeros(0, np.uint16), splats.means.new_zeros(self._count, 0))
-        canvas = _Canvas(splats, viewmat, camera, backend)
-        radii = canvas.draw_first(torch.cat([splats.features, expected], dim=1), names, table)
-        if not self._few:
-            for piece in self._in_view(radii):
-                canvas.draw_labels(piece, self._table(piece))
+            leading = torch.cat([leading, expected], dim=1)
+        if not leading.shape[1]:
+            return labels
         own = splats.features.shape[1]
-        return LabelMap(
-            classes=torch.where(canvas.alpha >= alpha_min, canvas.classes, 0),
-            alpha=canvas.alpha,
-            relevancy=None if relevancy is None else canvas.image[..., own],
-            image=canvas.image[..., :own],
-            culled_non_finite=canvas.culled_non_finite,
-        )
-
-    def _in_view(self, radii: Tensor) -> list[NDArray[np.uint16]]:
-        """The labels of visible Gaussians, ascending, in pieces of one rasterization."""
-        visible = np.asarray(radii.cpu().numpy()) > 0
-        names = np.unique(self._labels[visible[self._rows]])
-        return [names[start : start + _CHANNELS] for start in range(0, len(names), _CHANNELS)]
-
-    def _table(self, names: NDArray[np.uint16]) -> Tensor:
-        """float32 [G, K]: the probability of these consecutive labels."""
-        table = np.zeros((self._count, len(names)), np.float32)
-        if len(names):
-            entries = slice(*np.searchsorted(self._labels, [names[0], int(names[-1]) + 1]))
-            columns = np.searchsorted(names, self._labels[entries])
-            known = names[np.minimum(columns, len(names) - 1)] == self._labels[entries]
-            table[self._rows[entries][known], columns[known]] = self._shares[entries][known]
-        return torch.tensor(table, device=self._device)
+        image = rasterize(replace(splats, features=leading), viewmat, camera, backend=backend).image
+        return replace(labels, image=image[..., :own], relevancy=None if relevancy is None else image[..., own])
 
 
 class ThingBlend:
@@ -238,54 +201,3 @@ class ThingBlend:
         )
         label_ids = torch.tensor(self._label_ids, device=drawn.classes.device)
         return replace(drawn, classes=label_ids[drawn.classes.long()])
-
-
-class _Canvas:
-    """A view while labels are drawn into it, in bands of rows.
-
-    Attributes:
-        image: [H, W, C], the leading channels.
-        alpha: [H, W].
-        classes: int32 [H, W], the label whose probability is largest so far, 0 where none is above 0.
-        culled_non_finite: see `LabelMap`.
-    """
-
-    def __init__(self, splats: Splats, viewmat: Tensor, camera: Camera, backend: Backend) -> None:
-        shape = (camera.height, camera.width)
-        self._splats, self._viewmat, self._camera, self._backend = splats, viewmat, camera, backend
-        self._best = splats.means.new_zeros(shape)
-        self.image = splats.means.new_zeros(*shape, 0)
-        self.alpha = splats.means.new_zeros(shape)
-        self.classes = torch.zeros(shape, dtype=torch.int32, device=splats.means.device)
-        self.culled_non_finite = 0
-
-    def draw_first(self, leading: Tensor, names: NDArray[np.uint16], table: Tensor) -> Tensor:
-        """Draws alpha, `leading` [G, C] as the image, and labels as `draw_labels`; returns the radii, int32 [G]."""
-        channels = leading.shape[1]
-        radii = torch.zeros(len(leading), dtype=torch.int32)
-        self.image = leading.new_empty(*self.alpha.shape, channels)
-        for band, rendering in self._bands(torch.cat([leading, table], dim=1)):
-            self.image[band], self.alpha[band] = rendering.image[..., :channels], rendering.alpha
-            self._update(band, names, rendering.image[..., channels:])
-            radii, self.culled_non_finite = rendering.radii, rendering.culled_non_finite
-        return radii
-
-    def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> None:
-        """Draws the labels `names` [K] with probabilities `table` [G, K]."""
-        for band, rendering in self._bands(table):
-            self._update(band, names, rendering.image)
-
-    def _bands(self, features: Tensor) -> Iterator[tuple[slice, Rendering]]:
-        splats = replace(self._splats, features=features)
-        return rasterize_bands(splats, self._viewmat, self._camera, max_values=_BAND_VALUES, backend=self._backend)
-
-    def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
-        """Sets the class to the label whose share [rows, W, K] is larger than all before."""
-        if not len(names):
-            return
-        column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise
-        share = shares.gather(2, column)[..., 0]
-        named = torch.tensor(names.astype(np.int32), device=shares.device)[column[..., 0]]
-        larger = share > self._best[band]
-        self._best[band] = torch.where(larger, share, self._best[band])
-        self.classes[band] = torch.where(larger, named, self.classes[band])

@@ -13,6 +13,8 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.scene import Parts, Thing, Things
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
@@ -25,7 +27,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.scenes import finish_job, queued_job
+from tests.scenes import finish_job, queued_job, store_scene
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
@@ -249,3 +251,62 @@ def test_things_of_another_project_do_not_exist(service: SceneService, api_setti
         foreign.versions.edit(job.scene_id, [edit])
     assert raised.value.field == "edits[0].source.scene"
     foreign.delete_scene(job.scene_id)
+
+
+@pytest.fixture
+def with_part(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """The made scene with its things stored, where the left half of the mug, thing 1, is part 4."""
+    scene = made_scene(open_text_encoder(ENCODER, api_settings.models))
+    rows = np.arange(len(scene.gaussians))
+    owner = np.repeat([1, 2, 3, 0], len(rows) // 4)
+    left = np.flatnonzero((owner == 1) & (scene.gaussians.means[:, 0] < -0.8))
+    parts = Parts((Thing(4, parent=1),), evidence_of(left, np.full(len(left), 4), np.full(len(left), UNIT), len(rows)))
+    table = tuple(Thing(number, name, "detected", 0.9) for number, name in enumerate(("mug", "ball", "story book"), 1))
+    membership = evidence_of(rows, owner, np.full(len(rows), 16 * UNIT), len(rows))
+    things = Things(table, membership, 0, parts)
+    scene_id = store_scene(service._store, replace(scene, things=things, label_mode="things"), "parts")
+    yield scene_id
+    service.delete_scene(scene_id)
+
+
+def test_parts_are_listed_picked_and_named_alike(
+    faces: Faces, client: Client, service: SceneService, with_part: str
+) -> None:
+    assert [(thing.id, thing.parts) for thing in client.things(with_part)] == [(1, (4,)), (2, ()), (3, ())]
+    truth = service.answers.list_things(with_part, parts=True)
+    assert [(thing.id, thing.kind, thing.parent) for thing in truth.things][:2] == [(1, "thing", 0), (4, "part", 1)]
+    assert_same(tuple(client.things(with_part, parts=True)), truth.things)
+    pages: list[SceneThing] = []
+    token = ""
+    while True:
+        request = pb.ListThingsRequest(scene_id=with_part, page_size=1, page_token=token, parts=True)
+        page = faces.rpc.ListThings(request)
+        pages += (from_proto(SceneThing, thing) for thing in page.things)
+        if not (token := page.next_page_token):
+            break
+    assert_same(tuple(pages), truth.things)
+    part = truth.things[1]
+    assert part.box is not None
+    pick = PickRequest(with_part, point=part.box.center.position, view="front.png")
+    picked = service.answers.pick(pick)
+    assert picked.thing.id == 1 and picked.part == part
+    body = {name: value for name, value in to_plain(pick).items() if name != "scene_id"}
+    over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
+    assert_same(from_plain(PickedThing, over_rest.json()), picked)
+    assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(pick))), picked)
+    assert picked.mask is not None
+    rows, columns = np.nonzero(picked.mask.array())
+    by_pixel = {
+        client.pick(with_part, "front.png", pixel=(column + 0.5, row + 0.5)).part
+        for row, column in zip(rows, columns, strict=True)
+    }
+    assert by_pixel == {None, part}
+    client.name_things(with_part, 4, "moon")
+    (answer,) = client.query(with_part, "moon", views=["front.png"], outputs=["mask2d", "objects"])
+    assert answer.verdict == "exact" and answer.things == (4,) and (answer.objects or ())[0].thing_id == 4
+    inside = answer.masks[0].array()
+    assert 0 < (inside & picked.mask.array()).sum() < picked.mask.array().sum()
+    rows_of_labels = {row.label: row.gaussian_count for row in service.get_scene(with_part).dictionary}
+    assert rows_of_labels["moon"] == part.gaussian_count and rows_of_labels["mug"] == truth.things[0].gaussian_count
+    client.undo_edit(with_part)
+    assert_same(tuple(client.things(with_part, parts=True)), truth.things)

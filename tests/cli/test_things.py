@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.scene import Parts, Thing, Things
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.errors import ConflictError, NotFoundError
-from tests.api.made_scene import ENCODER, add_scene, write_words
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
+from tests.api.made_scene import ENCODER, add_scene, made_scene, write_words
+from tests.scenes import store_scene
 
 
 @pytest.fixture
@@ -53,6 +59,42 @@ def test_a_thing_is_picked_named_and_listed(things: Callable[..., Result], scene
     assert undone.stdout == "version 1 is current\n"
     point = [str(value) for value in rows[1]["box"]["center"]["position"].values()]
     assert json.loads(things("pick", scene_id, "--point", *point).stdout)["thing"]["name"] == "ball"
+
+
+def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[..., Result], scene_id: str) -> None:
+    with open_service(load_settings()) as service:
+        other = add_scene(service, load_settings())
+    before = json.loads(things("list", scene_id, "--json").stdout)
+    half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
+    inserted = things("insert", scene_id, other, "2", *half_turn)
+    assert inserted.exit_code == 0 and inserted.stdout.startswith("version e")
+    after = json.loads(things("list", scene_id, "--json").stdout)
+    assert after[:-1] == before and (after[-1]["id"], after[-1]["name"]) == (4, "ball")
+    here, there = (row["box"]["center"]["position"] for row in (before[1], after[-1]))
+    moved = (2 - here["x"], -here["y"], here["z"] + 0.5)
+    assert tuple(there.values()) == pytest.approx(moved, abs=1e-4)
+    assert things("undo", scene_id).stdout == "version 1 is current\n"
+    assert isinstance(things("insert", scene_id, "0" * 32, "2").exception, NotFoundError)
+    assert isinstance(things("insert", scene_id, other, "9").exception, NotFoundError)
+    assert isinstance(things("insert", scene_id, other, "2", "--source-version", "e1").exception, NotFoundError)
+    long = things("insert", scene_id, other, "2", "--orientation", "0", "0", "0", "2")
+    assert isinstance(long.exception, InvalidInputError)
+
+
+def test_parts_are_listed_under_their_things(things: Callable[..., Result], scene_id: str) -> None:
+    assert things("list", scene_id, "--parts").stdout == things("list", scene_id).stdout
+    with open_service(load_settings()) as service:
+        scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
+        rows = np.arange(len(scene.gaussians))
+        every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
+        some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
+        parts = Parts((Thing(2, parent=1),), some)
+        parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
+    lines = [line.rstrip() for line in things("list", parted, "--parts").stdout.splitlines()]
+    assert any(line.startswith(" 1 ") for line in lines) and any(line.startswith("   2 ") for line in lines)
+    rows_of_parts = json.loads(things("list", parted, "--parts", "--json").stdout)
+    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1)]
+    assert len(json.loads(things("list", parted, "--json").stdout)) == 1
 
 
 def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str) -> None:

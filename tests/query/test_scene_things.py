@@ -319,3 +319,25 @@ def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
     named = edited(index, name(list(range(1, count)), "post"))
     (answer,) = named.ask(["post"])
     assert answer.things == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
+
+
+def test_a_mask_alone_is_the_mask_of_a_whole_picture(opened: Open, labeled: Scene, discovered: Scene) -> None:
+    for index in (opened(labeled), edited(opened(discovered), name((4, 9), "mug"))):
+        (answer,) = index.ask(["mug"])
+        mask = index.mask(answer, FRONT)
+        assert mask.any() and mask.dtype == np.bool_
+        np.testing.assert_array_equal(mask, index.mask2d(answer, FRONT).mask)
+        (absent,) = index.ask(["bulldozer"])
+        assert not index.mask(absent, FRONT).any()
+
+
+def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(opened: Open, discovered: Scene) -> None:
+    index = opened(discovered)
+    index.things.map(FRONT)
+    steps = (name(4, "mug"), name((7, 4), "cup"), Edit("unname", things=(7,)), Edit("merge", things=(7, 9)))
+    for edit in (*steps, name(7, "book")):
+        index = index.after(apply_edit(index, edit, index.things.table))
+        fresh = opened(index.scene)
+        assert index.objects == fresh.objects and index.things.listed == fresh.things.listed
+        np.testing.assert_array_equal(index.things.map(FRONT), fresh.things.map(FRONT))
+    assert [(thing.label, thing.thing_id) for thing in index.objects] == [("cup", 4), ("book", 7)]

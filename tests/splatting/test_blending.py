@@ -1,4 +1,4 @@
-"""Labels by evidence: blended in bands and pieces, they are those of one whole image with a channel a label."""
+"""Labels by evidence: they are those of one whole image with a channel a label."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import torch
 
 from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import evidence_of, posterior
-from fastsplat.service.splatting import blending
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.raster import LabelMap, Splats, rasterize
 from fastsplat_contract.camera import Camera
@@ -57,11 +56,7 @@ def whole(
 
 @pytest.mark.parametrize("classes", [2, 20, 90])
 @pytest.mark.parametrize("channels", [0, 3])
-@pytest.mark.parametrize("band_values", [1, 10**9])
-def test_bands_and_pieces_are_the_whole_image(
-    classes: int, channels: int, band_values: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(blending, "_BAND_VALUES", band_values)
+def test_labels_are_those_of_the_whole_image(classes: int, channels: int) -> None:
     splats, camera, viewmat = crowd(200, channels), Camera(75, 61, 60.0, 60.0, 37.0, 30.0), torch.eye(4)
     evidence, relevancy = drawn_evidence(200, classes), np.linspace(0, 1, classes).astype(np.float32)
     truth, expected = whole(evidence, classes, splats, viewmat, camera, relevancy)

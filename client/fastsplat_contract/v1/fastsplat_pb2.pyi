@@ -110,6 +110,8 @@ class _ThingKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ThingKind.V
     THING_KIND_THING: _ThingKind.ValueType  # 1
     THING_KIND_SURFACE: _ThingKind.ValueType  # 2
     """a floor, a wall, the top of a table or the like"""
+    THING_KIND_PART: _ThingKind.ValueType  # 3
+    """of another thing"""
 
 class ThingKind(_ThingKind, metaclass=_ThingKindEnumTypeWrapper): ...
 
@@ -117,6 +119,8 @@ THING_KIND_UNSPECIFIED: ThingKind.ValueType  # 0
 THING_KIND_THING: ThingKind.ValueType  # 1
 THING_KIND_SURFACE: ThingKind.ValueType  # 2
 """a floor, a wall, the top of a table or the like"""
+THING_KIND_PART: ThingKind.ValueType  # 3
+"""of another thing"""
 Global___ThingKind: _TypeAlias = ThingKind  # noqa: Y015
 
 class _EditAction:
@@ -1062,6 +1066,7 @@ class ListThingsRequest(_message.Message):
     VERSION_FIELD_NUMBER: _builtins.int
     PAGE_SIZE_FIELD_NUMBER: _builtins.int
     PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    PARTS_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
     """empty: the current one"""
@@ -1069,6 +1074,8 @@ class ListThingsRequest(_message.Message):
     """0: the server's default; more than the server's maximum counts as the maximum"""
     page_token: _builtins.str
     """empty: the first page; otherwise next_page_token of the page before"""
+    parts: _builtins.bool
+    """whether each thing is followed by its parts"""
     def __init__(
         self,
         *,
@@ -1076,10 +1083,11 @@ class ListThingsRequest(_message.Message):
         version: _builtins.str = ...,
         page_size: _builtins.int = ...,
         page_token: _builtins.str = ...,
+        parts: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "parts", b"parts", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1087,7 +1095,7 @@ Global___ListThingsRequest: _TypeAlias = ListThingsRequest  # noqa: Y015
 
 @_typing.final
 class ListThingsResponse(_message.Message):
-    """One page of a scene's things, by id."""
+    """One page of a scene's things, by id, each followed by its parts if they were asked for."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1142,7 +1150,7 @@ Global___NameSuggestion: _TypeAlias = NameSuggestion  # noqa: Y015
 
 @_typing.final
 class SceneThing(_message.Message):
-    """One physical object or surface of a scene, with or without a name."""
+    """One physical object or surface of a scene, or a part of one, with or without a name."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1157,6 +1165,8 @@ class SceneThing(_message.Message):
     GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
     BOX_FIELD_NUMBER: _builtins.int
     METERS_FIELD_NUMBER: _builtins.int
+    PARENT_FIELD_NUMBER: _builtins.int
+    PARTS_FIELD_NUMBER: _builtins.int
     id: _builtins.int
     """from 1; the same in all versions of the scene that have the thing"""
     name: _builtins.str
@@ -1166,7 +1176,7 @@ class SceneThing(_message.Message):
     probability: _builtins.float
     """that the name is right, 0..1; 0 without a name"""
     kind: Global___ThingKind.ValueType
-    """surface: a floor, a wall, the top of a table or the like"""
+    """surface: a floor, a wall, the top of a table or the like; part: of another thing"""
     surface: _builtins.str
     """of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"""
     consensus: _builtins.float
@@ -1174,6 +1184,8 @@ class SceneThing(_message.Message):
     gaussian_count: _builtins.int
     meters: _builtins.bool
     """whether lengths are meters"""
+    parent: _builtins.int
+    """of a part: the thing that it is a part of; else 0"""
     @_builtins.property
     def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
         """names that nobody has settled, likeliest first"""
@@ -1181,6 +1193,10 @@ class SceneThing(_message.Message):
     @_builtins.property
     def box(self) -> Global___Box:
         """absent if all its Gaussians are too faint to be seen"""
+
+    @_builtins.property
+    def parts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of its parts, which lists of things have on request"""
 
     def __init__(
         self,
@@ -1196,10 +1212,12 @@ class SceneThing(_message.Message):
         gaussian_count: _builtins.int = ...,
         box: Global___Box | None = ...,
         meters: _builtins.bool = ...,
+        parent: _builtins.int = ...,
+        parts: _abc.Iterable[_builtins.int] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
     _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
@@ -1341,6 +1359,7 @@ class PickedThing(_message.Message):
     THING_FIELD_NUMBER: _builtins.int
     MASK_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
+    PART_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """which version was read"""
     @_builtins.property
@@ -1349,16 +1368,21 @@ class PickedThing(_message.Message):
     def mask(self) -> Global___ViewMask:
         """of the thing in the camera or view; absent without one"""
 
+    @_builtins.property
+    def part(self) -> Global___SceneThing:
+        """of the thing, at the pixel or point; absent for none"""
+
     def __init__(
         self,
         *,
         thing: Global___SceneThing | None = ...,
         mask: Global___ViewMask | None = ...,
         version: _builtins.str = ...,
+        part: Global___SceneThing | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "thing", b"thing"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "part", b"part", "thing", b"thing"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "thing", b"thing", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "part", b"part", "thing", b"thing", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

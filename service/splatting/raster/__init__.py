@@ -9,6 +9,7 @@ from fastsplat.service.splatting.raster.rendering import (
     rasterize_bands,
     sh_to_rgb,
 )
+from fastsplat.service.splatting.raster.share_maps import ShareMaps
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "LabelSums",
     "RasterSettings",
     "Rendering",
+    "ShareMaps",
     "Splats",
     "accumulate_weights",
     "device_of",

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.common.cancellation import check_cancelled
@@ -110,6 +112,33 @@ def label_map(
     dtype = splats.means.dtype
     expected = None if expected is None else expected.to(dtype)
     return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), context.non_finite)
+
+
+def share_map(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    starts: NDArray[np.int64],
+    labels: NDArray[np.uint16],
+    shares: NDArray[np.float32],
+    alpha_min: float,
+    settings: RasterSettings,
+) -> LabelMap:
+    """See `service.splatting.raster.ShareMaps`."""
+    parts = [_float32(part.detach()) for part in _parts(splats)]
+    context, _ = _prepare(parts, viewmat, camera, settings)
+    shape = (camera.height, camera.width)
+    classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
+    _call(context.share_map, settings)(
+        starts=starts,
+        labels=labels,
+        shares=shares,
+        alpha_min=alpha_min,
+        classes=classes.numpy(),
+        alpha=alpha.numpy(),
+    )
+    alpha = alpha.to(splats.means.dtype)
+    return LabelMap(classes, alpha, None, alpha.new_zeros(*shape, 0), context.non_finite)
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:

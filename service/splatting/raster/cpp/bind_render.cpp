@@ -168,6 +168,28 @@ void label_map(RenderContext& context, const Array<const float, -1, -1>& weight,
   check(context.label_map(poll, job));
 }
 
+void share_map(RenderContext& context, const Array<const int64_t, -1>& starts, const Array<const uint16_t, -1>& labels,
+               const Array<const float, -1>& shares, double alpha_min, const Array<int32_t, -1, -1>& classes,
+               const PlaneOut& alpha) {
+  const size_t pixels = pixels_of(context), entries = labels.size();
+  expect(starts, (size_t)context.count() + 1, "starts");
+  expect(shares, entries, "shares");
+  expect(classes, pixels, "classes");
+  expect(alpha, pixels, "alpha");
+  const int64_t* place = starts.data();
+  if (place[0] != 0 || place[context.count()] != (int64_t)entries)
+    throw std::invalid_argument("starts: not the entries");
+  for (int64_t g = 0; g < context.count(); g++)
+    if (place[g + 1] < place[g]) throw std::invalid_argument("starts: must ascend");
+  int32_t end = 0;
+  for (size_t e = 0; e < entries; e++) end = labels.data()[e] >= end ? labels.data()[e] + 1 : end;
+  const ShareMapJob job{starts.data(), labels.data(),    shares.data(),  nullptr,
+                        end,           (float)alpha_min, classes.data(), alpha.data()};
+  const Poll poll = make_poll();
+  nb::gil_scoped_release release;
+  check(context.share_map(poll, job));
+}
+
 int64_t label_sums(RenderContext& context, const Array<const int32_t, -1, -1>& labels, int64_t max_entries,
                    const Array<int64_t, -1>& starts) {
   expect(labels, pixels_of(context), "labels");
@@ -247,6 +269,8 @@ void bind_render(nb::module_& m) {
            "sums[g] = Σ_p w_g(p)·values(p).")
       .def("label_map", &label_map, nb::kw_only(), arg("weight"), arg("bias"), arg("relevancy").none(),
            arg("alpha_min"), arg("classes"), arg("alpha"), arg("expected").none(), arg("image"))
+      .def("share_map", &share_map, nb::kw_only(), arg("starts"), arg("labels"), arg("shares"), arg("alpha_min"),
+           arg("classes"), arg("alpha"))
       .def("label_sums", &label_sums, nb::kw_only(), arg("labels"), arg("max_entries"), arg("starts"),
            "Fills `starts` and returns the number of entries.")
       .def("label_entries", &label_entries, nb::kw_only(), arg("starts"), arg("labels"), arg("sums"),

@@ -17,6 +17,7 @@ double image_loss(const ImageLossJob&, int32_t, float*);
 void image_gradient(const ImageLossJob&, int32_t, float*);
 void cross_entropy(const CrossEntropyJob&, int64_t, float*);
 void label_map(const TileJob&, const LabelMapJob&, int32_t);
+void share_map(const TileJob&, const ShareMapJob&, int32_t);
 bool label_sums(const TileJob&, const int32_t*, LabelWeightList&, int32_t);
 void adam(const AdamJob&, int64_t, int64_t);
 
@@ -36,6 +37,7 @@ extern const Kernels kernels = {
     image_gradient,
     cross_entropy,
     label_map,
+    share_map,
     label_sums,
     adam,
     W,

@@ -145,6 +145,19 @@ struct LabelMapJob {
   float* image;                            // [H, W, skip]
 };
 
+// The label of largest Σ w·share, ties to the lower one, 0 where none is above 0; Gaussian g speaks of the labels
+// starts[g]..starts[g + 1].
+struct ShareMapJob {
+  const int64_t* starts;   // [G + 1]
+  const uint16_t* labels;  // [M], all below label_end
+  const float* shares;     // [M]
+  const int32_t* ids;      // by depth rank: Gaussian
+  int32_t label_end;
+  float alpha_min;  // labels of pixels with less are 0
+  int32_t* winner;  // [H, W]
+  float* alpha;     // [H, W]
+};
+
 struct LabelWeight {
   uint32_t slot;  // of an intersection
   int32_t label;
@@ -184,6 +197,7 @@ struct Kernels {
   void (*cross_entropy)(const CrossEntropyJob&, int64_t task, float* scratch);
   // Composites a tile whose channels all fit into one group, and classifies its pixels.
   void (*label_map)(const TileJob&, const LabelMapJob&, int32_t tile);
+  void (*share_map)(const TileJob&, const ShareMapJob&, int32_t tile);
   // Appends, for every intersection of the tile, the sums of its weights by label [H, W]; negative labels do not count.
   bool (*label_sums)(const TileJob&, const int32_t* labels, LabelWeightList&, int32_t tile);
   void (*adam)(const AdamJob&, int64_t begin, int64_t end);

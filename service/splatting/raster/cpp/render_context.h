@@ -45,7 +45,7 @@ struct Workspace {
   std::vector<IsectList> lists;  // malloc'ed arrays, as the label weights' are
   std::vector<LabelWeightList> label_weights;
   Buffer projected, visible_in_chunk, non_finite_in_chunk, keys[2], order[2], histogram, rank_of, records, slot_start;
-  Buffer counts, tile_start, isects, tile_used, final_t, stop, sums, cursor, merged;
+  Buffer counts, tile_start, isects, tile_used, final_t, stop, sums, cursor, merged, ids;
 };
 
 struct Outputs {
@@ -83,6 +83,8 @@ class RenderContext {
 
   // Up to MAX_GROUP channels.
   Status label_map(const Poll& poll, const LabelMapJob& labels);
+  // job.ids are filled in here.
+  Status share_map(const Poll& poll, ShareMapJob shares);
   // labels [H, W]; negative ones do not count. starts [G + 1]: where each Gaussian's entries begin.
   Status label_sums(const Poll& poll, const int32_t* labels, int64_t max_entries, int64_t* starts);
   // The entries of the last `label_sums`, labels ascending within a Gaussian.

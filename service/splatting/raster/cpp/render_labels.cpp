@@ -47,6 +47,27 @@ Status RenderContext::label_map(const Poll& poll, const LabelMapJob& labels) {
   return done ? Status::done : Status::cancelled;
 }
 
+Status RenderContext::share_map(const Poll& poll, ShareMapJob shares) {
+  TileJob job = this->job();
+  job.first = 1;  // `gather` then takes the depth along, and no feature
+  const Projected* projected = space_->projected.data<Projected>();
+  const uint32_t* rank_of = space_->rank_of.data<uint32_t>();
+  const int64_t* visible_in = space_->visible_in_chunk.data<int64_t>();
+  int32_t* ids = space_->ids.get<int32_t>(visible + 1);
+  shares.ids = ids;
+  bool done = parallel_for(
+      threads_, chunks_,
+      [&](int64_t c) {
+        for (int64_t i = c * CHUNK; i < c * CHUNK + visible_in[c]; i++) ids[rank_of[i]] = projected[i].id;
+      },
+      poll);
+  if (!done) return Status::cancelled;
+  done = parallel_for(
+      threads_, (int64_t)tiles_x_ * tiles_y_, [&](int64_t tile) { kernels_->share_map(job, shares, (int32_t)tile); },
+      poll);
+  return done ? Status::done : Status::cancelled;
+}
+
 Status RenderContext::label_sums(const Poll& poll, const int32_t* labels, int64_t max_entries, int64_t* starts) {
   const TileJob job = this->job();
   const int64_t tiles = (int64_t)tiles_x_ * tiles_y_;

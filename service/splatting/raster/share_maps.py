@@ -1,0 +1,174 @@
+"""Maps of the most probable label where each Gaussian says of a few labels how probable they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fastsplat.service.scene.types import F32
+from fastsplat.service.splatting.raster import cpu
+from fastsplat.service.splatting.raster.checks import check_call
+from fastsplat.service.splatting.raster.rendering import rasterize_bands
+from fastsplat.service.splatting.raster.types import Backend, LabelMap, RasterSettings, Rendering, Splats
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError
+
+_DEFAULTS = RasterSettings()
+
+_CHANNELS = 32
+"""Labels of one rasterization: twice the channels take a fifth more time, up to about here."""
+
+_BAND_VALUES = 8 << 20
+"""Numbers of label probabilities in memory at a time."""
+
+
+class ShareMaps:
+    """Draws argmax_n Σ_g w_g share[g, n], ties to the lower label, 0 where no sum is above 0. Threads may share it.
+
+    On `cpu` a tile adds up only the labels of its own Gaussians, so that a view takes one pass however many labels the
+    scene has. The others blend 32 labels at a time, of the Gaussians in view, in bands of rows. Memory beside the
+    result grows neither with the number of labels nor with the image.
+
+    Args:
+        starts: int64 [G + 1]; Gaussian g has the entries starts[g]..starts[g + 1] of the other two.
+        labels: uint16 [M].
+        shares: float32 [M], finite.
+
+    Raises:
+        InvalidInputError: arrays that do not fit.
+    """
+
+    def __init__(self, starts: NDArray[np.int64], labels: NDArray[np.uint16], shares: F32) -> None:
+        if len(labels) != len(shares) or not len(starts) or starts[-1] != len(labels) or not np.isfinite(shares).all():
+            raise InvalidInputError(
+                f"{len(labels)} labels and {len(shares)} shares of {len(starts) - 1} Gaussians", field="shares"
+            )
+        self._starts = np.ascontiguousarray(starts)
+        self._labels = np.ascontiguousarray(labels)
+        self._shares = np.ascontiguousarray(shares)
+
+    def draw(
+        self,
+        splats: Splats,
+        viewmat: Tensor,
+        camera: Camera,
+        *,
+        alpha_min: float,
+        settings: RasterSettings = _DEFAULTS,
+        backend: Backend = "cpu",
+    ) -> LabelMap:
+        """The labels of a view, 0 where alpha is below `alpha_min`; no image and no relevancy. No gradient.
+
+        Args:
+            splats: G Gaussians; features are not read.
+            viewmat, camera, settings, backend: as for `rasterize`.
+            alpha_min: pixels that the scene covers less than this are 0.
+
+        Raises:
+            InvalidInputError: another number of Gaussians; else as `rasterize`.
+            ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+        """
+        plain = replace(splats, features=splats.means.new_zeros(len(splats.means), 0))
+        check_call(plain, viewmat, camera, settings)
+        if len(splats.means) != len(self._starts) - 1:
+            raise InvalidInputError(
+                f"{len(splats.means)} Gaussians and shares of {len(self._starts) - 1}", field="splats"
+            )
+        with torch.no_grad():
+            if backend == "cpu":
+                return cpu.share_map(
+                    plain, viewmat, camera, self._starts, self._labels, self._shares, alpha_min, settings
+                )
+            canvas = _Canvas(plain, viewmat, camera, settings, backend)
+            radii = canvas.draw_labels(np.zeros(0, np.uint16), self._table(np.zeros(0, np.uint16), plain))
+            for names in self._in_view(radii):
+                canvas.draw_labels(names, self._table(names, plain))
+        return LabelMap(
+            classes=torch.where(canvas.alpha >= alpha_min, canvas.classes, 0),
+            alpha=canvas.alpha,
+            relevancy=None,
+            image=canvas.alpha.new_zeros(*canvas.alpha.shape, 0),
+            culled_non_finite=canvas.culled_non_finite,
+        )
+
+    @cached_property
+    def _by_label(self) -> tuple[NDArray[np.int64], NDArray[np.uint16], F32]:
+        """Gaussian, label and share of all entries, labels ascending."""
+        rows = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
+        order = np.argsort(self._labels, kind="stable")
+        return rows[order], self._labels[order], self._shares[order]
+
+    def _in_view(self, radii: Tensor) -> list[NDArray[np.uint16]]:
+        """The labels of visible Gaussians, ascending, in pieces of one rasterization."""
+        rows, labels, _ = self._by_label
+        visible = np.asarray(radii.cpu().numpy()) > 0
+        names = np.unique(labels[visible[rows]])
+        return [names[start : start + _CHANNELS] for start in range(0, len(names), _CHANNELS)]
+
+    def _table(self, names: NDArray[np.uint16], splats: Splats) -> Tensor:
+        """[G, K]: the shares of these labels, ascending; other labels between them are left out."""
+        table = np.zeros((len(self._starts) - 1, len(names)), np.float32)
+        if len(names):
+            rows, labels, shares = self._by_label
+            entries = slice(*np.searchsorted(labels, [names[0], int(names[-1]) + 1]))
+            columns = np.searchsorted(names, labels[entries])
+            known = names[np.minimum(columns, len(names) - 1)] == labels[entries]
+            table[rows[entries][known], columns[known]] = shares[entries][known]
+        return torch.tensor(table, dtype=splats.means.dtype, device=splats.means.device)
+
+
+class _Canvas:
+    """A view while labels are drawn into it, in bands of rows.
+
+    Attributes:
+        alpha: [H, W].
+        classes: int32 [H, W], the label whose sum is largest so far, 0 where none is above 0.
+        culled_non_finite: see `LabelMap`.
+    """
+
+    def __init__(
+        self, splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings, backend: Backend
+    ) -> None:
+        shape = (camera.height, camera.width)
+        self._splats, self._viewmat, self._camera = splats, viewmat, camera
+        self._settings, self._backend = settings, backend
+        self._best = splats.means.new_zeros(shape)
+        self.alpha = splats.means.new_zeros(shape)
+        self.classes = torch.zeros(shape, dtype=torch.int32, device=splats.means.device)
+        self.culled_non_finite = 0
+
+    def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> Tensor:
+        """Draws alpha, and the labels `names` [K] with shares `table` [G, K]; returns the radii, int32 [G]."""
+        radii = torch.zeros(len(table), dtype=torch.int32)
+        for band, rendering in self._bands(table):
+            self.alpha[band] = rendering.alpha
+            self._update(band, names, rendering.image)
+            radii, self.culled_non_finite = rendering.radii, rendering.culled_non_finite
+        return radii
+
+    def _bands(self, features: Tensor) -> Iterator[tuple[slice, Rendering]]:
+        return rasterize_bands(
+            replace(self._splats, features=features),
+            self._viewmat,
+            self._camera,
+            max_values=_BAND_VALUES,
+            settings=self._settings,
+            backend=self._backend,
+        )
+
+    def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
+        """Sets the class to the label whose share [rows, W, K] is larger than all before."""
+        if not len(names):
+            return
+        column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise
+        share = shares.gather(2, column)[..., 0]
+        named = torch.tensor(names.astype(np.int32), device=shares.device)[column[..., 0]]
+        larger = share > self._best[band]
+        self._best[band] = torch.where(larger, share, self._best[band])
+        self.classes[band] = torch.where(larger, named, self.classes[band])
