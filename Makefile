@@ -7,14 +7,17 @@ BIN := $(VENV)/bin
 PHOTOS ?=
 export OMP_WAIT_POLICY ?= passive
 
+WEB := api/web
+PAGE := $(WEB)/dist/index.html
+PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html package-lock.json tsconfig.json vite.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import sample docker-check clean
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-setup: $(VENV)/.installed  ## a virtual environment with the product and its development tools
+setup: $(VENV)/.installed $(PAGE)  ## a virtual environment with the product and its development tools
 
 $(VENV)/.installed: pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || { echo "Python 3.11 to 3.14 is needed, and '$(PYTHON)' is not that. Set PYTHON=/path/to/python3"; exit 1; }
@@ -22,16 +25,29 @@ $(VENV)/.installed: pyproject.toml client/pyproject.toml constraints.txt CMakeLi
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ./client --editable '.[dev]'
 	@touch $@
 
+page: $(PAGE)  ## the web page, of api/web (Node.js 18.19 or later)
+
+# Without Node.js the rest is of use all the same: REST, gRPC, the client and the command line.
+$(PAGE): $(PAGE_SOURCES)
+	@if node -e 'const [a, b] = process.versions.node.split("."); process.exit(a > 18 || (a == 18 && b >= 19) ? 0 : 1)' 2> /dev/null && command -v npm > /dev/null; then \
+	  cd $(WEB) && { test node_modules/.package-lock.json -nt package-lock.json || npm ci --loglevel=error; } && npm run --silent build && touch dist/index.html; \
+	else echo "Node.js 18.19 or later with npm is needed for the web page, and is not here: the server answers at / that the page is not built, and its browser tests are skipped. REST, gRPC and the command line do without."; fi
+
 models: setup  ## fetch and verify the default models
 	$(BIN)/fastsplat models pull
 
 demo: setup  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
 	$(BIN)/python -m demo $(if $(PHOTOS),--photos "$(PHOTOS)")
 
+look: setup  ## the page with the trained sample of `make demo`, without keys, on this machine alone
+	@test -f demo-output/service/fastsplat.sqlite || { echo "Run make demo first: it trains the sample that is shown"; exit 1; }
+	FASTSPLAT_DATA_DIR=demo-output/service FASTSPLAT_MODELS=$${FASTSPLAT_MODELS:-.models} $(BIN)/fastsplat serve --no-auth
+
 test: setup  ## every check: lint, types, architecture, laws
 	$(BIN)/pytest
 
 lint: setup  ## format and lint in place
+	cd $(WEB) && npm run --silent format
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
 	$(BIN)/clang-format -i $(CPP)
 
@@ -78,4 +94,4 @@ bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results
 	$(BIN)/python -m benchmarks.trade
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output
+	rm -rf $(VENV) build demo-output $(WEB)/dist $(WEB)/node_modules

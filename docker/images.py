@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
 _BASE = "docker.io/library/debian:bookworm-slim"
+_CERTIFICATES = Path("/etc/ssl/build-machine.crt")  # the usual name belongs to a Debian package, which must write it
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,16 @@ class Builder:
         self._buildah("commit", "--rm", container, _BASE)
 
     def build(self, target: str) -> Image:
-        """One target of docker/Dockerfile. Its `pip` and TLS see this machine's package settings, its network too."""
+        """One target of docker/Dockerfile. Its `pip`, `npm` and TLS see this machine's package settings and network."""
         self._buildah(
             *("bud", "--isolation=chroot", "--format=docker", "--layers", "--pull-never"),
             *(f"--volume={source}:{target}:ro" for source, target in _package_settings(self._folder).items()),
+            *(
+                "--build-arg",
+                f"NODE_EXTRA_CA_CERTS={_CERTIFICATES}",
+                "--build-arg",
+                f"npm_config_registry={_npm_registry()}",
+            ),
             *("--file", str(ROOT / "docker/Dockerfile"), "--target", target, "--tag", target, str(ROOT)),
         )
         container = self._buildah("from", "--pull-never", f"localhost/{target}")
@@ -105,6 +112,11 @@ def _debian_mirror() -> Sequence[str]:
     return []
 
 
+def _npm_registry() -> str:
+    listed = subprocess.run(["npm", "config", "get", "registry"], check=True, capture_output=True, text=True).stdout
+    return listed.strip()
+
+
 def _package_settings(folder: Path) -> Mapping[Path, Path]:
     """Files and folders that pip and TLS on this machine are set to use, and where they belong in the image."""
     listed = subprocess.run(["pip", "config", "list"], check=True, capture_output=True, text=True).stdout
@@ -115,8 +127,7 @@ def _package_settings(folder: Path) -> Mapping[Path, Path]:
         if not key.startswith("install.")
     }
     certificates = Path(os.environ.get("SSL_CERT_FILE", "/etc/ssl/certs/ca-certificates.crt"))
-    inside = Path("/etc/ssl/build-machine.crt")  # the usual name belongs to a Debian package, which must write it
-    settings["global"]["cert"] = str(inside)
+    settings["global"]["cert"] = str(_CERTIFICATES)
     file = folder / "pip.conf"
     with file.open("w") as out:
         settings.write(out)
@@ -126,4 +137,4 @@ def _package_settings(folder: Path) -> Mapping[Path, Path]:
     }
     # An index lies beside its files, so that the folder above "simple" is what must come along.
     folders = {path.parent if path.name == "simple" else path for path in named if path.is_absolute() and path.is_dir()}
-    return {file: Path("/etc/pip.conf"), certificates: inside} | {path: path for path in folders}
+    return {file: Path("/etc/pip.conf"), certificates: _CERTIFICATES} | {path: path for path in folders}

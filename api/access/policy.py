@@ -78,6 +78,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
     "ExpireKey": (_ADMIN, ("POST /v1/keys/{key_id}:expire",)),
     "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
+    "DownloadThingIds": (_READ, ("GET /v1/scenes/{scene_id}/things.bin",)),
 }
 
 _ONE_PROTOCOL: Mapping[str, Rule] = {

@@ -238,6 +238,15 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
 
+    async def DownloadThingIds(  # noqa: N802
+        self, request: pb.DownloadThingIdsRequest, context: Context
+    ) -> AsyncIterator[pb.Chunk]:
+        """Which thing each Gaussian belongs to."""
+        async with guarded(context, "DownloadThingIds"):
+            ids = await self._threads.answer(lambda: self._service.answers.thing_ids(request.scene_id, request.version))
+            for chunk in chunks(ids):
+                yield pb.Chunk(data=chunk)
+
     async def CreateKey(self, request: pb.CreateKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
         """Make a key of the project."""
         async with guarded(context, "CreateKey"):

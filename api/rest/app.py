@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -13,11 +12,8 @@ from typing import Any
 import fastapi_offline
 from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
-from starlette.datastructures import Headers
 from starlette.middleware.cors import CORSMiddleware
-from starlette.responses import FileResponse, Response
-from starlette.staticfiles import StaticFiles
-from starlette.types import Scope
+from starlette.responses import Response
 
 from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate, build_gate
@@ -29,10 +25,12 @@ from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.middleware import OuterLayer
+from fastsplat.api.rest.page import add_page
 from fastsplat.api.rest.query_routes import query_routes
 from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
+from fastsplat.api.rest.static_files import ReleaseFiles
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -41,12 +39,9 @@ from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.problems import Problem
 from fastsplat_contract.server_info import ServerInfo
 
-_WEB = Path(__file__).resolve().parent.parent / "web"
 _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"
 )  # FastAPI's own page wants a CDN, and a robot's LAN has none
-_PAGE_POLICY = "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
-_COMPRESSED_TYPES = {"text/html", "text/css", "text/javascript", "application/javascript", "image/svg+xml"}
 _TAGS = (
     {"name": "server", "description": "What this server can do."},
     {"name": "scenes", "description": "Captures come in, scenes are looked at, edited and deleted."},
@@ -81,32 +76,6 @@ class _App(FastAPI):
                     operation["security"] = [] if role is None else [{"key": []}]
             add_examples(schema)
         return super().openapi()
-
-
-class _Files(StaticFiles):
-    """Files of this release. The next one has others under the same names, so a browser asks whether its copy holds."""
-
-    def file_response(
-        self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200
-    ) -> Response:
-        response = super().file_response(full_path, stat_result, scope, status_code)
-        etag = response.headers["etag"]
-        # Weak: one tag for the file as it is and compressed.
-        headers = {"Cache-Control": "no-cache", "Vary": "Accept-Encoding", "ETag": f"W/{etag}"}
-        response.headers.update(headers)
-        if not isinstance(response, FileResponse) or response.media_type not in _COMPRESSED_TYPES:
-            return response
-        request_headers = Headers(scope=scope)
-        if not reads_gzip(request_headers) or "range" in request_headers:
-            return response
-        content = _compressed(Path(full_path), etag)
-        return Response(content, status_code, {**headers, "Content-Encoding": "gzip"}, response.media_type)
-
-
-@cache
-def _compressed(path: Path, etag: str) -> bytes:
-    """A file of this release, of which there are few."""
-    return gzip.compress(path.read_bytes(), mtime=0)
 
 
 def create_app(
@@ -166,18 +135,10 @@ def create_app(
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
-    files = _Files(directory=_WEB)
-
     @cache
     def description() -> tuple[bytes, bytes]:
         body = json.dumps(app.openapi(), ensure_ascii=False).encode()
         return body, gzip.compress(body, mtime=0)
-
-    @app.get("/", include_in_schema=False)
-    async def page(request: Request) -> Response:
-        response = await files.get_response("index.html", request.scope)
-        response.headers["Content-Security-Policy"] = _PAGE_POLICY
-        return response
 
     @app.get("/openapi.json", include_in_schema=False)
     async def openapi(request: Request) -> Response:
@@ -201,6 +162,6 @@ def create_app(
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page
 
-    app.mount("/docs-files", _Files(directory=_SWAGGER), name="docs-files")
-    app.mount("/web", files, name="web")
+    app.mount("/docs-files", ReleaseFiles(_SWAGGER), name="docs-files")
+    add_page(app)
     return app

@@ -7,6 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar
 from urllib.parse import quote
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
@@ -28,6 +31,12 @@ class ThingCalls:
         """Every thing of a scene, with or without a name, by id; with `parts` each followed by its parts."""
         query = {"version": version} | ({"parts": "true"} if parts else {})
         return self._pages(ThingList, f"{scene_path(scene_id)}/things", query)
+
+    def thing_ids(self, scene_id: str, *, version: str = "") -> NDArray[np.uint16]:
+        """uint16 [G]: which thing each Gaussian belongs to, by row; 0 for none."""
+        path = f"{scene_path(scene_id)}/things.bin"
+        content = self._transport.call("GET", path, params={"version": version}).content
+        return np.frombuffer(content, dtype="<u2").astype(np.uint16)
 
     def pick(
         self,

@@ -155,7 +155,7 @@ def test_every_route_by_every_caller(place: _Place, context: Any, method: str, c
     ids = place.ids(own=_changes(rule))
 
     def ask(by: str, **values: str) -> httpx.Response:
-        path = {"/web": "/web/app.js", "/docs-files": "/docs-files/swagger-ui.css"}.get(context.path, context.path)
+        path = {"/web": "/web/icon.svg", "/docs-files": "/docs-files/swagger-ui.css"}.get(context.path, context.path)
         kind = "label_map" if path.endswith(".npy") else "rgb"
         path = path.format(**values, kind=kind)
         request = _REQUESTS.get(name, {})

@@ -174,6 +174,12 @@ def test_files_are_the_same_bytes(faces: Faces, service: SceneService, scene_id:
     chunks = faces.rpc.DownloadMaskPly(pb.DownloadMaskPlyRequest(scene_id=scene_id, text="mug"))
     assert b"".join(chunk.data for chunk in chunks) == mask
 
+    ids = service.answers.thing_ids(scene_id)
+    response = faces.rest.get(f"/v1/scenes/{scene_id}/things.bin")
+    assert response.content == ids and response.headers["etag"]
+    chunks = faces.rpc.DownloadThingIds(pb.DownloadThingIdsRequest(scene_id=scene_id))
+    assert b"".join(chunk.data for chunk in chunks) == ids
+
     (truth3d,) = service.answers.query(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask3d"})))
     packed = faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params={"text": "mug"})
     assert packed.content == truth3d.mask3d

@@ -151,6 +151,7 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
     assert client.mask_ply(own, "elephant").startswith(b"ply") and client.mask3d(own, "elephant").sum() > 40
     named = next(client.things(own))
     assert (named.id, named.name, named.source, named.probability) == (mug.thing.id, "violin", "person", 1)
+    assert (client.thing_ids(own) == named.id).sum() == named.gaussian_count
     labels = {row.label: (row.gaussian_count, row.aliases) for row in client.labels(own)}
     assert labels["mug"][0] == 0 and labels["violin"] == (named.gaussian_count, ("elephant", "moon"))
     assert client.query(own, "mug")[0].verdict == "absent"

@@ -83,6 +83,7 @@ _TWINS = {
     "POST /v1/scenes/{scene_id}:render": "RenderView",
     "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
     "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
+    "GET /v1/scenes/{scene_id}/things.bin": "DownloadThingIds",
 }
 
 

@@ -63,7 +63,7 @@ def test_a_mask_that_a_client_has_is_not_made_again(faces: Faces, scene_id: str,
     assert again.status_code == 304 and again.content == b"" and again.headers["etag"] == tag
 
 
-@pytest.mark.parametrize("path", ["/", "/web/app.js", "/docs-files/swagger-ui.css"])
+@pytest.mark.parametrize("path", ["/", "/web/icon.svg", "/docs-files/swagger-ui.css"])
 def test_files_of_the_page_are_compressed_for_those_who_read_it(faces: Faces, path: str) -> None:
     plain = faces.rest.get(path, headers={"Accept-Encoding": "identity"})
     assert "content-encoding" not in plain.headers and plain.headers["vary"] == "Accept-Encoding"
@@ -103,7 +103,7 @@ def test_gzip_is_for_those_who_accept_it(
     assert json.loads(gzip.decompress(raw) if compressed else raw)
 
 
-@pytest.mark.parametrize("path", ["/", "/web/app.js", "/docs-files/swagger-ui.css", "/openapi.json"])
+@pytest.mark.parametrize("path", ["/", "/web/icon.svg", "/docs-files/swagger-ui.css", "/openapi.json"])
 def test_a_browser_asks_whether_its_copy_of_the_page_holds(faces: Faces, path: str) -> None:
     first = faces.rest.get(path)
     assert first.status_code == 200 and first.headers["cache-control"] == "no-cache"

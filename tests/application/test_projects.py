@@ -45,6 +45,7 @@ _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "camera_file": lambda service, scene: service.camera_file(scene, "json"),
     "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
     "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
+    "thing_ids": lambda service, scene: service.answers.thing_ids(scene),
     "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))),
     "edit_scene": lambda service, scene: service.versions.edit(scene, [Edit("remove", label="mug")]),
     "undo_edit": lambda service, scene: service.versions.undo(scene, ""),

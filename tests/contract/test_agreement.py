@@ -49,6 +49,7 @@ _NOT_IN_PYTHON = {
     "DeleteSceneRequest",
     "DownloadMaskPlyRequest",
     "DownloadScenePlyRequest",
+    "DownloadThingIdsRequest",
     "GetOperationRequest",
     "GetSceneRequest",
     "ListKeysRequest",

@@ -2973,6 +2973,29 @@ class DownloadMaskPlyRequest(_message.Message):
 Global___DownloadMaskPlyRequest: _TypeAlias = DownloadMaskPlyRequest  # noqa: Y015
 
 @_typing.final
+class DownloadThingIdsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DownloadThingIdsRequest: _TypeAlias = DownloadThingIdsRequest  # noqa: Y015
+
+@_typing.final
 class Chunk(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 

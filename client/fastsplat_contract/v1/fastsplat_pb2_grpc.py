@@ -150,6 +150,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
                 _registered_method=True)
+        self.DownloadThingIds = channel.unary_stream(
+                '/fastsplat.v1.SceneService/DownloadThingIds',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+                _registered_method=True)
         self.CreateKey = channel.unary_unary(
                 '/fastsplat.v1.SceneService/CreateKey',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
@@ -335,6 +340,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def DownloadThingIds(self, request, context):
+        """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CreateKey(self, request, context):
         """Makes a key of the caller's project, of the caller's role at most; its secret is told this once.
         """
@@ -479,6 +491,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'DownloadMaskPly': grpc.unary_stream_rpc_method_handler(
                     servicer.DownloadMaskPly,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'DownloadThingIds': grpc.unary_stream_rpc_method_handler(
+                    servicer.DownloadThingIds,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
             ),
             'CreateKey': grpc.unary_unary_rpc_method_handler(
@@ -1122,6 +1139,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/DownloadMaskPly',
             fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DownloadThingIds(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/DownloadThingIds',
+            fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
             options,
             channel_credentials,

@@ -92,6 +92,8 @@ class SceneServiceStub:
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    DownloadThingIds: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]
+    """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
     ListKeys: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]
@@ -152,6 +154,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    DownloadThingIds: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
+    """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
     ListKeys: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]  # type: ignore[assignment]
@@ -347,6 +351,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+
+    @_abc_1.abstractmethod
+    def DownloadThingIds(
+        self,
+        request: _fastsplat_pb2.DownloadThingIdsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
+        """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
 
     @_abc_1.abstractmethod
     def CreateKey(

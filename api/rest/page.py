@@ -1,0 +1,39 @@
+"""The web page: built by `make page` from `api/web/`, a few static files that use the public REST interface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI, Request
+from starlette.responses import Response
+
+from fastsplat.api.rest.static_files import ReleaseFiles
+from fastsplat_contract.errors import NotFoundError
+
+BUILT_PAGE = Path(__file__).resolve().parent.parent / "web" / "dist"
+"""Where the built page is, in a checkout and in a wheel."""
+
+PAGE_POLICY = (
+    # Nothing from elsewhere, nothing inline, no eval. The 3D engine sorts in workers that it makes of blobs; pictures
+    # that need the key are fetched and shown as blobs.
+    "default-src 'none'; script-src 'self'; worker-src 'self' blob:; connect-src 'self'; img-src 'self' blob: data:; "
+    "style-src 'self'; font-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
+
+
+def add_page(app: FastAPI, folder: Path = BUILT_PAGE) -> None:
+    """Adds the page at `/` and its files at `/web`; where it is not built, `/` says what to do."""
+    files = ReleaseFiles(folder, immutable="assets")
+
+    @app.get("/", include_in_schema=False)
+    async def page(request: Request) -> Response:
+        if not (folder / "index.html").is_file():
+            raise NotFoundError(
+                "the web page is not built in this installation",
+                hint="Install Node.js 18.19 or later with npm and run: make page. The API works without it.",
+            )
+        response = await files.get_response("index.html", request.scope)
+        response.headers["Content-Security-Policy"] = PAGE_POLICY
+        return response
+
+    app.mount("/web", files, name="web")

@@ -1,0 +1,119 @@
+import { getJson, post, postJson, send } from "./http";
+import type {
+  Answer,
+  Edit,
+  Operation,
+  PickedThing,
+  PosedCamera,
+  QueryOut,
+  Scene,
+  SceneList,
+  SceneSummary,
+  SceneThing,
+  SceneVersion,
+  ThingList,
+  VersionList,
+} from "./types";
+
+const PAGE_SIZE = 100;
+
+/** Every scene of the caller's project, newest first. */
+export async function listScenes(): Promise<SceneSummary[]> {
+  const scenes: SceneSummary[] = [];
+  let token = "";
+  do {
+    const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token });
+    const page = await getJson<SceneList>(`v1/scenes?${query}`);
+    scenes.push(...page.scenes);
+    token = page.next_page_token;
+  } while (token);
+  return scenes;
+}
+
+export function getScene(sceneId: string, signal?: AbortSignal): Promise<Scene> {
+  return getJson<Scene>(`v1/scenes/${encodeURIComponent(sceneId)}`, signal);
+}
+
+export async function deleteScene(sceneId: string): Promise<void> {
+  await send(`v1/scenes/${encodeURIComponent(sceneId)}`, { method: "DELETE" });
+}
+
+export function getOperation(operationId: string, signal?: AbortSignal): Promise<Operation> {
+  return getJson<Operation>(`v1/operations/${encodeURIComponent(operationId)}`, signal);
+}
+
+export async function cancelOperation(operationId: string): Promise<void> {
+  await send(`v1/operations/${encodeURIComponent(operationId)}:cancel`, { method: "POST" });
+}
+
+export async function retryOperation(operationId: string): Promise<void> {
+  await send(`v1/operations/${encodeURIComponent(operationId)}:retry`, { method: "POST" });
+}
+
+export async function listVersions(sceneId: string): Promise<SceneVersion[]> {
+  return (await getJson<VersionList>(`v1/scenes/${encodeURIComponent(sceneId)}/versions`)).versions;
+}
+
+/** Every thing of a version, by id. */
+export async function listThings(sceneId: string, version: string): Promise<SceneThing[]> {
+  const things: SceneThing[] = [];
+  let token = "";
+  do {
+    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
+    const page = await getJson<ThingList>(`v1/scenes/${encodeURIComponent(sceneId)}/things?${query}`);
+    things.push(...page.things);
+    token = page.next_page_token;
+  } while (token);
+  return things;
+}
+
+/** The answer to one text: ranked labels, the objects that answer, and which Gaussians they are (packed bits). */
+export async function ask(sceneId: string, version: string, text: string, signal?: AbortSignal): Promise<Answer> {
+  const body = { texts: [text], version, outputs: ["objects", "mask3d"], mask3d_encoding: "bits" };
+  const { answers } = await postJson<QueryOut>(`v1/scenes/${encodeURIComponent(sceneId)}:query`, body, signal);
+  const [answer] = answers;
+  if (!answer) throw new Error("an answer to no text");
+  return answer;
+}
+
+/** The thing that a free viewpoint shows at a pixel of it, with its mask there. */
+export function pick(
+  sceneId: string,
+  version: string,
+  camera: PosedCamera,
+  pixel: { x: number; y: number },
+  signal?: AbortSignal,
+): Promise<PickedThing> {
+  return postJson<PickedThing>(`v1/scenes/${encodeURIComponent(sceneId)}:pick`, { camera, pixel, version }, signal);
+}
+
+/** Which thing each Gaussian belongs to: uint16 by row, 0 for none. */
+export async function thingsOfGaussians(sceneId: string, version: string, signal?: AbortSignal): Promise<Uint16Array> {
+  const path = `v1/scenes/${encodeURIComponent(sceneId)}/things.bin?${new URLSearchParams({ version })}`;
+  return new Uint16Array(await (await send(path, signal ? { signal } : {})).arrayBuffer());
+}
+
+export function edit(sceneId: string, version: string, edits: Partial<Edit>[]): Promise<SceneVersion> {
+  const body = { edits, version, request_id: newRequestId() };
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:edit`, body);
+}
+
+export function undo(sceneId: string, version: string): Promise<SceneVersion> {
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:undo`, { version });
+}
+
+/** A picture of the scene from a free viewpoint, as PNG. */
+export async function renderPicture(sceneId: string, camera: PosedCamera, signal?: AbortSignal): Promise<Blob> {
+  const body = { kind: "rgb", camera };
+  return (await post(`v1/scenes/${encodeURIComponent(sceneId)}:render`, body, signal)).blob();
+}
+
+/** The address of the whole scene as 3DGS PLY. */
+export function scenePlyPath(sceneId: string, version: string): string {
+  return `v1/scenes/${encodeURIComponent(sceneId)}/scene.ply?${new URLSearchParams({ version })}`;
+}
+
+/** An id for a request that may be sent twice. (crypto.randomUUID exists on https and localhost only.) */
+export function newRequestId(): string {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}

@@ -1,0 +1,94 @@
+import { useEffect, useRef } from "preact/hooks";
+
+import { accessKey, isOnline, signInReason, signOut } from "../api/http";
+import { ScenePage } from "../scene/ScenePage";
+import { ScenesPage } from "../scenes/ScenesPage";
+import { texts } from "../texts";
+import { UploadPage } from "../upload/UploadPage";
+import { route } from "./router";
+import { SignIn } from "./SignIn";
+
+/** The whole page: the header, and what the address names. */
+export function App() {
+  const signedOut = signInReason.value !== "";
+  return (
+    <>
+      <a
+        class="skip"
+        href="#content"
+        onClick={(event) => {
+          event.preventDefault(); // the address behind # is the page's
+          document.getElementById("content")?.focus();
+        }}
+      >
+        {texts.skip}
+      </a>
+      <header>
+        <a class="brand" href="#/">
+          <img src="web/icon.svg" alt="" width="24" height="24" />
+          {texts.product}
+        </a>
+        <nav aria-label={texts.nav.label}>
+          {!signedOut && (
+            <>
+              <a href="#/" aria-current={route.value.page === "scenes" ? "page" : undefined}>
+                {texts.nav.scenes}
+              </a>
+              <a href="#/new" aria-current={route.value.page === "new" ? "page" : undefined}>
+                {texts.nav.newScene}
+              </a>
+            </>
+          )}
+          <a href="docs">{texts.nav.api}</a>
+          {accessKey.value && !signedOut && (
+            <button type="button" class="plain" onClick={signOut}>
+              {texts.nav.signOut}
+            </button>
+          )}
+        </nav>
+      </header>
+      {!isOnline.value && (
+        <p class="note offline" role="status">
+          {texts.errors.offlineNow}
+        </p>
+      )}
+      <Content signedOut={signedOut} />
+    </>
+  );
+}
+
+function Content({ signedOut }: { signedOut: boolean }) {
+  const main = useRef<HTMLElement>(null);
+  const current = route.value;
+  const place = current.page === "scene" ? `scene ${current.sceneId}` : current.page;
+  const before = useRef(place);
+  useEffect(() => {
+    if (before.current !== place) main.current?.focus(); // the link that was followed is gone
+    before.current = place;
+  }, [place]);
+  return (
+    <main id="content" tabIndex={-1} ref={main}>
+      {signedOut ? <SignIn /> : <Page />}
+    </main>
+  );
+}
+
+function Page() {
+  const current = route.value;
+  switch (current.page) {
+    case "scenes":
+      return <ScenesPage />;
+    case "new":
+      return <UploadPage />;
+    case "scene":
+      return <ScenePage key={current.sceneId} sceneId={current.sceneId} />;
+    case "unknown":
+      return (
+        <section class="sheet">
+          <h1>{texts.unknownPage.title}</h1>
+          <p>{texts.unknownPage.text}</p>
+          <a href="#/">{texts.unknownPage.back}</a>
+        </section>
+      );
+  }
+}

@@ -1,0 +1,17 @@
+import { expect, test } from "vitest";
+
+import { parseRoute, sceneAddress } from "./addresses";
+
+test.each(["", "#", "#/"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
+
+test("a scene's address comes back", () => {
+  const more = { text: "where is the “mug” & ü?", version: "v/2", view: "1_2_3_4_5_6" };
+  expect(parseRoute(sceneAddress("a/b?c#d", more))).toEqual({ page: "scene", sceneId: "a/b?c#d", ...more });
+  expect(sceneAddress("abc")).toBe("#/scenes/abc");
+});
+
+test.each(["#/scenes/", "#/scenes/a/b", "#/elsewhere"])("%j leads nowhere", (hash) =>
+  expect(parseRoute(hash)).toEqual({ page: "unknown" }),
+);
+
+test("a broken escape is taken as it is", () => expect(parseRoute("#/scenes/%zz")).toMatchObject({ sceneId: "%zz" }));

@@ -1,0 +1,80 @@
+import { useState } from "preact/hooks";
+
+import { cancelOperation, retryOperation } from "../api/calls";
+import type { Operation, StageProgress } from "../api/types";
+import { texts } from "../texts";
+import { ErrorNote, sentence } from "../ui/parts";
+import { duration, secondsLeft } from "./timing";
+
+/** The stages of a job, why it failed, and what can be done about it. */
+export function JobPanel({ operation, onChange }: { operation: Operation; onChange: () => void }) {
+  const [error, setError] = useState<unknown>(null);
+  const [busy, setBusy] = useState(false);
+  const act = (call: (id: string) => Promise<void>) => {
+    setBusy(true);
+    setError(null);
+    call(operation.id)
+      .then(onChange, setError)
+      .finally(() => setBusy(false));
+  };
+  const details = operation.error?.details;
+  return (
+    <section class="job" aria-labelledby="job-title">
+      <h2 id="job-title">{texts.job.title}</h2>
+      <p class="sr-only" role="status">
+        {announcement(operation)}
+      </p>
+      {operation.state === "QUEUED" && <p>{texts.job.queued}</p>}
+      {operation.state === "CANCELLED" && <p class="note">{texts.job.cancelled}</p>}
+      {operation.error && (
+        <div class="note error" role="alert">
+          <p>{texts.job.failed(texts.job.stages[operation.error.stage] ?? operation.error.stage)}</p>
+          <p>{sentence(operation.error.message)}</p>
+          {details?.["limit"] && <p>{texts.limit(details["limit"])}</p>}
+          {details?.["hint"] && <p class="hint">{details["hint"]}</p>}
+        </div>
+      )}
+      <ol class="stages">
+        {operation.stages.map((stage, index) => (
+          <Stage key={stage.stage} stage={stage} active={!operation.done && index === operation.stages.length - 1} />
+        ))}
+      </ol>
+      {!operation.done && (
+        <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
+          {texts.job.cancel}
+        </button>
+      )}
+      {(operation.state === "FAILED" || operation.state === "CANCELLED") && (
+        <button type="button" class="primary" disabled={busy} onClick={() => act(retryOperation)}>
+          {texts.job.retry}
+        </button>
+      )}
+      {error !== null && <ErrorNote error={error} />}
+    </section>
+  );
+}
+
+function Stage({ stage, active }: { stage: StageProgress; active: boolean }) {
+  const name = texts.job.stages[stage.stage] ?? stage.stage;
+  const left = active ? secondsLeft(stage) : null;
+  return (
+    <li>
+      <span class="stage-name">{name}</span>
+      <span class="hint">{stage.fraction >= 1 ? texts.job.done : texts.job.percent(stage.fraction)}</span>
+      <progress max={1} value={stage.fraction} aria-label={name} />
+      <span class="hint">
+        {[stage.message, left === null ? texts.job.spent(duration(stage.seconds)) : texts.job.left(duration(left))]
+          .filter(Boolean)
+          .join(" · ")}
+      </span>
+    </li>
+  );
+}
+
+/** What a screen reader is told when it changes: the stage, in steps of ten percent. */
+function announcement(operation: Operation): string {
+  const stage = operation.stages.at(-1);
+  if (operation.done || !stage) return texts.job.queued;
+  const tens = Math.floor(stage.fraction * 10) / 10;
+  return `${texts.job.stages[stage.stage] ?? stage.stage}: ${texts.job.percent(tens)}`;
+}

@@ -1,0 +1,10 @@
+import "./styles/base.css";
+import "./styles/scenes.css";
+import "./styles/scene.css";
+
+import { render } from "preact";
+
+import { App } from "./app/App";
+
+const root = document.getElementById("page");
+if (root) render(<App />, root);

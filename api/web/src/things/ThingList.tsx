@@ -1,0 +1,114 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+
+import type { SceneThing } from "../api/types";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { boxSize, centerOf } from "../viewer/boxes";
+import type { Vec } from "../viewer/vectors";
+import { titleOf } from "./ThingPanel";
+
+interface Properties {
+  state: SceneState;
+  onFly: (middle: Vec, size: number) => void;
+}
+
+/** All things of the scene; those without a name can be worked through by keyboard: type, Enter, next. */
+export function ThingList({ state, onFly }: Properties) {
+  const [onlyUnnamed, setOnlyUnnamed] = useState(false);
+  const [naming, setNaming] = useState(0); // id of the thing that is named now
+  const things = state.things.value;
+  if (!things) return null;
+  const unnamed = things.filter((thing) => !thing.name && thing.kind === "thing");
+  const open = (thing: SceneThing, more = false) => {
+    state.select(thing.id, more);
+    if (thing.box && !more) onFly(centerOf(thing.box), boxSize(thing.box));
+  };
+  const next = (after: number) => {
+    const thing = unnamed.find((each) => each.id > after) ?? unnamed.find((each) => each.id !== after);
+    setNaming(thing?.id ?? 0);
+    if (thing) open(thing);
+  };
+  const current = unnamed.find((thing) => thing.id === naming);
+  const shown = onlyUnnamed ? unnamed : things;
+  return (
+    <section class="things" aria-labelledby="things-title">
+      <h2 id="things-title">{texts.things.title}</h2>
+      {things.length === 0 ? (
+        <p class="hint">{texts.things.none}</p>
+      ) : (
+        <p class="hint">{texts.things.unnamedCount(unnamed.length)}</p>
+      )}
+      {unnamed.length > 0 && !current && (
+        <div class="buttons">
+          <button type="button" onClick={() => next(0)}>
+            {texts.things.nameNext}
+          </button>
+        </div>
+      )}
+      {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
+      {unnamed.length > 0 && (
+        <label class="check">
+          <input
+            type="checkbox"
+            checked={onlyUnnamed}
+            onChange={(event) => setOnlyUnnamed(event.currentTarget.checked)}
+          />
+          {texts.things.onlyUnnamed}
+        </label>
+      )}
+      <ul class="thing-list">
+        {shown.map((thing) => (
+          <li key={thing.id}>
+            <input
+              type="checkbox"
+              aria-label={texts.things.tick(titleOf(thing))}
+              checked={state.selected.value.includes(thing.id)}
+              onChange={() => open(thing, true)}
+            />
+            <button
+              type="button"
+              class="plain"
+              aria-pressed={state.selected.value.includes(thing.id)}
+              onClick={() => open(thing)}
+              onPointerEnter={() => (state.hovered.value = thing.id)}
+              onPointerLeave={() => (state.hovered.value = 0)}
+            >
+              {titleOf(thing)}
+            </button>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+function QuickName({ state, thing, onNamed }: { state: SceneState; thing: SceneThing; onNamed: () => void }) {
+  const field = useRef<HTMLInputElement>(null);
+  useEffect(() => field.current?.focus(), []);
+  return (
+    <form
+      onSubmit={(event) => {
+        event.preventDefault();
+        const name = field.current?.value.trim();
+        if (!name) onNamed();
+        else
+          void state
+            .edit({ action: "name", things: [thing.id], name }, texts.things.saved(name))
+            .then((done) => done && onNamed());
+      }}
+    >
+      <label>
+        {texts.things.unnamed(thing.id)}
+        <input ref={field} maxLength={200} autocomplete="off" list="suggested-names" />
+      </label>
+      <datalist id="suggested-names">
+        {thing.suggestions.map((suggestion) => (
+          <option key={suggestion.name} value={suggestion.name} />
+        ))}
+      </datalist>
+      <button class="primary" disabled={state.busy.value}>
+        {texts.things.nameNext}
+      </button>
+    </form>
+  );
+}

@@ -1,0 +1,144 @@
+import { useEffect, useState } from "preact/hooks";
+
+import type { SceneThing } from "../api/types";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { boxSize, centerOf } from "../viewer/boxes";
+import type { Vec } from "../viewer/vectors";
+
+interface Properties {
+  state: SceneState;
+  onFly: (middle: Vec, size: number) => void;
+}
+
+/** What is selected: its name, edited in place, its figures, and what can be done with it. */
+export function ThingPanel({ state, onFly }: Properties) {
+  const things = state.selectedThings.value;
+  const [thing] = things;
+  const merge = () =>
+    void state.edit({ action: "merge", things: things.map((each) => each.id) }, texts.things.merged).then((done) => {
+      if (done && thing) state.select(thing.id);
+    });
+  return (
+    <section class="thing" aria-label={texts.things.selected(things.length)}>
+      <div class="title-row">
+        <p class="hint" role="status">
+          {state.message.value}
+        </p>
+        {state.canUndo.value && (
+          <button type="button" disabled={state.busy.value} onClick={() => void state.undo(texts.things.undone)}>
+            {texts.things.undo}
+          </button>
+        )}
+      </div>
+      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
+      {things.length > 1 && (
+        <div class="thing-card">
+          <h2>{texts.things.selected(things.length)}</h2>
+          <p>{things.map(titleOf).join(", ")}</p>
+          <div class="buttons">
+            <button type="button" class="primary" disabled={state.busy.value} onClick={merge}>
+              {texts.things.merge}
+            </button>
+            <button type="button" onClick={() => state.clearSelection()}>
+              {texts.things.close}
+            </button>
+          </div>
+        </div>
+      )}
+      {things.length === 1 && thing && <Card key={thing.id} state={state} thing={thing} onFly={onFly} />}
+    </section>
+  );
+}
+
+export function titleOf(thing: SceneThing): string {
+  return thing.name || texts.things.unnamed(thing.id);
+}
+
+function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
+  const [name, setName] = useState(thing.name);
+  useEffect(() => setName(thing.name), [thing.name]);
+  const { box } = thing;
+  const act = (edit: Parameters<SceneState["edit"]>[0], message: string) =>
+    void state.edit({ ...edit, things: [thing.id] }, message);
+  const give = (text: string) => {
+    const trimmed = text.trim();
+    if (trimmed && trimmed !== thing.name) act({ action: "name", name: trimmed }, texts.things.saved(trimmed));
+  };
+  return (
+    <div class="thing-card">
+      <h2>{titleOf(thing)}</h2>
+      <form
+        onSubmit={(event) => {
+          event.preventDefault();
+          give(name);
+        }}
+      >
+        <label>
+          {texts.things.name}
+          <input
+            value={name}
+            maxLength={200}
+            autocomplete="off"
+            onInput={(event) => setName(event.currentTarget.value)}
+          />
+        </label>
+        <button class="primary" disabled={state.busy.value || !name.trim()}>
+          {texts.things.save}
+        </button>
+      </form>
+      {thing.suggestions.length > 0 && (
+        <>
+          <h3>{texts.things.suggestions}</h3>
+          <ul class="chips">
+            {thing.suggestions.map((suggestion) => (
+              <li key={suggestion.name}>
+                <button type="button" class="chip" disabled={state.busy.value} onClick={() => give(suggestion.name)}>
+                  {texts.things.suggestion(suggestion.name, suggestion.probability)}
+                </button>
+              </li>
+            ))}
+          </ul>
+        </>
+      )}
+      <p class="hint">
+        {[
+          thing.source && texts.things.sources[thing.source],
+          thing.name && texts.things.probability(thing.probability),
+          texts.scenes.gaussians(thing.gaussian_count),
+          box && texts.things.sizeOf([box.size.x, box.size.y, box.size.z], thing.meters),
+        ]
+          .filter(Boolean)
+          .join(" · ")}
+      </p>
+      <div class="buttons">
+        {box && (
+          <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
+            {texts.things.lookAt}
+          </button>
+        )}
+        {thing.name && (
+          <button
+            type="button"
+            disabled={state.busy.value}
+            onClick={() => act({ action: "unname" }, texts.things.unnamedNow)}
+          >
+            {texts.things.unname}
+          </button>
+        )}
+        <button
+          type="button"
+          disabled={state.busy.value}
+          onClick={() => act({ action: "discard" }, texts.things.discarded)}
+        >
+          {texts.things.discard}
+        </button>
+        <button type="button" onClick={() => state.clearSelection()}>
+          {texts.things.close}
+        </button>
+      </div>
+      <p class="hint">{texts.things.mergeHelp}</p>
+    </div>
+  );
+}

@@ -1,0 +1,44 @@
+import { expect, test } from "vitest";
+
+import type { ChosenFile } from "./choose";
+import { bytesText, problemOf, sorted } from "./choose";
+
+const file = (path: string, size = 10): ChosenFile => ({ file: { size } as File, path });
+const paths = (files: ChosenFile[]) => files.map(({ path }) => path);
+
+test("photos, archives and videos are taken, the rest is named", () => {
+  const { taken, refused } = sorted(
+    ["a.JPG", "b.png", "c.heic", "d.docx", "e.zip", ".DS_Store"].map((each) => file(each)),
+  );
+  expect(paths(taken)).toEqual(["a.JPG", "b.png", "e.zip"]);
+  expect(refused).toHaveLength(2);
+  expect(refused[0]).toContain("c.heic");
+  expect(refused[1]).toContain("d.docx");
+});
+
+test("a folder may bring poses and label maps", () => {
+  const { taken, refused } = sorted(
+    ["room/images/1.jpg", "room/transforms.json", "room/.git/x.json"].map((each) => file(each)),
+  );
+  expect(paths(taken)).toEqual(["room/images/1.jpg", "room/transforms.json"]);
+  expect(refused).toEqual([]);
+});
+
+test("an empty file is refused", () => {
+  expect(sorted([file("a.jpg", 0)]).refused[0]).toContain("a.jpg");
+});
+
+test("what cannot become one scene is said before it is sent", () => {
+  expect(problemOf([file("a.zip"), file("b.jpg")], null)).not.toBe("");
+  expect(problemOf([file("a.zip")], null)).toBe("");
+  expect(problemOf([file("a.jpg", 600), file("b.jpg", 600)], 1000)).toContain("1.0 kB");
+  expect(problemOf([file("a.jpg", 600)], 1000)).toBe("");
+});
+
+test.each([
+  [0, "0 B"],
+  [999, "999 B"],
+  [1500, "1.5 kB"],
+  [250e6, "250 MB"],
+  [3e12, "3000 GB"],
+])("%d bytes are %s", (bytes, text) => expect(bytesText(bytes)).toBe(text));

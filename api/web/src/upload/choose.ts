@@ -1,0 +1,73 @@
+import { texts } from "../texts";
+
+/** A file and the name under which it is sent: with the folders it was chosen in. */
+export interface ChosenFile {
+  file: File;
+  path: string;
+}
+
+const PHOTOS = /\.(jpe?g|png|webp|bmp|tiff?)$/i;
+const WHOLE = /\.(zip|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
+const BESIDE = /\.(json|txt|bin|ply|spz)$/i; // poses, label maps and models in a capture's folder
+const HEIC = /\.(heic|heif)$/i;
+
+/** What can be sent of these files, and why the rest cannot. Hidden files of a folder are left out without a word. */
+export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; refused: string[] } {
+  const taken: ChosenFile[] = [];
+  const refused: string[] = [];
+  const visible = files.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".")));
+  const folder = visible.some(({ path }) => path.includes("/"));
+  for (const each of visible) {
+    if (HEIC.test(each.path)) refused.push(texts.upload.heic(each.path));
+    else if (!PHOTOS.test(each.path) && !WHOLE.test(each.path) && !(folder && BESIDE.test(each.path)))
+      refused.push(texts.upload.kind(each.path));
+    else if (each.file.size === 0) refused.push(texts.upload.empty(each.path));
+    else taken.push(each);
+  }
+  return { taken, refused };
+}
+
+/** Why these files cannot become one scene; empty if they can. */
+export function problemOf(files: readonly ChosenFile[], maxBytes: number | null): string {
+  const total = totalBytes(files);
+  if (maxBytes !== null && total > maxBytes) return texts.upload.tooLarge(bytesText(total), bytesText(maxBytes));
+  const wholes = files.filter(({ path }) => WHOLE.test(path) && !/\.(ply|spz)$/i.test(path));
+  return wholes.length > 0 && files.length > 1 ? texts.upload.oneArchive : "";
+}
+
+export function totalBytes(files: readonly ChosenFile[]): number {
+  return files.reduce((sum, { file }) => sum + file.size, 0);
+}
+
+/** Bytes as people say them. */
+export function bytesText(bytes: number): string {
+  const units = ["B", "kB", "MB", "GB"];
+  const power = Math.min(units.length - 1, Math.floor(Math.log10(Math.max(bytes, 1)) / 3));
+  const value = bytes / 1000 ** power;
+  return `${value >= 100 || power === 0 ? Math.round(value) : value.toFixed(1)} ${units[power] ?? ""}`;
+}
+
+/** The files of a list from an <input>. */
+export function chosen(list: FileList | null): ChosenFile[] {
+  return [...(list ?? [])].map((file) => ({ file, path: file.webkitRelativePath || file.name }));
+}
+
+/** The files of something dropped, those in folders too. */
+export async function dropped(transfer: DataTransfer): Promise<ChosenFile[]> {
+  const entries = [...transfer.items].map((item) => item.webkitGetAsEntry()).filter((entry) => entry !== null);
+  return (await Promise.all(entries.map((entry) => filesOf(entry)))).flat();
+}
+
+async function filesOf(entry: FileSystemEntry): Promise<ChosenFile[]> {
+  if (entry.isFile) {
+    const file = await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject));
+    return [{ file, path: entry.fullPath.replace(/^\//, "") }];
+  }
+  const reader = (entry as FileSystemDirectoryEntry).createReader();
+  const found: ChosenFile[] = [];
+  for (;;) {
+    const batch = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
+    if (batch.length === 0) return found;
+    for (const child of batch) found.push(...(await filesOf(child)));
+  }
+}

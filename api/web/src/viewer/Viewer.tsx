@@ -1,0 +1,165 @@
+import { useSignal, useSignalEffect } from "@preact/signals";
+import type { MutableRef } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
+
+import { scenePlyPath } from "../api/calls";
+import { isAbort, send } from "../api/http";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { CameraMotion } from "./cameraMotion";
+import { Controls } from "./controls";
+import { Pointing } from "./pointing";
+import { bodyOf, readPly } from "./ply";
+import type { LookAt } from "./poses";
+import { firstView, parseView } from "./poses";
+import type { SplatView } from "./splatView";
+import { statesOf } from "./states";
+
+/** What other parts of the page may ask of the 3D view. */
+export interface ViewerHandle {
+  /** Moves the camera to where `aim` says, seen from where it is. */
+  flyTo(aim: (now: LookAt) => LookAt): void;
+}
+
+interface Properties {
+  state: SceneState;
+  /** The view of the address; empty: from the scene's first camera. */
+  first: string;
+  handle: MutableRef<ViewerHandle | null>;
+  onView: (view: LookAt) => void;
+}
+
+/** The scene in 3D, with what was found, pointed at and selected in colors of their own. */
+export function Viewer({ state, first, handle, onView }: Properties) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const splatView = useSignal<SplatView | null>(null);
+  const loaded = useSignal(0); // Gaussians on show
+  const [share, setShare] = useState<number | null>(0);
+  const [error, setError] = useState<unknown>(null);
+  const [noWebGL, setNoWebGL] = useState(false);
+  const motion = useRef<CameraMotion | null>(null);
+  const home = useRef<LookAt | null>(null);
+  const latest = useRef(onView);
+  latest.current = onView;
+
+  useEffect(() => {
+    const element = canvas.current;
+    const scene = state.scene.peek();
+    if (!element || !scene) return;
+    const start = firstView(scene.cameras);
+    home.current = start;
+    let view: SplatView | null = null;
+    let gone = false;
+    const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
+      view?.setView(now);
+      if (resting) latest.current(now);
+    });
+    motion.current = camera;
+    handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
+    const controls = new Controls(element, camera, () => camera.flyTo(start));
+    const pointing = new Pointing(element, state, () => camera.view);
+    const resize = () => {
+      const ratio = Math.min(window.devicePixelRatio, 2);
+      view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
+    };
+    const observer = new ResizeObserver(resize);
+    observer.observe(element);
+    // The engine is large: the page is there before it.
+    import("./splatView")
+      .then(({ SplatView }) => SplatView.create(element))
+      .then(
+        (made) => {
+          if (gone) {
+            made.destroy();
+            return;
+          }
+          view = made;
+          view.setView(camera.view);
+          resize();
+          splatView.value = made;
+        },
+        () => setNoWebGL(true),
+      );
+    return () => {
+      gone = true;
+      observer.disconnect();
+      controls.destroy();
+      pointing.destroy();
+      camera.stop();
+      handle.current = null;
+      view?.destroy();
+      splatView.value = null;
+    };
+  }, [state]); // eslint-disable-line react-hooks/exhaustive-deps
+
+  // Load the Gaussians of the version on show.
+  useSignalEffect(() => {
+    const [view, version] = [splatView.value, state.geometry.value];
+    if (!view || !version) return;
+    const controller = new AbortController();
+    setShare(0);
+    setError(null);
+    load(state.sceneId, version, controller.signal, setShare).then(
+      (splat) => {
+        if (controller.signal.aborted) return;
+        view.setSplat(splat);
+        loaded.value = splat.count;
+        setShare(null);
+      },
+      (problem: unknown) => {
+        if (!controller.signal.aborted && !isAbort(problem)) setError(problem);
+      },
+    );
+    return () => controller.abort();
+  });
+
+  useSignalEffect(() => {
+    const [view, count, found] = [splatView.value, loaded.value, state.found.value];
+    if (!view || !count) return;
+    const mask = found?.length === count ? found : null;
+    const owners = state.owners.value?.length === count ? state.owners.value : null;
+    view.setStates(
+      statesOf(count, mask, owners, state.hovered.value, state.selected.value),
+      mask !== null || state.selected.value.length > 0,
+    );
+    if (canvas.current) canvas.current.dataset["shown"] = `${state.geometry.value} ${mask ? "answer" : "plain"}`;
+  });
+
+  return (
+    <section class="viewer" aria-label={texts.scene.canvas}>
+      <canvas
+        ref={canvas}
+        tabIndex={0}
+        role="application"
+        aria-label={texts.scene.canvas}
+        aria-describedby="canvas-help"
+      />
+      {share !== null && error === null && !noWebGL && (
+        <p class="viewer-note" role="status">
+          {texts.scene.loading3d(Math.round(share * 100))}
+        </p>
+      )}
+      {noWebGL && <p class="viewer-note">{texts.scene.noWebGL}</p>}
+      {error !== null && (
+        <div class="viewer-note">
+          <ErrorNote error={error} />
+        </div>
+      )}
+      <div class="viewer-tools">
+        <button type="button" onClick={() => home.current && motion.current?.flyTo(home.current)}>
+          {texts.scene.home}
+        </button>
+        <details>
+          <summary>{texts.scene.help}</summary>
+          <p id="canvas-help">{texts.scene.canvasHelp}</p>
+        </details>
+      </div>
+    </section>
+  );
+}
+
+async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
+  const response = await send(scenePlyPath(sceneId, version), { signal });
+  return readPly(bodyOf(response), progress);
+}

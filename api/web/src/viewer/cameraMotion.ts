@@ -1,0 +1,57 @@
+import type { LookAt } from "./poses";
+import { between } from "./poses";
+
+const FLIGHT_MS = 700;
+const REST_MS = 250;
+
+/** Where the camera is, and its flights. A person who wants no motion gets there at once. */
+export class CameraMotion {
+  #view: LookAt;
+  #frame = 0;
+  #timer = 0;
+
+  /** @param changed called with the view, and whether it has come to rest. */
+  constructor(
+    view: LookAt,
+    private readonly changed: (view: LookAt, resting: boolean) => void,
+  ) {
+    this.#view = view;
+  }
+
+  get view(): LookAt {
+    return this.#view;
+  }
+
+  /** Moves there now; a flight ends. */
+  set(view: LookAt): void {
+    cancelAnimationFrame(this.#frame);
+    this.#show(view);
+  }
+
+  flyTo(goal: LookAt): void {
+    cancelAnimationFrame(this.#frame);
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      this.#show(goal);
+      return;
+    }
+    const [from, begin] = [this.#view, performance.now()];
+    const step = (now: number) => {
+      const share = Math.min(1, Math.max(0, (now - begin) / FLIGHT_MS));
+      this.#show(share < 1 ? between(from, goal, share * share * (3 - 2 * share)) : goal);
+      if (share < 1) this.#frame = requestAnimationFrame(step);
+    };
+    this.#frame = requestAnimationFrame(step);
+  }
+
+  stop(): void {
+    cancelAnimationFrame(this.#frame);
+    window.clearTimeout(this.#timer);
+  }
+
+  #show(view: LookAt): void {
+    this.#view = view;
+    this.changed(view, false);
+    window.clearTimeout(this.#timer);
+    this.#timer = window.setTimeout(() => this.changed(view, true), REST_MS);
+  }
+}

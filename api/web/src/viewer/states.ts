@@ -1,0 +1,43 @@
+/** What is shown of each Gaussian beside its own color. A higher one wins. */
+export const PLAIN = 0;
+export const FOUND = 1;
+export const HOVERED = 2;
+export const SELECTED = 3;
+
+/** bool [count] as bytes 0 and 1 of packed bits, most significant bit first: the contract's mask encoding "bits". */
+export function unpackBits(bits: Uint8Array, count: number): Uint8Array {
+  const mask = new Uint8Array(count);
+  for (let row = 0; row < count; row++) mask[row] = ((bits[row >> 3] ?? 0) >> (7 - (row & 7))) & 1;
+  return mask;
+}
+
+/** The bytes of base64 text. */
+export function fromBase64(text: string): Uint8Array {
+  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+}
+
+/**
+ * The state of each Gaussian.
+ *
+ * @param count how many Gaussians there are.
+ * @param found bytes [count], 1 where it answers the question; null without a question.
+ * @param things uint16 [count], which thing it belongs to; null while unknown.
+ * @param hovered,selected ids of things; 0 for none.
+ */
+export function statesOf(
+  count: number,
+  found: Uint8Array | null,
+  things: Uint16Array | null,
+  hovered: number,
+  selected: readonly number[],
+): Uint8Array {
+  const states = new Uint8Array(count);
+  const chosen = new Set(selected);
+  for (let row = 0; row < count; row++) {
+    const thing = things?.[row] ?? 0;
+    if (thing && chosen.has(thing)) states[row] = SELECTED;
+    else if (thing && thing === hovered) states[row] = HOVERED;
+    else if (found?.[row]) states[row] = FOUND;
+  }
+  return states;
+}

@@ -1,0 +1,114 @@
+"""Debian's Chromium, driven as a person drives it, and what must hold of every page that it shows."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+_ROOT = Path(__file__).parents[2]
+PATIENCE_MS = 60_000
+_SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
+_WIDE = {"width": 1000, "height": 700}
+
+# The page's policy forbids inline scripts, so that this is not run as one: the browser injects it before any page.
+_LISTENER = """
+window.cspReports = [];
+document.addEventListener("securitypolicyviolation", (event) =>
+  window.cspReports.push(`${event.violatedDirective} ${event.blockedURI}`));
+"""
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """The browser, or a skip where there is none."""
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("no chromium in this machine: apt-get install chromium")
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
+        yield browser
+        browser.close()
+
+
+@dataclass
+class Visit:
+    """One page under watch.
+
+    Attributes:
+        page: Playwright's.
+        expected: parts of console errors that a test is about, e.g. the browser's own line about a status 401.
+    """
+
+    page: Page
+    expected: list[str] = field(default_factory=list)
+    _errors: list[str] = field(default_factory=list)
+    _requests: list[str] = field(default_factory=list)
+
+    def watch(self) -> None:
+        """Note what the page does from now on."""
+        self.page.add_init_script(_LISTENER)
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.on(
+            "console", lambda line: self._errors.append(line.text) if line.type in ("error", "warning") else None
+        )
+        self.page.on("pageerror", lambda error: self._errors.append(str(error)))
+        self.page.on("request", lambda request: self._requests.append(request.url))
+
+    @property
+    def requests(self) -> list[str]:
+        """Addresses that the page asked for."""
+        return list(self._requests)
+
+    def check(self, origin: str) -> None:
+        """Nothing in the console but what the test expects, no report of the security policy, no other host."""
+        unexpected = [text for text in self._errors if not any(part in text for part in self.expected)]
+        assert not unexpected, unexpected
+        assert self.page.evaluate("window.cspReports") == []
+        for url in self._requests:
+            assert url.startswith((f"{origin}/", "blob:", "data:")), url
+
+    def check_accessible(self) -> None:
+        """axe-core finds nothing against WCAG 2.2 A and AA, nor against its own best practices."""
+        self.page.evaluate((_ROOT / "api/web/node_modules/axe-core/axe.min.js").read_text())
+        result: dict[str, Any] = self.page.evaluate("axe.run()")
+        told = [
+            f"{violation['id']}: {node['html']} {node['failureSummary']}"
+            for violation in result["violations"]
+            for node in violation["nodes"]
+        ]
+        assert not told, "\n".join(told)
+
+    def fits(self) -> bool:
+        """Whether nothing is wider than the window."""
+        return bool(self.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"))
+
+
+@contextmanager
+def visiting(browser: Browser, url: str, address: str = "", **options: Any) -> Iterator[Visit]:
+    """A visit to a page with a browser profile of its own; what must always hold is checked in the end.
+
+    Args:
+        browser: which browser.
+        url: where the page is, without a slash at its end.
+        address: of the page's own, begins with `#`.
+        **options: of the browser's context, e.g. `color_scheme`.
+    """
+    context = browser.new_context(**{"viewport": _WIDE, "reduced_motion": "reduce", **options})
+    try:
+        visit = Visit(context.new_page())
+        visit.watch()
+        visit.page.goto(f"{url}/{address}")
+        yield visit
+        parts = urlsplit(url)
+        visit.check(f"{parts.scheme}://{parts.netloc}")
+    finally:
+        context.close()

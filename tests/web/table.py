@@ -1,0 +1,78 @@
+"""A small scene with solid things on a table, for pictures that a browser draws."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.settings import Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from tests.api.made_scene import ENCODER, LABELS
+from tests.scenes import labelled_scene, store_scene
+
+_CAMERA = Camera(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
+_PLACES = {"mug": (-0.7, 0.0, 0.3), "ball": (0.0, 0.3, 0.3), "story book": (0.7, -0.1, 0.3)}
+_COLORS = {"mug": (0.8, 0.2, 0.2), "ball": (0.2, 0.7, 0.3), "story book": (0.2, 0.3, 0.8)}
+_RADIUS = 0.3
+_PER_THING = 900
+_TABLE = 2_400
+
+
+def add_table(service: SceneService, settings: Settings, name: str = "a table") -> str:
+    """Stores the scene as a job that succeeded; returns its id."""
+    stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
+    return store_scene(service._store, table(settings), name, stages=[stage])
+
+
+def table(settings: Settings) -> Scene:
+    """Three opaque balls on a gray disk; z is up; seen by cameras around it."""
+    rng = np.random.default_rng(11)
+    means, colors, labels = [_disk(rng)], [np.full((_TABLE, 3), 0.6)], [np.zeros(_TABLE, dtype=np.int64)]
+    for label_id, label in enumerate(LABELS, start=1):
+        directions = rng.normal(size=(_PER_THING, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        means.append(np.array(_PLACES[label]) + _RADIUS * directions)
+        colors.append(np.clip(np.array(_COLORS[label]) + rng.normal(scale=0.05, size=(_PER_THING, 3)), 0, 1))
+        labels.append(np.full(_PER_THING, label_id))
+    encoder = open_text_encoder(ENCODER, settings.models)
+    return labelled_scene(
+        np.concatenate(means),
+        np.concatenate(labels),
+        Dictionary(tuple(DictionaryEntry(label, pixels=100, views=3) for label in LABELS)),
+        scales=0.035,
+        logit_opacities=4.0,
+        sh=((np.concatenate(colors) - 0.5) / SH_C0)[:, None, :],
+        undetected_bias=2.0,
+        encoder=encoder,
+        templates=QuerySettings().templates,
+        cameras=[_around(angle, f"{number:03}.jpg") for number, angle in enumerate((-1.6, -1.0, -2.2))],
+        quality={"psnr": 31.5, "images": 3, "registered": 3},
+    )
+
+
+def looking(position: NDArray[np.float64], target: NDArray[np.float64], camera: Camera) -> PosedCamera:
+    """A camera that looks from one point to another, z upright in its picture."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return PosedCamera(camera, pose)
+
+
+def _around(angle: float, name: str) -> PosedCamera:
+    position = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.6])
+    posed = looking(position, np.array([0.0, 0.0, 0.2]), _CAMERA)
+    return PosedCamera(posed.camera, posed.world_from_camera, name)
+
+
+def _disk(rng: np.random.Generator) -> NDArray[np.float64]:
+    radius, angle = 1.4 * np.sqrt(rng.uniform(size=_TABLE)), rng.uniform(0, 2 * np.pi, size=_TABLE)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(_TABLE)], axis=1)

@@ -1,0 +1,80 @@
+"""The list of scenes: what there is, in which state, and what is wrong."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from fastsplat.service.application.service import open_service
+from tests.api.served import serving
+from tests.scenes import queued_job
+from tests.web.browser import visiting
+from tests.web.conftest import Place, page_settings
+
+_MARKUP = '<img src=x onerror="document.title=1"><b>bold</b>'
+
+
+def test_a_list_without_scenes_says_what_to_do(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
+    settings = page_settings(tmp_path_factory.mktemp("empty"))
+    with (
+        open_service(settings) as service,
+        serving(service, settings) as ports,
+        visiting(browser, f"http://127.0.0.1:{ports.http}") as visit,
+    ):
+        expect(visit.page.get_by_text("No scenes yet.")).to_be_visible()
+        visit.check_accessible()
+        visit.page.get_by_role("main").get_by_role("link", name="New scene").click()
+        expect(visit.page.get_by_role("heading", name="New scene")).to_be_visible()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_scenes_have_pictures_and_states(place: Place, browser: Browser, scheme: str) -> None:
+    job = queued_job("in the queue")
+    place.service._store.scenes.create(job)
+    with visiting(browser, place.url, color_scheme=scheme) as visit:
+        card = visit.page.get_by_role("link", name="a table")
+        expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
+        expect(card.first).to_contain_text("Ready")
+        expect(visit.page.get_by_role("link", name="in the queue")).to_contain_text("Waiting for a worker.")
+        visit.check_accessible()
+    place.service.delete_scene(job.scene_id)
+
+
+def test_a_name_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
+    scene_id = place.new_scene(_MARKUP)
+    with visiting(browser, place.url) as visit:
+        card = visit.page.get_by_role("link", name=_MARKUP)
+        expect(card).to_contain_text(_MARKUP)
+        card.click()
+        expect(visit.page.get_by_role("heading", level=1)).to_have_text(_MARKUP)
+        assert visit.page.title() == "FAST-Splat"
+    place.service.delete_scene(scene_id)
+
+
+def test_a_server_that_cannot_be_reached_is_said_and_comes_back(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url) as visit:
+        visit.expected.append("ERR_INTERNET_DISCONNECTED")
+        visit.expected.append("ERR_FAILED")
+        expect(visit.page.get_by_role("link", name="a table").first).to_be_visible()
+        visit.page.route("**/v1/**", lambda route: route.abort())
+        visit.page.goto(f"{place.url}/#/scenes/{place.scene_id}")
+        expect(visit.page.get_by_text("The server cannot be reached. This page tries again by itself.")).to_be_visible()
+        visit.check_accessible()
+        visit.page.unroute("**/v1/**")
+        expect(visit.page.get_by_role("heading", name="a table")).to_be_visible()
+        expect(visit.page.get_by_text("This page tries again by itself.")).to_be_hidden()
+
+
+def test_a_scene_that_is_not_there_is_said_in_the_servers_words(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, "#/scenes/nothing") as visit:
+        visit.expected.append("404")
+        expect(visit.page.get_by_role("alert").first).to_contain_text("nothing")
+        visit.check_accessible()
+
+
+@pytest.mark.parametrize("address", ["", "#/new"])
+def test_a_phone_shows_all_of_it(place: Place, browser: Browser, address: str) -> None:
+    with visiting(browser, place.url, address, viewport={"width": 390, "height": 844}) as visit:
+        expect(visit.page.get_by_role("heading", level=1)).to_be_visible()
+        visit.page.wait_for_load_state("networkidle")
+        assert visit.fits()
