@@ -25,9 +25,9 @@ _EATEN = 0.8
 """A thing of which this share lies in an answer is part of that answer."""
 _DOUBT = 0.5
 """What such an answer, and one that contradicts the prompt's pixels, scores of what it would."""
-_NEARLY, _STABLE = 0.75, 0.85
-"""The largest of the answers that score this share of the best one's and are this stable is meant: a click on a thing
-is hardly meant for a part of it. Chosen on table and sample."""
+_NEARLY, _LARGER = 0.75, 5.0
+"""The largest of the answers that score this share of the best one's, and are at most so many times as large, is meant:
+a click on a thing is hardly meant for a part of it. Chosen on table and sample."""
 _AGREES = 0.6
 """Overlap times stability from which an answer is taken for what is drawn."""
 _AROUND = 0.5
@@ -92,8 +92,7 @@ def prompted_mask(
     best = int(scores.argmax())
     if scores[best] <= 0:
         return None
-    nearly = (scores >= _NEARLY * scores[best]) & (stable >= _STABLE)
-    nearly[best] = True
+    nearly = (scores >= _NEARLY * scores[best]) & (areas <= _LARGER * areas[best])
     return np.asarray(masks[np.where(nearly, areas, -1).argmax()])
 
 
