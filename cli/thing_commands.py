@@ -1,4 +1,5 @@
-"""`fastsplat things`: list the things of a scene, find the one at a pixel, name, merge, discard and insert them."""
+"""`fastsplat things`: list the things of a scene, find the one at a pixel, name, merge, split, add, discard and insert
+them."""
 
 from __future__ import annotations
 
@@ -15,16 +16,19 @@ from rich.text import Text
 
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_prompts import ThingPrompt
 
 if TYPE_CHECKING:
     from fastsplat.service.application.service import SceneService
 
 things_app = typer.Typer(
-    name="things", help="What a scene holds, with or without a name: list, pick, name, merge, discard, insert.",
+    name="things",
+    help="What a scene holds, with or without a name: list, pick, name, merge, split, add, discard, insert.",
     no_args_is_help=True,
 )  # fmt: skip
 
@@ -35,6 +39,19 @@ Version = Annotated[str, typer.Option(help="Of the scene. Default: the current o
 LookedAt = Annotated[
     str, typer.Option(help="The version that you looked at; only names that stood in it are replaced.")
 ]
+View = Annotated[str, typer.Option(help="Name of one of the scene's cameras.")]
+OnThing = Annotated[
+    list[str], typer.Option(help="Of the view, on the thing; several are allowed.", metavar="X,Y", show_default=False)
+]
+BesideThing = Annotated[
+    list[str],
+    typer.Option(help="Of the view, beside the thing; several are allowed.", metavar="X,Y", show_default=False),
+]
+AroundThing = Annotated[
+    tuple[float, float, float, float] | None, typer.Option(help="Of the view, around the thing: left top right bottom.")
+]
+NewName = Annotated[str | None, typer.Option(help="What it is.")]
+Aliases = Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -151,6 +168,41 @@ def insert(
 
 
 @things_app.command()
+def split(
+    scene: Scene,
+    thing: Annotated[int, typer.Argument(help="Id of the thing, from the list.")],
+    view: View = "",
+    pixel: OnThing = [],  # noqa: B006
+    beside: BesideThing = [],  # noqa: B006
+    box: AroundThing = None,
+    name: NewName = None,
+    alias: Aliases = [],  # noqa: B006
+    looked_at: LookedAt = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Make the piece of a thing at a pixel or in a box of a view a thing of its own."""
+    edit = Edit("split", things=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    _edit(scene, edit, looked_at, project)
+
+
+@things_app.command()
+def add(
+    scene: Scene,
+    view: View = "",
+    pixel: OnThing = [],  # noqa: B006
+    beside: BesideThing = [],  # noqa: B006
+    box: AroundThing = None,
+    name: NewName = None,
+    alias: Aliases = [],  # noqa: B006
+    looked_at: LookedAt = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Make what is at a pixel or in a box of a view a thing, whatever it belonged to."""
+    edit = Edit("add", prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    _edit(scene, edit, looked_at, project)
+
+
+@things_app.command()
 def undo(
     scene: Scene,
     version: Annotated[str, typer.Option(help="Undo only if this is the current version.")] = "",
@@ -164,7 +216,34 @@ def undo(
 def _edit(scene: str, edit: Edit, looked_at: str, project: str) -> None:
     with _service(project) as service:
         made = service.versions.edit(scene, [edit], looked_at=looked_at)
+    for new in made.prompted:
+        agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
+        typer.echo(f"thing {new.thing_id} has {new.gaussian_count} Gaussians{agree}")
     typer.echo(f"version {made.version} is current")
+
+
+def _prompt(
+    view: str,
+    pixels: list[str],
+    beside: list[str],
+    box: tuple[float, float, float, float] | None,
+) -> ThingPrompt:
+    return ThingPrompt(
+        view=view or None,
+        pixels=tuple(_pixel(text, "pixel") for text in pixels),
+        background=tuple(_pixel(text, "beside") for text in beside),
+        box=None if box is None else PixelBox(*box),
+    )
+
+
+def _pixel(text: str, option: str) -> Pixel:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInputError(
+            f"a pixel at {text[:40]!r}", field=option, hint=f"Write --{option} X,Y, as in --{option} 120.5,80."
+        ) from error
+    return Pixel(x, y)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from sqlalchemy import make_url
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
+from fastsplat.service.instances.prompt_settings import PromptSettings
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
@@ -248,6 +249,7 @@ class Settings(BaseSettings):
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
     discovery: DiscoverySettings = DiscoverySettings()
+    prompts: PromptSettings = PromptSettings()
     splat_import: SplatImportSettings = SplatImportSettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()

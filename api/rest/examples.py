@@ -48,6 +48,7 @@ from fastsplat_contract.thing_messages import (
     SceneThing,
     ThingList,
 )
+from fastsplat_contract.thing_prompts import ThingPrompt
 
 IDS = {
     "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",
@@ -234,6 +235,28 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "name": (
             "name a thing that had no name, or another",
             EditIn((Edit("name", things=(2,), name="ball"),)),
+        ),
+        "split": (
+            "take two things apart that were one",
+            EditIn(
+                (
+                    Edit("merge", things=(1, 2)),
+                    Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
+                )
+            ),
+        ),
+        "add": (
+            "make a thing that was missing, and name it",
+            EditIn(
+                (
+                    Edit("discard", things=(2,)),
+                    Edit(
+                        "add",
+                        prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)),
+                        name="ball",
+                    ),
+                )
+            ),
         ),
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },

@@ -17,6 +17,7 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, EditIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
+from fastsplat_contract.thing_prompts import ThingPrompt
 
 T = TypeVar("T")
 
@@ -77,6 +78,52 @@ class ThingCalls:
         edit = Edit("name", things=ids, name=name, aliases=tuple(aliases))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
+    def split_thing(
+        self,
+        scene_id: str,
+        thing: int,
+        viewpoint: str | PosedCamera,
+        *,
+        pixels: Sequence[tuple[float, float]] = (),
+        background: Sequence[tuple[float, float]] = (),
+        box: tuple[float, float, float, float] | None = None,
+        name: str | None = None,
+        aliases: Sequence[str] = (),
+        looked_at: str = "",
+    ) -> SceneVersion:
+        """Make a new version in which a piece of a thing is a thing of its own, see `SceneVersion.prompted`.
+
+        Args:
+            scene_id: which scene.
+            thing: its id; it keeps what is left of it, and its name.
+            viewpoint: one of the scene's own cameras (its name) or a free viewpoint.
+            pixels: x, y on the piece in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
+            background: x, y beside the piece.
+            box: left, top, right, bottom around the piece.
+            name, aliases: of the new thing.
+            looked_at: see `edit_scene`.
+        """
+        prompt = _prompt(viewpoint, pixels, background, box)
+        edit = Edit("split", things=(thing,), prompt=prompt, name=name, aliases=tuple(aliases))
+        return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
+    def add_thing(
+        self,
+        scene_id: str,
+        viewpoint: str | PosedCamera,
+        *,
+        pixels: Sequence[tuple[float, float]] = (),
+        background: Sequence[tuple[float, float]] = (),
+        box: tuple[float, float, float, float] | None = None,
+        name: str | None = None,
+        aliases: Sequence[str] = (),
+        looked_at: str = "",
+    ) -> SceneVersion:
+        """Make a new version with a thing that was missing, whatever its Gaussians belonged to; see `split_thing`."""
+        prompt = _prompt(viewpoint, pixels, background, box)
+        edit = Edit("add", prompt=prompt, name=name, aliases=tuple(aliases))
+        return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
     def edit_scene(
         self,
         scene_id: str,
@@ -122,6 +169,21 @@ class ThingCalls:
             yield from page[0]
             if not (token := page.next_page_token):
                 return
+
+
+def _prompt(
+    viewpoint: str | PosedCamera,
+    pixels: Sequence[tuple[float, float]],
+    background: Sequence[tuple[float, float]],
+    box: tuple[float, float, float, float] | None,
+) -> ThingPrompt:
+    return ThingPrompt(
+        camera=None if isinstance(viewpoint, str) else viewpoint,
+        view=viewpoint if isinstance(viewpoint, str) else None,
+        pixels=tuple(Pixel(*pixel) for pixel in pixels),
+        background=tuple(Pixel(*pixel) for pixel in background),
+        box=None if box is None else PixelBox(*box),
+    )
 
 
 def scene_path(scene_id: str) -> str:

@@ -11,11 +11,14 @@ from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3
+from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
-EditAction = Literal["recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert"]
+EditAction = Literal[
+    "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add"
+]
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -143,7 +146,9 @@ class Edit(Request):
         Field(
             description="recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change "
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
-            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids"
+            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
+            "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
+            "thing, whatever its Gaussians belonged to"
         ),
     ]
     label: str | None = None
@@ -161,12 +166,19 @@ class Edit(Request):
     ] = ()
     name: Annotated[
         str | None,
-        Field(description="for name: one line of 1 to 200 characters; things of one name have one label"),
+        Field(
+            description="for name, split and add (of the new thing): one line of 1 to 200 characters; things of one "
+            "name have one label"
+        ),
     ] = None
-    aliases: Annotated[Many[str], Field(description="for name: other names of the same label")] = ()
+    aliases: Annotated[Many[str], Field(description="with a name: other names of the same label")] = ()
     source: Annotated[
         InsertSource | None,
         Field(description="for insert: the other scene; label, object_id and things are then of that one"),
+    ] = None
+    prompt: Annotated[
+        ThingPrompt | None,
+        Field(description="for split and add: where the piece, or the missing thing, is in a picture"),
     ] = None
 
 
@@ -207,6 +219,7 @@ class SceneVersion(Response):
     gaussians: int
     current: Annotated[bool, Field(description="whether questions that name no version go here")]
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
+    prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()
 
 
 @travels(request=False, proto="ListVersionsResponse")

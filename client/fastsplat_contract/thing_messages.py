@@ -12,6 +12,8 @@ from fastsplat_contract.masks import MaskEncoding, ViewMask
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.scenes import Box, NextPageToken
+from fastsplat_contract.thing_prompts import Pixel as Pixel
+from fastsplat_contract.thing_prompts import PixelBox as PixelBox
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 NameSource = Literal["given", "detected", "person"]
@@ -62,24 +64,6 @@ class ThingList(NamedTuple):
     things: Many[SceneThing]
     next_page_token: NextPageToken
     version: Annotated[str, Field(description="which version was read")]
-
-
-@travels(request=True)
-class Pixel(NamedTuple):
-    """A place in a picture; the middle of its first pixel is (0.5, 0.5)."""
-
-    x: Annotated[float, Field(description="pixels from the left edge, below the width")]
-    y: Annotated[float, Field(description="pixels from the top edge, below the height")]
-
-
-@travels(request=True)
-class PixelBox(NamedTuple):
-    """A rectangle in a picture; the middle of the first pixel is (0.5, 0.5)."""
-
-    left: Annotated[float, Field(description="pixels from the left edge")]
-    top: Annotated[float, Field(description="pixels from the top edge")]
-    right: Annotated[float, Field(description="pixels from the left edge, above `left`, at most the width")]
-    bottom: Annotated[float, Field(description="pixels from the top edge, above `top`, at most the height")]
 
 
 @dataclass(frozen=True)

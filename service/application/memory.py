@@ -120,11 +120,33 @@ class MemoryBudget:
         self._lock = threading.Lock()
         self._reserved = 0
         self._waiting: dict[object, _Waiting] = {}  # in the order in which they came
+        self._kept: list[tuple[int, Callable[[], None]]] = []
 
     @property
     def reserved(self) -> int:
         """Bytes that are reserved now."""
         return self._reserved
+
+    @property
+    def kept(self) -> int:
+        """Bytes that are kept between calls now, see `keep`."""
+        return sum(size for size, _ in self._kept)
+
+    def keep(self, size: int, drop: Callable[[], None]) -> bool:
+        """Count bytes that stay allocated between calls, until a call needs their room: that call lets go of them.
+
+        Args:
+            size: bytes.
+            drop: lets go of them; called once, from any thread, and calls nothing of this budget.
+
+        Returns:
+            Whether there is room; otherwise nothing is counted, and nothing is to be kept.
+        """
+        with self._lock:
+            if self._reserved + self.kept + size > self._all:
+                return False
+            self._kept.append((size, drop))
+            return True
 
     @contextmanager
     def reserve(self, size: int, field: str) -> Iterator[None]:
@@ -205,6 +227,10 @@ class MemoryBudget:
                 if known is call:
                     break
                 before += waiting.size
+            if self._reserved + self.kept + before + size > self._all:
+                for _, drop in self._kept:
+                    drop()
+                self._kept.clear()
             if self._reserved + before + size > self._all:
                 self._waiting[call] = _Waiting(size, now)
                 return False

@@ -17,6 +17,7 @@ from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.project_keys import ProjectKeys
+from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
@@ -60,7 +61,8 @@ class SceneService:
         self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
-        self.versions = Versions(self._store, settings, self._scenes, self._memory)
+        self._prompted = PromptedEdits(settings, self._memory)
+        self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
@@ -85,7 +87,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
-        other.versions = Versions(other._store, self._settings, other._scenes, self._memory)
+        other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 

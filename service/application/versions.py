@@ -13,6 +13,7 @@ from typing import Any
 
 from fastsplat.service.application.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
+from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
@@ -25,18 +26,24 @@ from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExc
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Color, Edit, InsertSource, SceneVersion
+from fastsplat_contract.thing_prompts import PromptedThing
 
 _TRIES = 5
+_PROMPTED = "prompted"
+"""In the row of an edit: what was made of its prompt."""
 
 
 class Versions:
     """The versions of scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, prompted: PromptedEdits
+    ) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
+        self._prompted = prompted
 
     def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "") -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
@@ -58,9 +65,11 @@ class Versions:
             LimitExceededError: too many edits, duplicates that make the scene too large, or more memory than a request
                 may hold.
             ConflictError: the request id was used before for other edits, or a person has given a thing another name.
+            ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
         """
         self._check(edits, request_id)
         check_texts(looked_at, "version")
+        self._prompted.check(edits)
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         current = self._scenes.version(scene_id, "")
@@ -153,9 +162,12 @@ class Versions:
             seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
         before = self._scenes.reading(scene_id, parent, lambda index, _: index)
         sources = self._sources(edits)  # first: opening a scene has its own share of the memory
-        with self._memory.reserve(edit_bytes(before.scene, (one.scene for one in sources.values())), "edits"):
-            index = self._apply(before, edits, seen, sources)
-            return self._publish(scene_id, parent, before, index, request_id, digest, rows)
+        size = edit_bytes(before.scene, (one.scene for one in sources.values()))
+        size += self._prompted.bytes(edits, len(before.scene.gaussians))
+        with self._prompted.running(edits), self._memory.reserve(size, "edits"):
+            index, made = self._apply(before, edits, seen, sources)
+            stored = [{**row, _PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
+            return self._publish(scene_id, parent, before, index, request_id, digest, stored)
 
     def _publish(
         self,
@@ -184,29 +196,37 @@ class Versions:
 
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
-    ) -> SceneIndex:
+    ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
+        """The index of the edited scene, and what was made of prompts, by the number of the edit, as JSON."""
         from fastsplat.service.query.edits import Edit as SceneEdit
         from fastsplat.service.query.edits import apply_edit
 
         before = index.things.table
+        made: dict[int, dict[str, Any]] = {}
         for number, edit in enumerate(edits):
             matrix = None if edit.transform is None else edit.transform.matrix()
+            scene_edit = SceneEdit(**{**vars(edit), "transform": matrix})
             try:
+                piece = self._prompted.piece(index, scene_edit)
                 scene = apply_edit(
                     index,
-                    SceneEdit(**{**vars(edit), "transform": matrix}),
+                    scene_edit,
                     seen,
                     before,
                     sources.get(number),
                     max_gaussians=self._settings.store.max_gaussians,
+                    piece=None if piece is None else piece.rows,
                 )
                 self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
                 self._memory.check(edit_bytes(scene, ()), "things")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = index.after(scene)
+            if piece is not None:
+                new_id = index.things.table.table[-1].id
+                made[number] = to_plain(PromptedThing(number, new_id, len(piece.rows), piece.views))
             check_cancelled()
-        return index
+        return index, made
 
     def _sources(self, edits: Sequence[Edit]) -> dict[int, SceneIndex]:
         """The scenes that things are inserted from, by the number of the edit."""
@@ -298,7 +318,8 @@ def _version_of(record: VersionRecord, current: str) -> SceneVersion:
         created_at=datetime.fromtimestamp(record.created_at, UTC),
         gaussians=record.gaussians,
         current=record.version == current,
-        edits=tuple(_edit_of(row) for row in record.edits),
+        edits=tuple(_edit_of({name: row[name] for name in row if name != _PROMPTED}) for row in record.edits),
+        prompted=tuple(from_plain(PromptedThing, row[_PROMPTED]) for row in record.edits if _PROMPTED in row),
     )
 
 

@@ -33,6 +33,7 @@ from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.scenes import EditAction, InsertSource
+from fastsplat_contract.thing_prompts import PROMPTED, ThingPrompt
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -63,6 +64,7 @@ class Edit:
             units; None otherwise.
         name, aliases: for `name`, see `edit_things`.
         source: for `insert`, where the things come from; None otherwise.
+        prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
     """
 
     action: EditAction
@@ -74,6 +76,7 @@ class Edit:
     name: str | None = None
     aliases: tuple[str, ...] = ()
     source: InsertSource | None = None
+    prompt: ThingPrompt | None = None
 
 
 def apply_edit(
@@ -84,6 +87,7 @@ def apply_edit(
     source: SceneIndex | None = None,
     *,
     max_gaussians: int | None = None,
+    piece: Rows | None = None,
 ) -> Scene:
     """The scene after the edit; evidence, codes and things go along with their rows. The index's own scene stays as it
     is.
@@ -97,6 +101,7 @@ def apply_edit(
         before: the things before the request that the edit is part of; None: those of the index.
         source: of the scene that `insert` takes things from; None for other edits.
         max_gaussians: no duplicate makes the scene larger than this; None for no bound. Each can double it.
+        piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows; None for other edits.
 
     Raises:
         NotFoundError: no such label, object or thing here.
@@ -105,6 +110,7 @@ def apply_edit(
         LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
     """
     from fastsplat.service.query.insertion import insert_things
+    from fastsplat.service.query.prompted_things import make_prompted_thing
     from fastsplat.service.query.thing_edits import edit_things
 
     actions: dict[str, Callable[[Scene, Rows, Edit], Scene]] = {
@@ -116,6 +122,9 @@ def apply_edit(
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
         return edit_things(index, edit, seen, before or index.things.table)
+    if edit.action in PROMPTED:
+        assert piece is not None
+        return make_prompted_thing(index, edit, piece, seen, before or index.things.table)
     if edit.name is not None or edit.aliases:
         raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
     if edit.action == "insert":
@@ -173,6 +182,7 @@ def _check_extras(edit: Edit) -> None:
         ("color", edit.color, edit.action == "recolor"),
         ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
         ("source", edit.source, edit.action == "insert"),
+        ("prompt", edit.prompt, edit.action in PROMPTED),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(

@@ -56,7 +56,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
             hint="See the edit's fields.",
         )
     ids = edited_things(index, edit)
-    _check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
+    check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
     scene = actions[edit.action](index, replace(index.things.scene, label_mode="things"), ids, edit)
     return with_look_alikes(scene, ids) if edit.action == "name" else scene
 
@@ -103,8 +103,18 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
     )
 
 
-def _check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:
-    """Refuse to undo what a person said and whoever edits has not seen."""
+def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:
+    """Refuse to undo what a person said and whoever edits has not seen.
+
+    Args:
+        ids: of the things whose names the edit takes away or replaces.
+        name: that the edit gives; None for none.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things as they were before the request that the edit is part of.
+
+    Raises:
+        ConflictError: a person has named one of them otherwise since.
+    """
     known = {} if seen is None else {thing.id: thing.name for thing in seen.everything}
     now = {thing.id: thing for thing in before.everything}
     for thing_id in ids:

@@ -33,10 +33,26 @@ def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64)
         objects: int64 [K] each.
         weights: float64 [G], area times opacity, see `masses`.
     """
+    views, scores = view_scores(scene, objects, weights)
+    if not views:
+        return tuple(() for _ in objects)
+    order = (-scores).argsort(axis=1, kind="stable")[:, :_NAMED]
+    return tuple(
+        tuple(views[view].name for view in best.tolist() if row[view] > 0)
+        for best, row in zip(order, scores, strict=True)
+    )
+
+
+def view_scores(
+    scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64, max_views: int = _MAX_VIEWS
+) -> tuple[tuple[PosedCamera, ...], F64]:
+    """At most `max_views` of the scene's named cameras, spread evenly, and float64 [objects, views], how many pixels
+    each shows of each object, up to a factor of the object's; arguments as for `best_views`. No views without cameras
+    or objects."""
     named = [posed for posed in scene.cameras if posed.name]
     if not named or not objects:
-        return tuple(() for _ in objects)
-    views = [named[i] for i in np.unique(np.linspace(0, len(named) - 1, min(len(named), _MAX_VIEWS)).astype(int))]
+        return (), np.zeros((len(objects), 0))
+    views = [named[i] for i in np.unique(np.linspace(0, len(named) - 1, min(len(named), max_views)).astype(int))]
     means = scene.gaussians.means
     opaque = np.flatnonzero((scene.gaussians.logit_opacities > 0) & np.isfinite(means).all(axis=1))
     occluders = means[opaque[:: -(-len(opaque) // _MAX_OCCLUDERS) or 1]].astype(np.float64)
@@ -45,11 +61,7 @@ def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64)
     owner = np.repeat(np.arange(len(picks)), [len(pick) for pick in picks])
     points, areas = means[sampled].astype(np.float64), weights[sampled]
     scores = np.stack([_scores(posed, occluders, points, areas, owner, len(picks)) for posed in views], axis=1)
-    order = (-scores).argsort(axis=1, kind="stable")[:, :_NAMED]
-    return tuple(
-        tuple(views[view].name for view in best.tolist() if row[view] > 0)
-        for best, row in zip(order, scores, strict=True)
-    )
+    return tuple(views), scores
 
 
 def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: NDArray[np.intp], count: int) -> F64:

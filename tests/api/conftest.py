@@ -15,6 +15,7 @@ from fastsplat.service.settings import Settings
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
 from tests.api.served import Faces, served
+from tests.color_segmenter import ADAPTER, write_color_segmenter
 
 MAX_UPLOAD_BYTES = 3_000_000
 
@@ -24,6 +25,7 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     """Free ports, small limits, a words table for an encoder."""
     folder: Path = tmp_path_factory.mktemp("api")
     write_words(folder / "models")
+    write_color_segmenter(folder / "models")
     return Settings(
         data_dir=folder / "data",
         models=folder / "models",
@@ -32,7 +34,7 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         metrics_port=0,
         auth="off",
         perception=PerceptionSettings(
-            text_encoder=ENCODER, open_set_detector="any"
+            text_encoder=ENCODER, open_set_detector="any", segmenter=ADAPTER
         ),  # never opened: nothing is trained
         capture=CaptureSettings(max_upload_bytes=MAX_UPLOAD_BYTES),
         query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),

@@ -273,3 +273,16 @@ def test_estimates_of_edits_are_above_the_real_peak_and_not_far_above(models_dir
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
     for kind, (peak, estimate) in json.loads(done.stdout).items():
         assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)
+
+
+def test_what_is_kept_between_calls_is_counted_and_leaves_before_anybody_waits() -> None:
+    budget, dropped = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 1), []
+    assert budget.keep(60, lambda: dropped.append("first")) and budget.keep(30, lambda: dropped.append("second"))
+    assert budget.kept == 90 and not budget.keep(11, lambda: dropped.append("never"))
+    with budget.reserve(10, "camera"):
+        assert dropped == [] and budget.kept == 90 and not budget.keep(1, lambda: dropped.append("never"))
+        with budget.reserve(20, "camera"):
+            assert dropped == ["first", "second"] and budget.kept == 0 and budget.reserved == 30
+    assert budget.keep(100, lambda: dropped.append("third"))
+    with budget.reserve(100, "camera"):
+        assert dropped == ["first", "second", "third"]

@@ -19,15 +19,20 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.api.made_scene import ENCODER, add_scene, made_scene, write_words
+from tests.color_segmenter import ADAPTER, write_color_segmenter
 from tests.scenes import store_scene
+
+_PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
 
 
 @pytest.fixture
 def scene_id(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     write_words(tmp_path / "models")
+    write_color_segmenter(tmp_path / "models")
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
     monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__SEGMENTER", ADAPTER)
     monkeypatch.setenv("COLUMNS", "240")
     load_settings.cache_clear()
     with open_service(load_settings()) as service:
@@ -101,3 +106,19 @@ def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str)
     assert isinstance(things("list", "0" * 32).exception, NotFoundError)
     assert isinstance(things("discard", scene_id, "9").exception, NotFoundError)
     assert isinstance(things("list", scene_id, "--project", "elsewhere").exception, NotFoundError)
+
+
+def test_a_thing_is_split_and_a_missing_one_is_added(things: Callable[..., Result], scene_id: str) -> None:
+    def listed() -> dict[int, str]:
+        return {thing["id"]: thing["name"] for thing in json.loads(things("list", scene_id, "--json").stdout)}
+
+    things("merge", scene_id, "1", "2")
+    place = ("--view", "front.png", "--pixel", "24.5,18.5")
+    done = things("split", scene_id, "1", *place, "--beside", "15.5,18.5", "--name", "violin", "--alias", "moon")
+    assert done.exit_code == 0 and done.stdout.startswith("thing 4 has "), done.stdout
+    assert listed() == {1: "mug", 3: "story book", 4: "violin"}
+    things("discard", scene_id, "4", "--looked-at", json.loads(things("pick", scene_id, *_PICK).stdout)["version"])
+    done = things("add", scene_id, "--view", "front.png", "--box", "20", "13", "29", "22")
+    assert done.exit_code == 0 and listed() == {1: "mug", 3: "story book", 5: ""}
+    assert isinstance(things("add", scene_id, "--view", "front.png", "--pixel", "24").exception, InvalidInputError)
+    assert isinstance(things("split", scene_id, "1", "--pixel", "2,2").exception, InvalidInputError)

@@ -12,8 +12,10 @@ import pytest
 
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.prompted_things import split_thing
 from fastsplat.service.scene import Parts, Scene, Thing, Things, read_scene, write_scene
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import InsertSource
@@ -197,3 +199,19 @@ def test_parts_come_back_as_they_were_written(opened: Open, scene: Scene, tmp_pa
     assert again.things.listed_with_parts == named.things.listed_with_parts
     np.testing.assert_array_equal(again.things.part_owner, named.things.part_owner)
     assert again.ask(["rim"])[0].things == (RIM,)
+
+
+def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(opened: Open, scene: Scene) -> None:
+    taken = np.flatnonzero(opened(scene).things.part_owner == RIM)[::2]
+    changed, new_id = with_new_thing(scene, taken)
+    before, after = opened(scene).things, opened(changed).things
+    assert new_id == SPINE + 1 and (np.flatnonzero(after.owner == new_id) == taken).all()
+    assert not after.part_owner[taken].any()
+    others = np.setdiff1d(np.arange(len(scene.gaussians)), taken)
+    np.testing.assert_array_equal(after.part_owner[others], before.part_owner[others])
+    np.testing.assert_array_equal(after.owner[others], before.owner[others])
+
+
+def test_a_part_is_not_split(opened: Open, scene: Scene) -> None:
+    with pytest.raises(InvalidInputError, match=f"{RIM} is a part of thing 3"):
+        split_thing(opened(scene), Edit("split", things=(RIM,)))

@@ -140,6 +140,8 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_MERGE: _EditAction.ValueType  # 7
     EDIT_ACTION_DISCARD: _EditAction.ValueType  # 8
     EDIT_ACTION_INSERT: _EditAction.ValueType  # 9
+    EDIT_ACTION_SPLIT: _EditAction.ValueType  # 10
+    EDIT_ACTION_ADD: _EditAction.ValueType  # 11
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -155,6 +157,8 @@ EDIT_ACTION_UNNAME: EditAction.ValueType  # 6
 EDIT_ACTION_MERGE: EditAction.ValueType  # 7
 EDIT_ACTION_DISCARD: EditAction.ValueType  # 8
 EDIT_ACTION_INSERT: EditAction.ValueType  # 9
+EDIT_ACTION_SPLIT: EditAction.ValueType  # 10
+EDIT_ACTION_ADD: EditAction.ValueType  # 11
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -1416,6 +1420,90 @@ class Color(_message.Message):
 Global___Color: _TypeAlias = Color  # noqa: Y015
 
 @_typing.final
+class ThingPrompt(_message.Message):
+    """Where one thing is in the picture of a view: pixels on it, a box around it, or both."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CAMERA_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    PIXELS_FIELD_NUMBER: _builtins.int
+    BACKGROUND_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    view: _builtins.str
+    """name of one of the scene's own cameras, instead of `camera`"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """a free viewpoint"""
+
+    @_builtins.property
+    def pixels(self) -> _containers.RepeatedCompositeFieldContainer[Global___Pixel]:
+        """on the thing; with a box they may be left out"""
+
+    @_builtins.property
+    def background(self) -> _containers.RepeatedCompositeFieldContainer[Global___Pixel]:
+        """beside the thing"""
+
+    @_builtins.property
+    def box(self) -> Global___PixelBox:
+        """around the thing"""
+
+    def __init__(
+        self,
+        *,
+        camera: Global___PosedCamera | None = ...,
+        view: _builtins.str = ...,
+        pixels: _abc.Iterable[Global___Pixel] | None = ...,
+        background: _abc.Iterable[Global___Pixel] | None = ...,
+        box: Global___PixelBox | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["background", b"background", "box", b"box", "camera", b"camera", "pixels", b"pixels", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_viewpoint: _TypeAlias = _typing.Literal["camera", "view"]  # noqa: Y015
+    _WhichOneofArgType_viewpoint: _TypeAlias = _typing.Literal["viewpoint", b"viewpoint"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_viewpoint) -> _WhichOneofReturnType_viewpoint | None: ...
+
+Global___ThingPrompt: _TypeAlias = ThingPrompt  # noqa: Y015
+
+@_typing.final
+class PromptedThing(_message.Message):
+    """What an edit made of a prompt."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    EDIT_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    GAUSSIAN_COUNT_FIELD_NUMBER: _builtins.int
+    VIEWS_FIELD_NUMBER: _builtins.int
+    edit: _builtins.int
+    """number of the edit in its request, from 0"""
+    thing_id: _builtins.int
+    """of the new thing"""
+    gaussian_count: _builtins.int
+    """that the new thing got"""
+    @_builtins.property
+    def views(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """the views whose renderings were segmented and agree, the prompt's own first; a free viewpoint has no name"""
+
+    def __init__(
+        self,
+        *,
+        edit: _builtins.int = ...,
+        thing_id: _builtins.int = ...,
+        gaussian_count: _builtins.int = ...,
+        views: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["edit", b"edit", "gaussian_count", b"gaussian_count", "thing_id", b"thing_id", "views", b"views"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PromptedThing: _TypeAlias = PromptedThing  # noqa: Y015
+
+@_typing.final
 class InsertSource(_message.Message):
     """The scene that inserted things come from."""
 
@@ -1456,16 +1544,18 @@ class Edit(_message.Message):
     NAME_FIELD_NUMBER: _builtins.int
     ALIASES_FIELD_NUMBER: _builtins.int
     SOURCE_FIELD_NUMBER: _builtins.int
+    PROMPT_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
-    no thing. insert: adds things of another scene, which get new ids
+    no thing. insert: adds things of another scene, which get new ids. split: makes the piece of a thing that a prompt
+    shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to
     """
     label: _builtins.str
     object_id: _builtins.str
     """instead of `label`"""
     name: _builtins.str
-    """for name: one line of 1 to 200 characters; things of one name have one label"""
+    """for name, split and add (of the new thing): one line of 1 to 200 characters; things of one name have one label"""
     @_builtins.property
     def color(self) -> Global___Color:
         """for recolor: RGB, each 0 to 1"""
@@ -1482,11 +1572,15 @@ class Edit(_message.Message):
 
     @_builtins.property
     def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
-        """for name: other names of the same label"""
+        """with a name: other names of the same label"""
 
     @_builtins.property
     def source(self) -> Global___InsertSource:
         """for insert: the other scene; label, object_id and things are then of that one"""
+
+    @_builtins.property
+    def prompt(self) -> Global___ThingPrompt:
+        """for split and add: where the piece, or the missing thing, is in a picture"""
 
     def __init__(
         self,
@@ -1500,10 +1594,11 @@ class Edit(_message.Message):
         name: _builtins.str | None = ...,
         aliases: _abc.Iterable[_builtins.str] | None = ...,
         source: Global___InsertSource | None = ...,
+        prompt: Global___ThingPrompt | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "source", b"source", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -1632,6 +1727,7 @@ class SceneVersion(_message.Message):
     GAUSSIANS_FIELD_NUMBER: _builtins.int
     CURRENT_FIELD_NUMBER: _builtins.int
     EDITS_FIELD_NUMBER: _builtins.int
+    PROMPTED_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
     parent: _builtins.str
@@ -1645,6 +1741,10 @@ class SceneVersion(_message.Message):
     def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
         """what made it of its parent"""
 
+    @_builtins.property
+    def prompted(self) -> _containers.RepeatedCompositeFieldContainer[Global___PromptedThing]:
+        """what those edits made of their prompts"""
+
     def __init__(
         self,
         *,
@@ -1655,10 +1755,11 @@ class SceneVersion(_message.Message):
         gaussians: _builtins.int = ...,
         current: _builtins.bool = ...,
         edits: _abc.Iterable[Global___Edit] | None = ...,
+        prompted: _abc.Iterable[Global___PromptedThing] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

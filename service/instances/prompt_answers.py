@@ -1,0 +1,179 @@
+"""A segmenter's answers to prompts of people, and to prompts made of what is drawn: which one is meant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.perception.mask_postprocessing import upsampled
+from fastsplat.service.perception.types import MaskLogits, Prompts, Segmenter
+
+Mask = NDArray[np.bool_]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+_LEAST_PX = 12
+"""Smaller masks are none."""
+_WHOLE = 0.9
+"""An answer that has this share of the thing that is split is hardly a piece of it."""
+_EATEN = 0.8
+"""A thing of which this share lies in an answer is part of that answer."""
+_DOUBT = 0.5
+"""What such an answer, and one that contradicts the prompt's pixels, scores of what it would."""
+_NEARLY, _LARGER = 0.75, 5.0
+"""The largest of the answers that score this share of the best one's, and are at most so many times as large, is meant:
+a click on a thing is hardly meant for a part of it. Chosen on table and sample."""
+_AGREES = 0.6
+"""Overlap times stability from which an answer is taken for what is drawn."""
+_AROUND = 0.5
+"""What is known to be another thing is prompted as such within this share of the drawn box's size around it."""
+
+
+@dataclass(frozen=True)
+class PicturePrompt:
+    """One prompt, in pixels of the picture.
+
+    Attributes:
+        pixels: float64 [N, 2], x and y on the thing.
+        background: float64 [M, 2], beside it.
+        box: float64 [4], x1, y1, x2, y2 around it, or None.
+    """
+
+    pixels: F64
+    background: F64
+    box: F64 | None = None
+
+    def scaled(self, x: float, y: float) -> PicturePrompt:
+        """The same in a picture that is so many times as wide and as high."""
+        factors = np.array([x, y])
+        box = None if self.box is None else self.box * np.tile(factors, 2)
+        return PicturePrompt(self.pixels * factors, self.background * factors, box)
+
+    def prompts(self) -> Prompts:
+        """As one prompt for a segmenter; without a box a filler ends it, as Segment-Anything wants it."""
+        end = np.zeros((1, 2)) if self.box is None else self.box.reshape(2, 2)
+        points = np.concatenate([self.pixels, self.background, end])
+        kinds = [1.0] * len(self.pixels) + [0.0] * len(self.background) + ([-1.0] if self.box is None else [2.0, 3.0])
+        return Prompts(points[None].astype(np.float32), np.array([kinds], np.float32))
+
+
+def prompted_mask(
+    answer: MaskLogits, prompt: PicturePrompt, ids: NDArray[np.integer], inside: Mask | None
+) -> Mask | None:
+    """bool [H, W]: which of the answers to one prompt is meant; None where none is more than a speck.
+
+    Segment-Anything answers with a part, a thing and a group. Each scores by its predicted intersection over union
+    times its stability, by how well it keeps to the prompt's pixels and box, and by its place among the things that are
+    known: of a piece, the share that lies in the thing that is split; of a missing thing, the share that is not made of
+    whole other things.
+
+    Args:
+        answer: to one prompt.
+        prompt: which.
+        ids: int [H, W], the thing of each pixel, 0 for none.
+        inside: bool [H, W], where the thing is that a piece is cut out of; None for a missing thing.
+    """
+    masks = _enlarged(answer, ids.shape[1], ids.shape[0])
+    areas = masks.sum(axis=(1, 2))
+    stable = np.array([_stability(layer) for layer in answer.logits[0]])
+    scores = np.where(areas >= _LEAST_PX, answer.quality[0] * stable, 0.0)
+    for number in np.flatnonzero(scores):
+        scores[number] *= _fit(masks[number], prompt)
+        if inside is None:
+            scores[number] *= 1 - _eaten(masks[number], prompt, ids) / areas[number]
+        else:
+            common = int((masks[number] & inside).sum())
+            scores[number] *= common / areas[number] * (_DOUBT if common > _WHOLE * inside.sum() else 1)
+    best = int(scores.argmax())
+    if scores[best] <= 0:
+        return None
+    nearly = (scores >= _NEARLY * scores[best]) & (areas <= _LARGER * areas[best])
+    return np.asarray(masks[np.where(nearly, areas, -1).argmax()])
+
+
+def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32) -> Mask | None:
+    """bool [H, W]: what a view shows where a piece is drawn, or None where too little of it is drawn or nothing that
+    the segmenter sees there is like it.
+
+    The prompts are the box of what is drawn, the pixel deepest inside, both, and that pixel with one beside it; an
+    answer counts by its overlap with the piece over all but what is unknown, times its stability.
+
+    Args:
+        segmenter: answers prompts.
+        embedding: of the view's picture.
+        drawn: float32 [H, W, 3], shares of each pixel: of the piece, known to be none of it, unknown.
+    """
+    piece, other = drawn[..., 0], drawn[..., 1]
+    shown = piece > np.maximum(0.5 * drawn.sum(axis=2), 0.25)
+    if shown.sum() < _LEAST_PX:
+        return None
+    height, width = shown.shape
+    known, total = embedding(), float(piece.sum())
+    best, highest = None, 0.0
+    for prompt in _prompts_for(shown, other > 0.5):
+        answer = segmenter.mask_logits(known, prompt.prompts())
+        for layer, mask in zip(answer.logits[0], _enlarged(answer, width, height), strict=True):
+            score = float(piece[mask].sum()) / (total + float(other[mask].sum())) * _stability(layer)
+            if score > highest:
+                best, highest = mask, score
+    return best if highest >= _AGREES else None
+
+
+def _prompts_for(shown: Mask, other: Mask) -> list[PicturePrompt]:
+    columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
+    box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
+    margin = _AROUND * (box[2:] - box[:2])
+    left, top = np.maximum(box[:2] - margin, 0).astype(int)
+    right, bottom = np.ceil(box[2:] + margin).astype(int)
+    near = np.zeros_like(other)
+    near[top:bottom, left:right] = other[top:bottom, left:right]
+    middle, nothing = _deepest(shown), np.zeros((0, 2))
+    prompts = [PicturePrompt(middle, nothing, box), PicturePrompt(nothing, nothing, box)]
+    beside = [_deepest(near)] if near.any() else []
+    return prompts + [PicturePrompt(middle, background) for background in (nothing, *beside)]
+
+
+def _enlarged(answer: MaskLogits, width: int, height: int) -> NDArray[np.bool_]:
+    return upsampled(answer.logits[0], answer.scale, (height, width), width, height)
+
+
+def _fit(mask: Mask, prompt: PicturePrompt) -> float:
+    """How well a mask keeps to the prompt's pixels and box, 0..1."""
+    on = [mask[int(y), int(x)] for x, y in prompt.pixels]
+    beside = [mask[int(y), int(x)] for x, y in prompt.background]
+    score = (1.0 if all(on) else _DOUBT) * (_DOUBT if any(beside) else 1.0)
+    return score if prompt.box is None else score * _box_agreement(mask, prompt.box)
+
+
+def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
+    """The pixels of a mask that are of things that lie in it whole and were not pointed at."""
+    whole = np.bincount(ids.ravel())
+    within = np.bincount(ids[mask], minlength=len(whole))
+    eaten = within > _EATEN * whole
+    eaten[[0, *(int(ids[int(y), int(x)]) for x, y in prompt.pixels)]] = False
+    return int(within[eaten].sum())
+
+
+def _box_agreement(mask: Mask, box: F64) -> float:
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    own = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
+    inner = np.clip(np.minimum(own[2:], box[2:]) - np.maximum(own[:2], box[:2]), 0, None).prod()
+    union = (own[2:] - own[:2]).prod() + (box[2:] - box[:2]).prod() - inner
+    return float(inner / max(union, 1e-6))
+
+
+def _stability(logits: NDArray[np.floating[Any]]) -> float:
+    """Segment-Anything's: the intersection over union of the masks cut at logits +1 and -1."""
+    return float((logits > 1).sum() / max(1, (logits > -1).sum()))
+
+
+def _deepest(mask: Mask) -> F64:
+    """float64 [1, 2]: x and y of the pixel farthest from a mask's edge and the image's."""
+    depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    return np.array([[column + 0.5, row + 0.5]])

@@ -1,0 +1,65 @@
+"""One more thing, made of Gaussians that belonged to others or to none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows
+from fastsplat.service.scene.types import Parts, Scene, Thing, Things
+from fastsplat_contract.errors import LimitExceededError
+
+_SURE_PX = 16
+"""Membership of a Gaussian of which no view had said anything, pixels."""
+
+
+def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]:
+    """The scene in which the Gaussians `rows` belong to one more thing, without a name, and that thing's id.
+
+    In the membership of each of them the new thing takes the place of the thing, or of no thing, that it most probably
+    belonged to, with the least that can be counted on top, so that it wins where two were equally probable; everything
+    else of the membership stays as it is. The new thing has no parts, and parts of others lose its Gaussians. A thing
+    that lost all its Gaussians stays in the table, and is present no more.
+
+    Args:
+        scene: with things.
+        rows: int [K], at least one.
+
+    Raises:
+        LimitExceededError: there is no further id.
+    """
+    things = scene.things
+    assert things is not None and len(rows)
+    new_id = next_thing_id(things)
+    if new_id > MAX_THING_ID:
+        raise LimitExceededError(
+            "one more thing", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some things first."
+        )
+    membership, owner = things.membership, thing_rows(things)
+    taken = np.zeros(len(membership), np.bool_)
+    taken[rows] = True
+    entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    replaced = taken[entries] & (membership.labels == owner[entries])
+    bare = taken.copy()
+    bare[entries[replaced]] = False
+    unseen = np.flatnonzero(bare)
+    evidence = evidence_of(
+        np.concatenate([entries, unseen]),
+        np.concatenate([np.where(replaced, new_id, membership.labels.astype(np.int64)), np.full(len(unseen), new_id)]),
+        np.concatenate([membership.counts + replaced, np.full(len(unseen), _SURE_PX * UNIT, np.int64)]),
+        len(membership),
+    )
+    parts = None if things.parts is None else _without_rows(things.parts, taken)
+    return replace(scene, things=Things((*things.table, Thing(new_id)), evidence, new_id + 1, parts)), new_id
+
+
+def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:
+    """The parts, of which these Gaussians, bool [G], are none any more: what they belonged to is another thing's."""
+    membership = parts.membership
+    entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    stays = ~gone[entries]
+    kept = evidence_of(entries[stays], membership.labels[stays], membership.counts[stays], len(membership))
+    return replace(parts, membership=kept)

@@ -1,0 +1,65 @@
+"""One more thing: whose Gaussians it takes, and that everything else stays as it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fastsplat.service.scene import Scene
+from fastsplat.service.scene.label_evidence import evidence_of, posterior
+from fastsplat.service.scene.new_things import with_new_thing
+from fastsplat.service.scene.things import MAX_THING_ID, thing_rows
+from fastsplat.service.scene.types import Thing, Things
+from fastsplat_contract.errors import LimitExceededError
+from tests.scenes import labelled_scene
+
+_COUNT = 12
+
+
+def _scene(seed: int) -> Scene:
+    """Gaussians that nobody has seen, that are of no thing, of one of four, and of several with different shares."""
+    rng = np.random.default_rng(seed)
+    rows, labels = np.nonzero(rng.uniform(size=(_COUNT, 5)) < 0.4)
+    counts = rng.integers(1, 9, len(rows)).astype(np.int64) * 4096
+    scene = labelled_scene(rng.normal(size=(_COUNT, 3)), np.zeros(_COUNT, int), ["x"])
+    table = tuple(Thing(number) for number in (1, 2, 3, 4))
+    return replace(scene, things=Things(table, evidence_of(rows, labels, counts, _COUNT), 9))
+
+
+@given(st.integers(0, 10_000), st.sets(st.integers(0, _COUNT - 1), min_size=1))
+def test_the_new_thing_has_just_these_gaussians_and_nothing_else_changes(seed: int, rows: set[int]) -> None:
+    scene = _scene(seed)
+    assert scene.things is not None
+    grown, new_id = with_new_thing(scene, np.array(sorted(rows)))
+    assert grown.things is not None
+    assert new_id == 9 and grown.things.next_id == 10 and grown.things.table == (*scene.things.table, Thing(9))
+    before, after = thing_rows(scene.things), thing_rows(grown.things)
+    taken = np.isin(np.arange(_COUNT), sorted(rows))
+    assert (after[taken] == 9).all()
+    np.testing.assert_array_equal(after[~taken], before[~taken])
+    # The new thing is as probable as the one whose place it takes, and the others are as probable as they were.
+    old, new = (posterior(things.membership, 10) for things in (scene.things, grown.things))
+    for row in range(_COUNT):
+        shares, now = _shares(old, row), _shares(new, row)
+        if row in rows and shares:
+            shares[9] = shares.pop(int(before[row]))
+        assert (now == pytest.approx(shares, abs=1e-3)) if shares else (set(now) == ({9} if row in rows else set()))
+
+
+def test_there_is_an_end_to_ids() -> None:
+    scene = _scene(0)
+    assert scene.things is not None
+    full = replace(scene, things=replace(scene.things, next_id=MAX_THING_ID))
+    last, new_id = with_new_thing(full, np.array([0]))
+    assert new_id == MAX_THING_ID
+    with pytest.raises(LimitExceededError):
+        with_new_thing(last, np.array([1]))
+
+
+def _shares(mean: object, row: int) -> dict[int, float]:
+    start, end = mean.starts[row], mean.starts[row + 1]  # type: ignore[attr-defined]
+    return dict(zip(mean.labels[start:end].tolist(), mean.probability[start:end].tolist(), strict=True))  # type: ignore[attr-defined]
