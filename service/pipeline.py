@@ -25,7 +25,6 @@ from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName

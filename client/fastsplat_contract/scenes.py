@@ -15,7 +15,9 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
-EditAction = Literal["recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert"]
+EditAction = Literal[
+    "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "look_again"
+]
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -143,7 +145,8 @@ class Edit(Request):
         Field(
             description="recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change "
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
-            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids"
+            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. "
+            "look_again: stands in the versions that looking again has made, and is no edit to send"
         ),
     ]
     label: str | None = None
@@ -168,6 +171,7 @@ class Edit(Request):
         InsertSource | None,
         Field(description="for insert: the other scene; label, object_id and things are then of that one"),
     ] = None
+    texts: Annotated[Many[str], Field(description="for look_again: what was looked for")] = ()
 
 
 @dataclass(frozen=True)

@@ -54,3 +54,14 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """A name is stated from this mean score over the views that see the thing; below, it is a suggestion."""
     name_rivals: float = Field(0.5, ge=0, le=1)
     """A name is stated only where no other has more than this share of its score."""
+
+
+class LookAgainSettings(SettingGroup, section="look_again"):
+    """How a finished scene is looked at again for more names."""
+
+    views: int = Field(10, ge=1)
+    """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
+    candidates: int = Field(60, ge=1)
+    """Of so many of the scene's cameras, evenly spread, these views are chosen; each costs one rasterization."""
+    picture_side: int = Field(1024, ge=64)
+    """Pixels of the longer side of the pictures that are rendered, never more than the camera has."""

@@ -48,9 +48,9 @@ class PooledTag:
 class RamTagger:
     """`image` [1, 3, S, S] → [1, T] probabilities of T tags: RAM's contract, for any size and list.
 
-    The image is resized to S × S without keeping its aspect, ImageNet's mean and deviation taken out. Beside the network
-    lie `tags.txt`, a tag a line in the order of the probabilities, and, if the tags have thresholds of their own,
-    `thresholds.txt`, as many numbers 0..1.
+    The image is resized to S × S without keeping its aspect, ImageNet's mean and deviation taken out. Beside the
+    network lie `tags.txt`, a tag a line in the order of the probabilities, and, if the tags have thresholds of their
+    own, `thresholds.txt`, as many numbers 0..1.
 
     Args:
         model: the ONNX file; S is what its input says, 384 where it leaves that open.
@@ -67,13 +67,13 @@ class RamTagger:
         self._name = name
         self.tags = tuple(_lines(folder / TAG_FILE, name))
         self._session = open_session(model, name=name, threads=threads)
-        check_contract(
-            self._session, name=name, inputs={"image": (1, 3, None, None)}, outputs=[(1, len(self.tags))]
-        )
+        check_contract(self._session, name=name, inputs={"image": (1, 3, None, None)}, outputs=[(1, len(self.tags))])
         shape = self._session.get_inputs()[0].shape
         self._side = shape[2] if isinstance(shape[2], int) else _USUAL_SIDE
         if isinstance(shape[2], int) and isinstance(shape[3], int) and shape[2] != shape[3]:
-            raise self._broken(f"its input is {shape[3]} × {shape[2]} pixels, no square", "Export it for square images.")
+            raise self._broken(
+                f"its input is {shape[3]} × {shape[2]} pixels, no square", "Export it for square images."
+            )
         self.thresholds = self._thresholds(folder, threshold)
 
     def tag(self, image: Image) -> F32:

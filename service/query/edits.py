@@ -57,6 +57,7 @@ class Edit:
             units; None otherwise.
         name, aliases: for `name`, see `edit_things`.
         source: for `insert`, where the things come from; None otherwise.
+        texts: of versions that looking again made; none for an edit.
     """
 
     action: EditAction
@@ -68,6 +69,7 @@ class Edit:
     name: str | None = None
     aliases: tuple[str, ...] = ()
     source: InsertSource | None = None
+    texts: tuple[str, ...] = ()
 
 
 def apply_edit(
@@ -107,6 +109,12 @@ def apply_edit(
         "move": _move,
         "duplicate": _duplicate,
     }
+    if edit.action == "look_again" or edit.texts:
+        raise InvalidInputError(
+            "looking again at a scene is no edit",
+            field="action" if edit.action == "look_again" else "texts",
+            hint="It is a call of its own, LookAgain, and makes an operation.",
+        )
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
         return edit_things(index, edit, seen, before or index.things.table)
@@ -117,7 +125,7 @@ def apply_edit(
         return insert_things(index, source, edit)
     if edit.action not in actions:
         raise InvalidInputError(
-            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction))}."
+            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-1])}."
         )
     rows = edited_rows(index, edit)
     count = len(index.scene.gaussians) + len(rows)
