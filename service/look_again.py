@@ -14,24 +14,34 @@ import numpy as np
 from fastsplat.service.capture.types import Capture, CaptureReport
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.instances.closer_look import (
+    best_positions,
+    closer_look,
+    mean_votes,
+    things_in_map,
+    votes_for,
+)
 from fastsplat.service.instances.scene_things import votes_of_views
 from fastsplat.service.instances.second_look import add_names, choose_views, shares_seen
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.capture_detection import spread
 from fastsplat.service.perception.detectors import check_open_set_detector, open_open_set_detector
+from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.types import OpenSetDetector
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.thing_edits import with_label
 from fastsplat.service.scene import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.splat_import.pictures import render_pictures
+from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
+from fastsplat.service.splatting.blending import thing_map
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 
 STAGE = "looking"
-_CHOOSING, _RENDERING, _DETECTING = 0.1, 0.2, 0.95
-"""Of the stage's progress, after the views are chosen, the pictures rendered, the texts searched for."""
+_CHOOSING, _RENDERING, _DETECTING = 0.05, 0.1, 0.5
+"""Of the stage's progress, after the views are chosen, the pictures rendered, the texts searched for in them."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,7 @@ class Sightings:
         found: for ids of things the probability of each text that anything was found of there, 0..1.
         regions: number of regions that were found.
         unmatched: number of those that are no thing's.
+        rendered: whether renderings of the scene were looked at.
     """
 
     texts: tuple[str, ...]
@@ -51,15 +62,23 @@ class Sightings:
     found: Mapping[int, Mapping[str, float]]
     regions: int
     unmatched: int
+    rendered: bool = True
 
 
 def look_for(
-    index: SceneIndex, texts: Sequence[str], settings: Settings, folder: Path, progress: Progress
+    index: SceneIndex,
+    texts: Sequence[str],
+    settings: Settings,
+    folder: Path,
+    progress: Progress,
+    paint: Paint | None = None,
 ) -> Sightings:
     """What the configured open-set detector finds of some texts in a scene.
 
     It looks at renderings from the few cameras that see most of the scene, and of its unnamed things; what it finds
-    there are regions, by the segmenter, and each region votes for the thing that it overlaps most (`count_votes`).
+    there are regions, by the segmenter, and each region votes for the thing that it overlaps most (`count_votes`). Then
+    it looks at each thing alone, in the views that show it best. The larger probability counts: small things are found
+    alone only, and of a coarse scene large pictures show more than small ones.
 
     Args:
         index: of the scene.
@@ -67,6 +86,8 @@ def look_for(
         settings: of all rooms.
         folder: empty; gets the pictures.
         progress: hears of the stage "looking"; may raise `CancelledError`.
+        paint: makes the pictures that are looked at, of the scene's own cameras and of parts of their views; None:
+            renderings of the scene.
 
     Raises:
         ModelUnavailableError: no open-set detector is configured, or a model of the settings is missing or damaged.
@@ -74,7 +95,8 @@ def look_for(
         NotFoundError: the scene has no camera that sees anything.
     """
     check_open_set_detector(settings.perception)
-    open_open_set_detector(settings.perception, settings.models)  # a missing model fails before the rendering
+    detector = open_open_set_detector(settings.perception, settings.models)
+    open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering
     scene = index.things.scene
     things, backend = scene.things, settings.training.backend
     assert things is not None
@@ -91,12 +113,12 @@ def look_for(
     if not chosen:
         raise NotFoundError("none of the scene's own cameras sees anything of it", field="scene")
     cameras = [candidates[position] for position in sorted(chosen)]
+    pictures = Painter(scene.gaussians, backend).picture if paint is None else paint
     views = render_pictures(
-        scene.gaussians,
+        pictures,
         cameras,
         folder,
         lambda done: _tell(progress, _CHOOSING, _RENDERING, done / len(cameras), f"pictures {done}/{len(cameras)}"),
-        backend=backend,
     )
     none = np.zeros((0, 3))
     capture = Capture(
@@ -113,14 +135,58 @@ def look_for(
     names = [entry.label for entry in labelling.dictionary.entries]
     used = list(zip(views, labelling.regions, strict=True))
     votes = votes_of_views(things, scene.gaussians, used, len(names), settings.discovery, backend=backend)
+    assert votes.voted is not None
+    # Few views are looked at: one that names a thing of which it sees a part must not count for more than one view.
+    votes = replace(votes, able=np.maximum(votes.able, votes.voted))
     found = {
         thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
         for thing, row in zip(things.table, votes.probability, strict=True)
         if row.any()
     }
+    for thing_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
+        whole = found.get(thing_id, {})
+        found[thing_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
     regions = sum(1 for own in labelling.regions for region in own.votes if region)
-    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} renderings, {votes.unmatched} of them no thing's")
-    return Sightings(tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched)
+    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no thing's")
+    return Sightings(
+        tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched, paint is None
+    )
+
+
+def _look_closer(
+    scene: Scene,
+    cameras: Sequence[PosedCamera],
+    paint: Paint,
+    detector: OpenSetDetector,
+    texts: Sequence[str],
+    settings: Settings,
+    progress: Progress,
+) -> dict[int, dict[str, float]]:
+    """For each thing that was looked at alone the mean score of each text in these pictures."""
+    if not settings.look_again.closer_views:
+        return {}
+    backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
+    shown = [things_in_map(thing_map(scene, posed, backend=backend)) for posed in cameras]
+    assert scene.things is not None
+    fixed = {thing.id for thing in scene.things.table if thing.source in ("person", "given")}
+    best = {i: views for i, views in best_positions(shown, settings.look_again.closer_views).items() if i not in fixed}
+    total, done = sum(map(len, best.values())), 0
+    votes: dict[int, dict[str, float]] = {}
+    for thing_id, positions in best.items():
+        own = []
+        for position in positions:
+            posed = cameras[position]
+            box = next(thing.box for thing in shown[position] if thing.thing_id == thing_id)
+            closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, settings.look_again.closer_side)
+            if closer is not None:
+                picture, _ = paint(closer[0])
+                detections = detector.detect(picture, texts, settings.perception.open_score_floor)
+                own.append(votes_for(detections, closer[1], settings.discovery.name_overlap))
+            done += 1
+            _tell(progress, _DETECTING, 1, done / total, f"looking at thing {thing_id}, picture {done}/{total}")
+        if own:
+            votes[thing_id] = mean_votes(own)
+    return votes
 
 
 def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) -> tuple[Scene, LookAgainResult]:
@@ -135,7 +201,12 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     """
     before = index.things.scene
     assert before.things is not None
-    added = add_names(before.things, sightings.found, settings.discovery)
+    added = add_names(
+        before.things,
+        sightings.found,
+        name_probability=settings.look_again.name_probability,
+        name_rivals=settings.discovery.name_rivals,
+    )
     scene, table = before, []
     for thing in added.things.table:
         if thing.id in added.named:
@@ -148,7 +219,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
         version="",
         texts=sightings.texts,
         views=sightings.views,
-        rendered=True,
+        rendered=sightings.rendered,
         named=tuple(FoundName(i, named[i].name, named[i].probability) for i in added.named),
         suggested=tuple(
             FoundName(i, name, sure)

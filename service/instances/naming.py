@@ -33,11 +33,13 @@ class NameVotes:
         scores: float64 [T, N + 1]: sum over views of the score that a label got for a thing, 0..1 a view.
         able: float64 [T]: number of views that see most of the thing, and so could have named it.
         unmatched: number of regions with votes that are no thing's.
+        voted: float64 [T]: number of views in which a region with votes is the thing, seen in part or whole.
     """
 
     scores: F64
     able: F64
     unmatched: int = 0
+    voted: F64 | None = None
 
     @property
     def probability(self) -> F64:
@@ -68,7 +70,7 @@ def count_votes(
     owner = place[thing_rows(things)]
     count = len(things.table)
     whole = np.bincount(owner, minlength=count + 1)[1:]
-    scores, able, unmatched = np.zeros((count, labels + 1)), np.zeros(count), 0
+    scores, able, voted, unmatched = np.zeros((count, labels + 1)), np.zeros(count), np.zeros(count), 0
     for view, own in zip(lifted, regions, strict=True):
         sees = view.pixels > SEEN_PX
         visible = np.bincount(owner[sees], minlength=count + 1)[1:]
@@ -85,7 +87,8 @@ def count_votes(
             elif own.votes[region]:
                 unmatched += 1
         scores += best
-    return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched)
+        voted += best.any(axis=1)
+    return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched, voted)
 
 
 def name_things(

@@ -108,22 +108,27 @@ class NamesAdded:
     suggested: tuple[int, ...]
 
 
-def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], settings: DiscoverySettings) -> NamesAdded:
+def add_names(
+    things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float, name_rivals: float
+) -> NamesAdded:
     """The same things, named where the look is clear, else with suggestions.
 
-    A text is clear from `name_probability`, if nothing else that the thing is called or suggested to be has more than
-    `name_rivals` of its probability. The name of a person or of label maps stays, and with it the thing as it is; the
-    name of a detector stays unless another is clear, and is a suggestion after that.
+    A text is clear from `name_probability`, if no other text of this look and no name that a detector has stated before
+    has more than `name_rivals` of its probability, and nothing that was suggested before is more probable. The name of
+    a person or of label maps stays, and with it the thing as it is; the name of a detector stays unless another is
+    clear, and is a suggestion after that.
 
     Args:
         things: T of them.
         sighted: for ids of things the probability of each text, 0..1; ids that are no thing's are left out.
-        settings: the bounds.
+        name_probability, name_rivals: the bounds, 0..1.
     """
     named, suggested, table = [], [], []
     for thing in things.table:
         texts = {name: sure for name, sure in sighted.get(thing.id, {}).items() if sure >= LEAST_SUGGESTED}
-        changed = thing if not texts or thing.source in ("person", "given") else _judged(thing, texts, settings)
+        changed = thing
+        if texts and thing.source not in ("person", "given"):
+            changed = _judged(thing, texts, name_probability, name_rivals)
         keys = {label_key(name) for name in texts}
         if changed is not thing and changed.name and label_key(changed.name) in keys:
             named.append(thing.id)
@@ -133,24 +138,32 @@ def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], settin
     return NamesAdded(replace(things, table=tuple(table)), tuple(named), tuple(suggested))
 
 
-def _judged(thing: Thing, texts: dict[str, float], settings: DiscoverySettings) -> Thing:
-    names: dict[str, tuple[str, float]] = {}
-    own = ((thing.name, thing.probability),) if thing.name else ()
-    for name, sure in (*own, *thing.suggestions, *sorted(texts.items(), key=lambda pair: -pair[1])):
-        first, before = names.get(label_key(name), (name, 0.0))
-        names[label_key(name)] = (first, max(before, sure))
-    best = label_key(max(texts, key=lambda name: texts[name]))
-    name, sure = names.pop(best)
-    clear = sure >= settings.name_probability and all(
-        other <= settings.name_rivals * sure for _, other in names.values()
-    )
-    if clear or (thing.name and label_key(thing.name) == best):
-        rest = _suggestions(names.values())
-        return replace(thing, name=name, source="detected", probability=sure, suggestions=rest)
-    names[best] = (name, sure)
-    stays = names.pop(label_key(thing.name), None) if thing.name else None
-    probability = thing.probability if stays is None else stays[1]
-    return replace(thing, probability=probability, suggestions=_suggestions(names.values()))
+def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float, name_rivals: float) -> Thing:
+    by_key = {label_key(name): (name, sure) for name, sure in texts.items()}
+    own = label_key(thing.name) if thing.name else ""
+    best = max(by_key, key=lambda key: by_key[key][1])
+    sure = by_key[best][1]
+    rivals = [other for key, (_, other) in by_key.items() if key not in (best, own)]
+    if own not in ("", best):
+        rivals.append(max(thing.probability, by_key.get(own, ("", 0.0))[1]))
+    before = [other for name, other in thing.suggestions if label_key(name) != best]
+    clear = sure >= name_probability and max(rivals, default=0.0) <= name_rivals * sure
+    clear = clear and max(before, default=0.0) <= sure
+    pool: dict[str, tuple[str, float]] = {}
+    stated = ((thing.name, thing.probability),) if thing.name else ()
+    for name, other in (*stated, *thing.suggestions, *by_key.values()):
+        first, most = pool.get(label_key(name), (name, 0.0))
+        pool[label_key(name)] = (first, max(most, other))
+    if clear or own == best:
+        name, most = pool.pop(best)
+        probability = most if own == best else sure
+        return replace(
+            thing, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values())
+        )
+    if own:
+        name, most = pool.pop(own)
+        return replace(thing, probability=most, suggestions=_suggestions(pool.values()))
+    return replace(thing, suggestions=_suggestions(pool.values()))
 
 
 def _suggestions(names: Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:

@@ -82,7 +82,7 @@ def render_views(
             fraction = _SEARCH + (1 - _SEARCH) * done / len(poses)
             progress(ProgressEvent(_STAGE, fraction, f"pictures {done}/{len(poses)}"))
 
-        views = render_pictures(gaussians, cameras, partial, on_picture, backend=backend)
+        views = render_pictures(Painter(gaussians, backend).picture, cameras, partial, on_picture)
         report = CaptureReport(
             source="splat",
             images=len(views),
@@ -96,40 +96,52 @@ def render_views(
     return load_capture(out_dir)
 
 
-@torch.no_grad()
+Paint = Callable[[PosedCamera], tuple[NDArray[np.uint8], NDArray[np.bool_]]]
+"""Makes the picture of a camera, see `Painter.picture`."""
+
+
+class Painter:
+    """Pictures of Gaussians, on black; what they share is made once."""
+
+    def __init__(self, gaussians: Gaussians, backend: Backend = "cpu") -> None:
+        self._backend: Backend = backend
+        self._splats = splats_of(gaussians, device=device_of(backend))
+        self._sh = torch.tensor(gaussians.sh, device=self._splats.means.device)
+        self._degree = gaussians.sh_degree
+
+    @torch.no_grad()
+    def picture(self, posed: PosedCamera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """uint8 [H, W, 3], and bool [H, W]: where enough is seen for the pixel to have content."""
+        pose, means = posed.world_from_camera, self._splats.means
+        position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(means.device)
+        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(means.device)
+        colors = sh_to_rgb(means, self._sh, position, self._degree, backend=self._backend)
+        rendering = rasterize(replace(self._splats, features=colors), viewmat, posed.camera, backend=self._backend)
+        pixels = (rendering.image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        return pixels, rendering.alpha.cpu().numpy() >= _COVERED
+
+
 def render_pictures(
-    gaussians: Gaussians,
+    paint: Paint,
     cameras: Sequence[PosedCamera],
     folder: Path,
     on_picture: Callable[[int], None] = lambda done: None,
-    *,
-    backend: Backend = "cpu",
 ) -> tuple[View, ...]:
-    """Pictures of Gaussians as views of a capture: `images/` and `masks/` in `folder`, on black. Pixels in which little
-    is seen are marked as having no content.
+    """Pictures as views of a capture: `images/` and `masks/` in `folder`. Pixels in which little is seen are marked as
+    having no content.
 
     Args:
-        gaussians: what is shown.
+        paint: makes them, see `Painter.picture`.
         cameras: the picture's size is the camera's, its view's name the camera's.
         folder: where the two folders are made.
         on_picture: called before each picture with how many there are; may raise `CancelledError`.
-        backend: which rasterizer.
     """
     (folder / "images").mkdir()
     (folder / "masks").mkdir()
-    splats = splats_of(gaussians, device=device_of(backend))
-    sh = torch.tensor(gaussians.sh, device=splats.means.device)
     views = []
     for index, posed in enumerate(cameras):
         on_picture(index)
-        pose = posed.world_from_camera
-        position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(splats.means.device)
-        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(splats.means.device)
-        colors = sh_to_rgb(splats.means, sh, position, gaussians.sh_degree, backend=backend)
-        shown = replace(splats, features=colors)
-        rendering = rasterize(shown, viewmat, posed.camera, backend=backend)
-        pixels = (rendering.image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
-        covered = rendering.alpha.cpu().numpy() >= _COVERED
+        pixels, covered = paint(posed)
         image_path, valid_path = folder / "images" / f"{index:05d}.png", None
         save_rgb(pixels, image_path)
         if not covered.all():

@@ -119,7 +119,7 @@ def test_a_deleted_scene_stops_its_looks(looking: Deployment) -> None:
     looking.start_worker()
     scene_id = _scene(looking)
     running = _look(looking, scene_id, "looking:sleep 60")
-    waiting = _look(looking, scene_id, "trophy", request_id="free again")
+    waiting = _look(looking, scene_id, "trophy", request_id="free-again")
     looking.wait_in("looking", running)
     looking.service.delete_scene(scene_id)
     assert looking.wait_over(running).state == looking.wait_over(waiting).state == "CANCELLED"
