@@ -250,7 +250,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     "LookAgainIn": {
         "texts": (
             "name what looks like one of these",
-            LookAgainIn(("toy bulldozer", "trophy"), "a-name-of-your-choice"),
+            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
         ),
     },
     "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
