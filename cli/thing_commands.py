@@ -1,9 +1,10 @@
-"""`fastsplat things`: list the things of a scene, find the one at a pixel, name, merge, split, add, discard and insert
-them."""
+"""`fastsplat things`: list and pick the things of a scene, name, merge, split, add, discard and insert them, and look
+for more names."""
 
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +19,7 @@ from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox, SceneThing
@@ -28,9 +30,11 @@ if TYPE_CHECKING:
 
 things_app = typer.Typer(
     name="things",
-    help="What a scene holds, with or without a name: list, pick, name, merge, split, add, discard, insert.",
+    help="What a scene holds, named or not: list, pick, name, merge, split, add, discard, insert, look again.",
     no_args_is_help=True,
 )  # fmt: skip
+
+_POLL_S = 0.3
 
 Scene = Annotated[str, typer.Argument(help="The scene's id.")]
 Ids = Annotated[list[int], typer.Argument(help="Ids of things, from the list.", metavar="THING...")]
@@ -139,6 +143,34 @@ def merge(scene: Scene, things: Ids, looked_at: LookedAt = "", project: Project 
 def discard(scene: Scene, things: Ids, looked_at: LookedAt = "", project: Project = DEFAULT_PROJECT) -> None:
     """Say that these are no things; their Gaussians stay."""
     _edit(scene, Edit("discard", things=tuple(things)), looked_at, project)
+
+
+@things_app.command("look-again")
+def look_again(
+    scene: Scene,
+    texts: Annotated[list[str], typer.Argument(help="What to look for, each in a word or two.", metavar="TEXT...")],
+    wait: Annotated[bool, typer.Option(help="Wait until a worker has done it, and print what it found.")] = True,
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Search a scene for more names with the configured open-set detector; a running worker does it."""
+    with _service(project) as service:
+        operation = service.look_again(scene, LookAgainIn(tuple(texts)))
+        typer.echo(f"operation {operation.id} is {operation.state}", err=True)
+        shown = ""
+        while wait and not operation.done:
+            time.sleep(_POLL_S)
+            operation = service.get_operation(operation.id)
+            line = f"{operation.stages[-1].stage}: {operation.stages[-1].message}" if operation.stages else ""
+            if line != shown:
+                typer.echo(line, err=True)
+            shown = line
+    if operation.error is not None:
+        hint = operation.error.details.get("hint", "")
+        typer.echo(f"{operation.error.reason}: {operation.error.message}. {hint}".strip(), err=True)
+    if wait and operation.state != "SUCCEEDED":
+        raise typer.Exit(1)
+    if operation.look_again is not None:
+        typer.echo(json.dumps(to_plain(operation.look_again), indent=2, ensure_ascii=False))
 
 
 @things_app.command()

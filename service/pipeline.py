@@ -23,10 +23,8 @@ from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.capture_masks import propose_capture_masks
-from fastsplat.service.perception.class_names import COCO_80, TAGS
 from fastsplat.service.perception.detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
@@ -245,8 +243,8 @@ def assemble_scene(
         labelling: what they were trained on; its dictionary becomes the scene's.
         capture: its cameras and scale become the scene's.
         settings: of all rooms; `settings.training` is what was trained with, and is recorded.
-        quality: figures and facts, ready for JSON, see `scene_quality`; the scene's also has `searched_names`, how many
-            names were looked for, if that is known.
+        quality: figures and facts, ready for JSON, see `scene_quality`; the scene's also has `searched_for`, the names
+            that were looked for, and `searched_names`, how many they are, if that is known.
         progress: hears of the stage "export".
 
     Raises:
@@ -265,7 +263,7 @@ def assemble_scene(
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
         training=settings.training.model_dump(mode="json") if capture.splat is None else {},
-        quality={**quality, **_searched(labelling, settings.perception)},
+        quality={**quality, **_searched(labelling)},
         label_templates=templates,
         evidence=trained.evidence,
         label_mode=trained.label_mode if things is None or labelling.exact else "things",
@@ -273,14 +271,9 @@ def assemble_scene(
     )
 
 
-def _searched(labelling: Labelling, perception: PerceptionSettings) -> dict[str, int]:
-    if labelling.exact:
-        return {"searched_names": len(labelling.dictionary)}
-    if labelling.expected or not labelling.regions:
-        return {}  # names that were nowhere are not in the dictionary; or nobody looked
-    if not perception.open_set_detector:
-        return {"searched_names": len(COCO_80)}  # what every closed-set detector here knows
-    return {"searched_names": len(perception.tags or TAGS)} if perception.prompt_source == "tags" else {}
+def _searched(labelling: Labelling) -> dict[str, Any]:
+    names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
+    return {} if names is None else {"searched_names": len(names), "searched_for": list(names)}
 
 
 def _things(

@@ -20,7 +20,7 @@ from sqlalchemy import make_url
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
 from fastsplat.service.instances.prompt_settings import PromptSettings
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.splat_import.settings import SplatImportSettings
@@ -251,6 +251,7 @@ class Settings(BaseSettings):
     discovery: DiscoverySettings = DiscoverySettings()
     prompts: PromptSettings = PromptSettings()
     splat_import: SplatImportSettings = SplatImportSettings()
+    look_again: LookAgainSettings = LookAgainSettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     uploads: UploadSettings = UploadSettings()

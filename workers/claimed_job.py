@@ -12,13 +12,19 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
 
+from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.job_repository import Claim, FencedError
 from fastsplat.service.store.records import SceneSummary
+from fastsplat.service.store.scene_repository import no_scene
+from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import DatabaseError, ObjectStoreError
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.scenes import Edit
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -71,15 +77,18 @@ def _patient(method: Callable[Concatenate[ClaimedJob, P], T]) -> Callable[Concat
 
 
 class ClaimedJob:
-    """A job and the newest claim of this worker to it.
+    """A job and the newest claim of this worker to it; its scene keeps at most `max_versions`.
 
     Methods that write raise `FencedError` once another worker has claimed the job, or it is over. All but `report` and
     `poll_cancelled` wait for up to ten minutes while the database or the object store does not answer, then raise
     `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim) -> None:
+    def __init__(self, store: Store, claim: Claim, max_versions: int) -> None:
+        self._max_versions = max_versions
         self._jobs = store.jobs
+        self._scenes = store.scenes
+        self._versions = store.versions
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -107,12 +116,34 @@ class ClaimedJob:
         """File of the trainers' stderr."""
         return self._blobs.log(self.id)
 
+    @property
+    def look_again(self) -> LookAgainIn | None:
+        """What a job that looks again looks for; None for one that makes a scene."""
+        request = self.claim.operation.look_again
+        return None if request is None else from_plain(LookAgainIn, dict(request))
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the job's stages, in order."""
+        return STAGES if self.claim.operation.look_again is None else LOOK_AGAIN_STAGES
+
     @_patient
-    def upload(self) -> Path:
-        """Folder of the validated upload, on this machine."""
+    def sources(self) -> tuple[Path, str]:
+        """Folder of the validated upload, on this machine, and ""; of a job that looks again the folder and the name of
+        its scene's current version.
+
+        Raises:
+            NotFoundError: there is no such scene (any more).
+        """
         operation = self.claim.operation
-        folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
-        return folder
+        if operation.look_again is None:
+            folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
+            return folder, ""
+        _, version, _ = self._scenes.current_version(self.scene_id)
+        current = self._blobs.fetch_version(self.scene_id, version)
+        if current is None:
+            raise no_scene(self.scene_id)
+        return current, version
 
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> bool:
         """Write progress. Returns whether the job is to be cancelled, as far as is known: does not wait.
@@ -151,7 +182,7 @@ class ClaimedJob:
     @_patient
     def is_exported(self) -> bool:
         """Whether the last stage's result is on this machine, or published."""
-        return (self.folder / "export").is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.run_id))
+        return (self.folder / self.stages[-1]).is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
     @_patient
     def publish(self) -> SceneSummary:
@@ -176,6 +207,44 @@ class ClaimedJob:
         self._jobs.succeed(self.claim, summary)
 
     @_patient
+    def succeed_with_version(self) -> None:
+        """Publish the version that looking again made, unless an earlier attempt did, and make the operation SUCCEEDED.
+
+        Raises:
+            ConflictError: the scene has another version by now than the one that this was made of.
+            NotFoundError: the scene was deleted.
+            OSError: the disk is full.
+        """
+        version = self.run_id
+        target = self._blobs.fetch_version(self.scene_id, version)
+        if target is None:
+            target = self._blobs.publish(self.folder / self.stages[-1], self.scene_id, version)
+        self._blobs.check_version(target, "summary.json")
+        summary = json.loads((target / "summary.json").read_text())
+        result = {**summary["result"], "version": version}
+        edit = to_plain(Edit("look_again", texts=tuple(result["texts"])))
+        new = NewVersion(
+            self.scene_id,
+            version,
+            summary["parent"],
+            "",
+            "",
+            summary["gaussians"],
+            summary["dictionary"],
+            [edit],
+        )
+        with self._blobs.exclusive(self.scene_id):  # edits of this machine queue
+            self._jobs.succeed_with_version(self.claim, new, result)
+        for old in self._versions.prune(self.scene_id, self._max_versions):
+            self._blobs.drop_version(self.scene_id, old)
+
+    @_patient
+    def drop_result(self) -> None:
+        """Remove the last stage's result, here and where it was published, so that it is made again."""
+        remove(self.folder / self.stages[-1])
+        self._blobs.drop_version(self.scene_id, self.run_id)
+
+    @_patient
     def cancel(self) -> None:
         """Make the operation CANCELLED."""
         self._jobs.cancelled(self.claim)
@@ -195,7 +264,7 @@ class ClaimedJob:
             remove(self.log)
         with suppress(DatabaseError, ObjectStoreError):
             deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
-            if deleted or outcome.state == "done":
+            if self.claim.operation.upload_id and (deleted or outcome.state == "done"):
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted:
                 self._blobs.drop_scene(self.scene_id)

@@ -24,7 +24,6 @@ from typing import Any, NoReturn
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, _workflow_commands
 from sqlalchemy import Engine, event
 
-from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
@@ -141,7 +140,7 @@ def make_scene(operation_id: str, retries: int = 0) -> str:
         worker.running[operation_id] = supervisor
         error = supervisor.start_limit_error()
         outcome = DONE if error is None else failed(error)
-        for stage in STAGES:
+        for stage in supervisor.stages:
             if outcome == DONE:
                 outcome = JobOutcome.from_json(_run_stage(operation_id, stage))
         supervisor.finish(outcome)

@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, Progress, ProgressEvent
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
 
 
@@ -21,10 +22,12 @@ class Job:
     Attributes:
         operation_id: whose job this is.
         attempt: counts the trainers of this job; part of the name of everything unfinished.
-        upload: the admitted upload's folder.
+        upload: the admitted upload's folder; of a job that looks again, the folder of the scene's current version.
         folder: the job's work folder, shared by all attempts.
         options: the user's choices.
         settings: the operator's.
+        look_again: what a job that looks again looks for; None for one that makes a scene.
+        version: for such a job: whose folder `upload` is.
     """
 
     operation_id: str
@@ -33,6 +36,13 @@ class Job:
     folder: Path
     options: SceneOptions
     settings: Settings
+    look_again: LookAgainIn | None = None
+    version: str = ""
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the job's stages, in order."""
+        return STAGES if self.look_again is None else LOOK_AGAIN_STAGES
 
     def result(self, stage: str) -> Path:
         """Folder of a stage's finished result; if it exists, it is complete."""
@@ -48,6 +58,8 @@ class Job:
             "options": to_plain(self.options),
             "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password"}),
             "stages": stages,
+            "look_again": None if self.look_again is None else to_plain(self.look_again),
+            "version": self.version,
         }
         return json.dumps(spec).encode() + b"\n"
 
@@ -62,6 +74,8 @@ def read_job(line: bytes) -> tuple[Job, str]:
         folder=Path(spec["folder"]),
         options=from_plain(SceneOptions, spec["options"]),
         settings=Settings(**spec["settings"]),
+        look_again=None if spec["look_again"] is None else from_plain(LookAgainIn, spec["look_again"]),
+        version=spec["version"],
     )
     return job, spec["stages"]
 
@@ -72,12 +86,14 @@ Stage = Callable[[Job, Path, Progress], None]
 
 @dataclass(frozen=True)
 class Stages:
-    """What a trainer runs, in the order of `STAGES`."""
+    """What a trainer runs: in the order of `STAGES`, or of `LOOK_AGAIN_STAGES`."""
 
     capture: Stage
     perception: Stage
     training: Stage
     export: Stage
+    looking: Stage
+    naming: Stage
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
-"""The four stages of a job as one trainer process runs them: files in, files out, `service.pipeline` in between."""
+"""The stages of a job as one trainer process runs them: files in, files out, `service.pipeline` in between."""
 
 from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,13 @@ import numpy as np
 from fastsplat.service.capture import load_capture
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception import load_labelling, save_labelling
-from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.time_budget import with_tradeoffs
-from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
+from fastsplat.workers.look_again_stages import dictionary_rows, look, name
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder, intact, stage_seconds
 
@@ -60,10 +58,10 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     write_scene(scene, folder / "artefact")
     progress(ProgressEvent("export", 0.7, "writing the PLY file"))
     write_ply(scene.gaussians, folder / "scene.ply")
-    (folder / "summary.json").write_text(json.dumps(_summary(scene, labelling)))
+    (folder / "summary.json").write_text(json.dumps(_summary(scene)))
 
 
-DEFAULT_STAGES = Stages(_capture, _perception, _training, _export)
+DEFAULT_STAGES = Stages(_capture, _perception, _training, _export, look, name)
 
 
 def save_trained(trained: TrainedSplats, folder: Path) -> None:
@@ -97,17 +95,11 @@ def _tradeoffs(job: Job) -> tuple[str, ...]:
     return (*of_perception, *stored_plan(job).tradeoffs)
 
 
-def _summary(scene: Scene, labelling: Labelling) -> dict[str, Any]:
-    classes = label_gaussians(scene).classes
-    counts = np.bincount(classes, minlength=len(scene.dictionary) + 1)
-    rows = [
-        {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
-        for number, entry in enumerate(labelling.dictionary.entries, start=1)
-    ]
+def _summary(scene: Scene) -> dict[str, Any]:
     return {
         "gaussians": len(scene.gaussians),
         "scale": scene.scale,
-        "dictionary": rows,
+        "dictionary": dictionary_rows(scene),
         "cameras": [camera_to_json(posed) for posed in scene.cameras],
         "quality": dict(scene.quality),
     }

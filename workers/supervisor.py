@@ -8,7 +8,6 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.common.progress import STAGES
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store import Store
@@ -18,6 +17,9 @@ from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.trainer_process import TrainerProcess
 from fastsplat_contract.errors import (
+    ConflictError,
+    NotFoundError,
+    NotReadyError,
     ResourceError,
     TrainerCrashedError,
     WorkerCrashedError,
@@ -26,6 +28,8 @@ from fastsplat_contract.errors import (
 logger = logging.getLogger(__name__)
 
 
+_TRIES = 5
+"""A scene that is edited again and again while its new names are written is left alone after so many."""
 _DONE = "done"
 """Message of a stage's row once it is complete."""
 
@@ -40,15 +44,20 @@ class Supervisor:
     def __init__(self, store: Store, settings: Settings, claim: Claim, stages: str, stopping: threading.Event) -> None:
         self._jobs = store.jobs
         self._settings = settings
-        self._job = ClaimedJob(store, claim)
+        self._job = ClaimedJob(store, claim, settings.calls.max_versions)
         self._stages = stages
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
-        self._progress = _StageRows(claim.operation.stages)
+        self._progress = _StageRows(claim.operation.stages, self._job.stages)
         self._written_at = 0.0
         self._checked_at = 0.0
         self._finishing = False
         self._fenced_claim: Claim | None = None
+
+    @property
+    def stages(self) -> Sequence[str]:
+        """Names of the job's stages, in order."""
+        return self._job.stages
 
     def start_limit_error(self) -> Mapping[str, Any] | None:
         """The error of a job that was started too often without progress, as JSON; None if it may run."""
@@ -61,7 +70,8 @@ class Supervisor:
             limit=_start_limit(limit),
             hint="Look into the worker's log for the reason, then retry the operation.",
         )
-        last_stage = next((stage for stage in STAGES if not (self._job.folder / stage).is_dir()), STAGES[-1])
+        stages = self._job.stages
+        last_stage = next((stage for stage in stages if not (self._job.folder / stage).is_dir()), stages[-1])
         return error_to_json(error, last_stage, log=self._log_name())
 
     def run_stage(self, stage: str) -> JobOutcome:
@@ -76,6 +86,8 @@ class Supervisor:
                 trainer = self._trainer or self._start_trainer()
             except OSError as error:
                 return failed(_cannot_start(error, stage))
+            except (NotFoundError, NotReadyError) as error:  # the scene that it looks again at is gone
+                return CANCELLED if self._job.is_cancelled() else failed(error_to_json(error, stage))
             try:
                 event = trainer.next(self._settings.jobs.poll_interval_s)
             except EOFError:
@@ -103,10 +115,10 @@ class Supervisor:
         self._finishing = True
         if outcome == DONE and not self._job.is_exported():
             # The stages were recorded, but on a machine whose folder this one does not see.
-            outcome = self.run_stage("export")
+            outcome = self.run_stage(self._job.stages[-1])
         self.kill()
         if outcome == DONE:
-            outcome = self._succeed()
+            outcome = self._succeed() if self._job.look_again is None else self._succeed_with_version()
         if outcome == CANCELLED:
             self._job.cancel()
         elif outcome.error is not None:
@@ -137,7 +149,8 @@ class Supervisor:
     def _start_trainer(self) -> TrainerProcess:
         job, attempt = self._job, self._job.claim.attempt
         job.folder.mkdir(parents=True, exist_ok=True)
-        spec = Job(job.id, attempt, job.upload(), job.folder, job.options, self._settings)
+        folder, version = job.sources()
+        spec = Job(job.id, attempt, folder, job.folder, job.options, self._settings, job.look_again, version)
         self._trainer = TrainerProcess(spec, self._stages, job.log)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
@@ -166,9 +179,8 @@ class Supervisor:
 
         If there are any, so many starts count from then on.
         """
-        unwritten = [
-            stage for stage in STAGES if (self._job.folder / stage).is_dir() and not self._progress.is_complete(stage)
-        ]
+        complete = [stage for stage in self._job.stages if (self._job.folder / stage).is_dir()]
+        unwritten = [stage for stage in complete if not self._progress.is_complete(stage)]
         if unwritten:
             for stage in unwritten:
                 self._progress.complete(stage)
@@ -202,6 +214,35 @@ class Supervisor:
             return failed(error_to_json(disk_full_error(), "export"))
         return DONE
 
+    def _succeed_with_version(self) -> JobOutcome:
+        """Make what looking again made of the scene its current version; returns how the job ended after all.
+
+        Where the scene was edited meanwhile, the names are put into what it was edited to.
+        """
+        last = self._job.stages[-1]
+        for remaining in reversed(range(_TRIES)):
+            try:
+                self._job.succeed_with_version()
+                return DONE
+            except (FencedError, NotFoundError):
+                if not self._job.is_cancelled():
+                    raise
+                return CANCELLED
+            except ConflictError as error:
+                if not remaining:
+                    return failed(error_to_json(error, last))
+            except OSError as error:
+                if error.errno not in DISK_FULL:
+                    raise
+                return failed(error_to_json(disk_full_error(), last))
+            self._job.drop_result()
+            self._progress.done.discard(last)
+            outcome = self.run_stage(last)
+            self.kill()
+            if outcome != DONE:
+                return outcome
+        raise AssertionError
+
     def _log_name(self) -> str:
         return f"logs/{self._job.id}.log"
 
@@ -209,7 +250,8 @@ class Supervisor:
 class _StageRows:
     """Progress of a job's stages as it is stored with the operation."""
 
-    def __init__(self, rows: Sequence[Mapping[str, Any]]) -> None:
+    def __init__(self, rows: Sequence[Mapping[str, Any]], stages: Sequence[str]) -> None:
+        self._stages = stages
         self._rows = {row["stage"]: dict(row) for row in rows}
         self._started: dict[str, float] = {}
         self.done: set[str] = set()
@@ -217,7 +259,7 @@ class _StageRows:
     @property
     def rows(self) -> Sequence[Mapping[str, Any]]:
         """One row a stage that has begun, in order."""
-        return [self._rows[stage] for stage in STAGES if stage in self._rows]
+        return [self._rows[stage] for stage in self._stages if stage in self._rows]
 
     def is_complete(self, stage: str) -> bool:
         """Whether the stage's end is in its row."""

@@ -40,13 +40,13 @@ def main() -> int:
 
 
 def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
-    from fastsplat.service.common.progress import STAGES, ProgressEvent
+    from fastsplat.service.common.progress import ProgressEvent
     from fastsplat.workers.protocol import Done, Failed
     from fastsplat.workers.results import finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
     stages: Stages | None = None
-    for stage in STAGES:
+    for stage in job.stages:
         if job.result(stage).is_dir():
             send(Done(stage, 0.0))
             continue

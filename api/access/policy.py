@@ -54,6 +54,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "PickThing": (_READ, ("POST /v1/scenes/{scene_id}:pick",)),
     "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
+    "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
     "ListOperations": (_READ, ("GET /v1/operations",)),
     "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),

@@ -18,6 +18,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.keys import KeyIn, LifetimeIn
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -112,6 +113,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
 
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)
+
+    async def LookAgain(self, request: pb.LookAgainRequest, context: Context) -> pb.Operation:  # noqa: N802
+        """Search a scene for more names."""
+        async with guarded(context, "LookAgain"):
+            return await self._message(
+                pb.Operation, lambda: self._service.look_again(request.scene_id, from_proto(LookAgainIn, request))
+            )
 
     async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
         """Go back one version."""

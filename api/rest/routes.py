@@ -17,6 +17,7 @@ from fastsplat.service.application.camera_files import MEDIA_TYPES
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
@@ -145,6 +146,14 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
             request,
             threads.call,
             lambda: service.versions.edit(scene_id, body.edits, body.request_id, body.version),
+        )
+
+    @router.post("/scenes/{scene_id}:lookAgain", status_code=202, response_model=Operation)
+    async def look_again(request: Request, scene_id: str, body: LookAgainIn) -> Response:
+        """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
+        operation = await run_cancellable(request, threads.call, lambda: service.look_again(scene_id, body))
+        return json_response(
+            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)

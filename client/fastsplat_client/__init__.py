@@ -33,6 +33,7 @@ from fastsplat_contract.errors import (
     UnauthenticatedError,
 )
 from fastsplat_contract.keys import AccessKey, NewKey
+from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -64,10 +65,12 @@ __all__ = [
     "DictionaryEntry",
     "Edit",
     "FastSplatError",
+    "FoundName",
     "InsertSource",
     "InvalidInputError",
     "Kind",
     "LimitExceededError",
+    "LookAgainResult",
     "Match",
     "MissingPackageError",
     "NameSuggestion",

@@ -14,6 +14,8 @@ from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.operations import Operation
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, EditIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
@@ -147,6 +149,22 @@ class ThingCalls:
             SceneVersion,
             self._transport.call("POST", f"{scene_path(scene_id)}:edit", json=body, timeout_s=timeout_s),
         )
+
+    def look_again(self, scene_id: str, texts: str | Sequence[str], *, request_id: str = "") -> Operation:
+        """Search a scene for more names with the server's open-set detector; the job is queued, durably, on return.
+
+        Names that people or label maps gave stay. Once it has succeeded, `Operation.look_again` says what was found,
+        and the scene has a new version.
+
+        Args:
+            scene_id: which scene.
+            texts: what to look for, in plain words.
+            request_id: the same id returns the same operation; by default a new one.
+        """
+        body = to_plain(
+            LookAgainIn((texts,) if isinstance(texts, str) else tuple(texts), request_id or uuid.uuid4().hex)
+        )
+        return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:lookAgain", json=body))
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

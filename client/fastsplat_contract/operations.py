@@ -1,4 +1,4 @@
-"""Training jobs: how one is ordered, how far it is, and how it ended."""
+"""Jobs that make a scene or look again at one: how one is ordered, how far it is, and how it ended."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
+
+OperationKind = Literal["create_scene", "look_again"]
+"""What a job does."""
 
 PresetName = Literal["draft", "balanced", "best"]
 
@@ -61,7 +65,12 @@ class SceneOptions(Request):
 class StageProgress(Response):
     """One stage of a job."""
 
-    stage: Annotated[str, Field(description="capture, perception, training or export")]
+    stage: Annotated[
+        str,
+        Field(
+            description="capture, perception, training or export; looking or naming where a scene is looked at again"
+        ),
+    ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
     message: Annotated[str, Field(description="a short line for people")]
     seconds: Annotated[float, Field(description="spent in this stage")]
@@ -81,7 +90,7 @@ class OperationError(Response):
 
 @dataclass(frozen=True)
 class Operation(Response):
-    """One training job (AIP-151), durable from the moment it is returned."""
+    """One job (AIP-151), durable from the moment it is returned."""
 
     id: str
     scene_id: str
@@ -91,6 +100,12 @@ class Operation(Response):
     updated_at: datetime
     stages: Annotated[Many[StageProgress], Field(description="those begun so far, in order")]
     error: Annotated[OperationError | None, Field(description="absent unless it failed")]
+    kind: Annotated[
+        OperationKind, Field(description="create_scene: makes its scene; look_again: makes a version of its scene")
+    ] = "create_scene"
+    look_again: Annotated[
+        LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
+    ] = None
 
 
 @dataclass(frozen=True)

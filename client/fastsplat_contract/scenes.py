@@ -17,8 +17,9 @@ from fastsplat_contract.wire import Many, Request, Response, travels
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
-    "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add"
-]
+    "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
+    "look_again",
+]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
 
@@ -148,7 +149,8 @@ class Edit(Request):
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to"
+            "thing, whatever its Gaussians belonged to. look_again: stands in the versions that looking again has "
+            "made, and is no edit to send"
         ),
     ]
     label: str | None = None
@@ -180,6 +182,7 @@ class Edit(Request):
         ThingPrompt | None,
         Field(description="for split and add: where the piece, or the missing thing, is in a picture"),
     ] = None
+    texts: Annotated[Many[str], Field(description="for look_again: what was looked for")] = ()
 
 
 @dataclass(frozen=True)

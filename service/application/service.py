@@ -13,6 +13,7 @@ from typing import Self
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
@@ -35,6 +36,7 @@ from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList
@@ -168,6 +170,24 @@ class SceneService:
                 self._store.blobs.drop_upload(upload.id)
             return operation_of(record)
 
+    def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
+        """Queue a job that searches a finished scene for more names. Durable once this returns.
+
+        Raises:
+            NotFoundError, NotReadyError: there is no such scene, or it is not ready.
+            ModelUnavailableError: no open-set detector is configured.
+            InvalidInputError, LimitExceededError: texts that cannot be looked for, see `look_again_job`.
+            ConflictError: the request id was used before for another request.
+            QuotaError: as many of the project's jobs wait or run as may.
+        """
+        self._scenes.version(scene_id, "")
+        job = look_again_job(scene_id, request, self.project, self._settings)
+        earlier = self._store.scenes.find_request(job.request_id, job.request_digest, self.project)
+        if earlier is not None:
+            return operation_of(earlier)
+        self._quotas.check_retry(self.project)
+        return operation_of(self._store.scenes.add_job(job))
+
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.
 
@@ -197,9 +217,9 @@ class SceneService:
             QuotaError: as many of the project's jobs wait or run as may.
         """
         record = self._store.scenes.operation(operation_id)
-        if record.state in ("FAILED", "CANCELLED") and record.upload_id not in self._store.blobs.ids("uploads"):
-            raise no_upload(operation_id)
         if record.state in ("FAILED", "CANCELLED"):
+            if record.look_again is None and record.upload_id not in self._store.blobs.ids("uploads"):
+                raise no_upload(operation_id)
             self._quotas.check_retry(self.project)
         ended_since = time.time() - self._settings.uploads.failed_retention_s
         return operation_of(self._store.jobs.retry(operation_id, ended_since))
@@ -306,8 +326,10 @@ def _check_labels(labels: Sequence[str], settings: Settings) -> None:
     from fastsplat.service.perception.capture_detection import (
         check_labels_known,  # onnxruntime loads with the first upload that names something
     )
+    from fastsplat.service.perception.detectors import check_texts_known
 
     check_labels_known(labels, settings.perception)
+    check_texts_known(labels, settings.perception, settings.models, field="labels")
 
 
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import OperationRecord, SceneRecord
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
 from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
 
@@ -26,6 +28,8 @@ def operation_of(record: OperationRecord) -> Operation:
         updated_at=_time(record.updated_at),
         stages=tuple(_stage_of(stage) for stage in record.stages),
         error=None if error is None else OperationError(**error),
+        kind="create_scene" if record.look_again is None else "look_again",
+        look_again=None if record.result is None else from_plain(LookAgainResult, dict(record.result)),
     )
 
 

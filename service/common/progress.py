@@ -11,7 +11,7 @@ class ProgressEvent:
     """The progress of one stage at one moment.
 
     Attributes:
-        stage: one of `STAGES`.
+        stage: one of `STAGES` or `LOOK_AGAIN_STAGES`.
         fraction: share of this stage that is done, 0..1.
         message: a short line for people, e.g. "matching image pairs 120/276".
         metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left).
@@ -25,6 +25,9 @@ class ProgressEvent:
 
 STAGES = ("capture", "perception", "training", "export")
 """The stages of a training job, in order."""
+
+LOOK_AGAIN_STAGES = ("looking", "naming")
+"""The stages of a job that looks again at a finished scene, in order."""
 
 Progress = Callable[[ProgressEvent], None]
 """Receives events; may raise `CancelledError` to stop the work at a safe point."""

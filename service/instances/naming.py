@@ -16,11 +16,13 @@ from fastsplat.service.splatting.region_groups import LiftedRegions
 
 F64 = NDArray[np.float64]
 
-_SEEN_PX = 0.05
-_MOST_SEEN = 0.5
+SEEN_PX = 0.05
+"""Weight from which a view sees a Gaussian."""
+MOST_SEEN = 0.5
 """Share of a thing that a view must see for its silence to count."""
 _SUGGESTIONS = 3
-_LEAST_SUGGESTED = 0.05
+LEAST_SUGGESTED = 0.05
+"""Less probable names are not worth a suggestion."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,22 @@ class NameVotes:
     Attributes:
         scores: float64 [T, N + 1]: sum over views of the score that a label got for a thing, 0..1 a view.
         able: float64 [T]: number of views that see most of the thing, and so could have named it.
+        unmatched: number of regions with votes that are no thing's.
+        voted: float64 [T]: number of views in which a region with votes is the thing, seen in part or whole.
     """
 
     scores: F64
     able: F64
+    unmatched: int = 0
+    voted: F64 | None = None
+
+    @property
+    def probability(self) -> F64:
+        """float64 [T, N + 1], 0..1: the mean score of each label over the views that could have named the thing, the
+        views that are silent counting as 0; [:, 0] is 0."""
+        mean = np.minimum(self.scores / np.maximum(self.able, 1)[:, None], 1.0)
+        mean[:, 0] = 0
+        return mean
 
 
 def count_votes(
@@ -56,11 +70,11 @@ def count_votes(
     owner = place[thing_rows(things)]
     count = len(things.table)
     whole = np.bincount(owner, minlength=count + 1)[1:]
-    scores, able = np.zeros((count, labels + 1)), np.zeros(count)
+    scores, able, voted, unmatched = np.zeros((count, labels + 1)), np.zeros(count), np.zeros(count), 0
     for view, own in zip(lifted, regions, strict=True):
-        sees = view.pixels > _SEEN_PX
+        sees = view.pixels > SEEN_PX
         visible = np.bincount(owner[sees], minlength=count + 1)[1:]
-        able += visible > _MOST_SEEN * np.maximum(whole, 1)
+        able += visible > MOST_SEEN * np.maximum(whole, 1)
         best = np.zeros((count, labels + 1))
         for region in range(len(view)):
             rows = view.rows[view.starts[region] : view.starts[region + 1]]
@@ -70,8 +84,11 @@ def count_votes(
             if count and overlap[thing] >= min_overlap:
                 for label, score in own.votes[region]:
                     best[thing, label] = max(best[thing, label], score)
+            elif own.votes[region]:
+                unmatched += 1
         scores += best
-    return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)))
+        voted += best.any(axis=1)
+    return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched, voted)
 
 
 def name_things(
@@ -79,9 +96,8 @@ def name_things(
 ) -> Things:
     """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
 
-    A name's probability is its mean score over the views that could have named the thing, the views that are silent
-    counting as 0. It is stated from `name_probability`, and if no other has more than `name_rivals` of it; otherwise it
-    is suggested.
+    How probable a name is says `NameVotes.probability`. It is stated from `name_probability`, and if no other has more
+    than `name_rivals` of it; otherwise it is suggested.
 
     Args:
         things: T of them.
@@ -90,18 +106,16 @@ def name_things(
         source: who votes.
         settings: the bounds.
     """
-    probability = np.minimum(votes.scores / np.maximum(votes.able, 1)[:, None], 1.0)
-    probability[:, 0] = 0
     table = tuple(
         thing if thing.source == "person" else _named(thing, row, names, source, settings)
-        for thing, row in zip(things.table, probability, strict=True)
+        for thing, row in zip(things.table, votes.probability, strict=True)
     )
     return replace(things, table=table)
 
 
 def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource, settings: DiscoverySettings) -> Thing:
     order = np.argsort(-row, kind="stable")
-    order = order[row[order] >= _LEAST_SUGGESTED][:_SUGGESTIONS]
+    order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
     suggestions = tuple((names[label - 1], float(row[label])) for label in order)
     if not suggestions:
         return replace(thing, name="", source=None, probability=0.0, suggestions=())

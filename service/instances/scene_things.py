@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.instances.discovery import OnView, discover_things
 from fastsplat.service.instances.lifting import lift_regions_of
-from fastsplat.service.instances.naming import count_votes, name_things
+from fastsplat.service.instances.naming import NameVotes, count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
@@ -52,14 +52,37 @@ def find_scene_things(
         return things
     regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
     used = [(view, own) for view, own in zip(capture.views, regions, strict=True) if own.votes]
-    votes = count_votes(
+    votes = votes_of_views(things, gaussians, used, len(names), settings, backend=backend)
+    return name_things(things, votes, names, "given" if labelling.exact else "detected", settings)
+
+
+@torch.no_grad()
+def votes_of_views(
+    things: Things,
+    gaussians: Gaussians,
+    used: Sequence[tuple[View, Regions]],
+    labels: int,
+    settings: DiscoverySettings,
+    *,
+    backend: Backend = "cpu",
+) -> NameVotes:
+    """What the regions of views call the things of a scene, see `count_votes`.
+
+    Args:
+        things: of the Gaussians.
+        gaussians: G of them.
+        used: the views that were looked at, and what was found in each, which may be nothing.
+        labels: number of names that regions vote for.
+        settings: see `DiscoverySettings`.
+        backend: which rasterizer.
+    """
+    return count_votes(
         things,
         _lifted(gaussians, used, settings, backend),
-        [own for _, own in used],
-        len(names),
+        [regions for _, regions in used],
+        labels,
         min_overlap=settings.name_overlap,
     )
-    return name_things(things, votes, names, "given" if labelling.exact else "detected", settings)
 
 
 def regions_of_label_map(label_map: NDArray[np.uint16]) -> Regions:

@@ -59,3 +59,22 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     def proposes(self, *, given_labels: bool) -> bool:
         """Whether masks without names are proposed in a capture's views, which may come with label maps."""
         return self.things == "on" or (self.things == "auto" and not given_labels)
+
+
+class LookAgainSettings(SettingGroup, section="look_again"):
+    """How a finished scene is looked at again for more names."""
+
+    views: int = Field(8, ge=1)
+    """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
+    candidates: int = Field(60, ge=1)
+    """Of so many of the scene's cameras, evenly spread, these views are chosen; each costs one rasterization."""
+    picture_side: int = Field(1024, ge=64)
+    """Pixels of the longer side of the pictures that are rendered, never more than the camera has."""
+    closer_views: int = Field(4, ge=0)
+    """Of these views, for each thing, so many that show it best are looked at around the thing alone; 0: none. Small
+    things are found by this."""
+    closer_side: int = Field(640, ge=64)
+    """Pixels of the longer side of such a picture, never more than the camera has there."""
+    name_probability: float = Field(0.45, ge=0, le=1)
+    """A text is stated as a thing's name from this mean score over the pictures that show the thing; below, it is a
+    suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""

@@ -12,6 +12,7 @@ from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detection_voting import merge_spellings, resolve_detections
 from fastsplat.service.perception.detectors import closed_set_labels, open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.tagging import propose_texts
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
 
@@ -27,11 +28,13 @@ OnView = Callable[[int, str], None]
 
 def detect_views(
     load: LoadImage, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, on_view: OnView
-) -> list[Detections]:
-    """Raw detections of every view, scoring the settings' floor at least, with one name for each class.
+) -> tuple[list[Detections], tuple[str, ...]]:
+    """Raw detections of every view, scoring the settings' floor at least, with one name for each class; and the names
+    that were looked for.
 
-    With an open-set detector: prompted by the user's labels, else by what `settings.prompt_source` says. Without: what
-    the closed-set detector detects, of the user's labels only if there are any.
+    With an open-set detector: prompted by the user's labels, else by what the tagger proposes, else by what
+    `settings.prompt_source` says. Without: what the closed-set detector detects, of the user's labels only if there are
+    any.
 
     Args:
         load: loads the image of a view.
@@ -49,17 +52,21 @@ def detect_views(
     if not settings.open_set_detector:
         check_labels_known(names, settings)
         closed = open_closed_set_detector(settings, models)
-        return _closed_set_pass(closed, load, count, names, settings, on_view)
+        return _closed_set_pass(closed, load, count, names, settings, on_view), tuple(names) or closed.labels
     prompts = names or _prompts(load, count, settings, models, on_view)
     detector = open_open_set_detector(settings, models)
     detections = []
     for view in range(count):
         detections.append(detector.detect(load(view), prompts, settings.open_score_floor))
         on_view(view + 1, f"looking for {len(prompts)} classes of objects, view {view + 1}/{count}")
-    return merge_spellings(detections, prompts)
+    return merge_spellings(detections, prompts), tuple(prompts)
 
 
 def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: Path, on_view: OnView) -> list[str]:
+    if settings.tagger:
+        texts = propose_texts(load, spread(count, settings.tagger_views), settings, models, on_view)
+        if texts:
+            return texts
     if settings.prompt_source == "closed_set":
         closed = open_closed_set_detector(settings, models)
         detections = _closed_set_pass(closed, load, count, [], settings, on_view)
@@ -114,6 +121,13 @@ def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float
             whole = np.flatnonzero(~cut.any(1))
             parts.append(Detections(boxes, detections.scores, detections.labels).take(whole))
     return joined(parts)
+
+
+def spread(total: int, limit: int) -> list[int]:
+    """Positions of at most `limit` of `total` views, evenly spread, first and last included; 0: all."""
+    if not limit or limit >= total:
+        return list(range(total))
+    return sorted({round(position) for position in np.linspace(0, total - 1, limit)})
 
 
 def check_labels_known(names: Sequence[str], settings: PerceptionSettings) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import View
-from fastsplat.service.perception.capture_detection import detect_closed_set
+from fastsplat.service.perception.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.detectors import open_closed_set_detector
 from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
 from fastsplat.service.perception.segmenters import open_segmenter
@@ -51,10 +49,3 @@ def propose_view_masks(
         masks[position] = propose_masks(segmenter, embedding, answer, (image.shape[0], image.shape[1]), settings)
         on_view(done, len(positions))
     return tuple(masks)
-
-
-def spread(total: int, limit: int) -> list[int]:
-    """Positions of at most `limit` of `total` views, evenly spread, first and last included; 0: all."""
-    if not limit or limit >= total:
-        return list(range(total))
-    return sorted({round(position) for position in np.linspace(0, total - 1, limit)})

@@ -13,8 +13,7 @@ from PIL import Image as PillowImage
 from fastsplat.service.capture import load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.capture_detection import detect_views
-from fastsplat.service.perception.capture_masks import spread
+from fastsplat.service.perception.capture_detection import detect_views, spread
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps, upsampled
 from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
@@ -93,7 +92,7 @@ def label_capture(
     def on_view(done: int, message: str) -> None:
         progress(ProgressEvent("perception", _DETECTION_SHARE * done / len(positions), message))
 
-    detections = detect_views(load, len(positions), labels, settings, models, on_view)
+    detections, searched = detect_views(load, len(positions), labels, settings, models, on_view)
     resolved = _resolve(detections, bool(labels), settings, models)
     maps = [_blank(view) for view in capture.views]
     regions = [Regions(blank, ()) for blank in maps]
@@ -131,7 +130,7 @@ def label_capture(
         regions=regions,
         expected=bool(labels),
     )
-    return replace(labelling, masks=tuple(proposed))
+    return replace(labelling, masks=tuple(proposed), searched=searched)
 
 
 def _resolve(

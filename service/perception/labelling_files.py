@@ -50,6 +50,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
                 "exact": labelling.exact,
                 "expected": labelling.expected,
                 "votes": [view.votes for view in labelling.regions],
+                "searched": labelling.searched,
                 "masks": [own is not None for own in labelling.masks],
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
@@ -109,9 +110,11 @@ def load_labelling(directory: Path) -> Labelling:
         )
         if len(masks) not in (0, len(maps)):
             raise ValueError(f"masks of {len(masks)} views for {len(maps)} label maps")
+        names = index.get("searched")  # the first releases wrote none
+        searched = None if names is None else tuple(str(name) for name in names)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1], masks)
+    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1], masks, searched)
 
 
 def _masks_name(number: int) -> str:

@@ -26,6 +26,16 @@ class PerceptionSettings(BaseModel):
     """Text encoder for an open-set detector that is prompted by embeddings (YOLO-World); must share its space."""
     segmenter: str = "mobile_sam"
     """Turns boxes into masks."""
+    tagger: str = ""
+    """Proposes what an open-set detector looks for when the user names nothing: the tags that the views agree on
+    (`min_view_share`, `min_views`). Empty, or where it proposes nothing: `prompt_source` says. See
+    `fastsplat.service.perception.tagging` for the files that it needs."""
+    tagger_threshold: float = Field(0.68, ge=0, le=1)
+    """A view shows a tag from this probability on, where the tagger brings no thresholds of its own. RAM's default."""
+    tagger_views: int = Field(16, ge=0)
+    """Views that are tagged, evenly spread; 0: all."""
+    tagger_texts: int = Field(100, ge=1)
+    """Tags that become texts, at most; those in most views first."""
     threads: int = Field(0, ge=0)
     """Threads of one model run; 0 lets onnxruntime take all cores."""
 

@@ -86,6 +86,7 @@ class Labelling:
         regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
         expected: the names were asked for, so each is expected to be somewhere.
         masks: one per view, its masks without names, None where nobody looked for any; empty where nobody did at all.
+        searched: the names that a detector looked for; None where that is not known, or none did.
     """
 
     dictionary: Dictionary
@@ -94,6 +95,7 @@ class Labelling:
     regions: tuple[Regions, ...] = ()
     expected: bool = False
     masks: tuple[ViewMasks | None, ...] = ()
+    searched: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         assert len(self.regions) in (0, len(self.label_maps))

@@ -65,6 +65,7 @@ class Edit:
         name, aliases: for `name`, see `edit_things`.
         source: for `insert`, where the things come from; None otherwise.
         prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
+        texts: of versions that looking again made; none for an edit.
     """
 
     action: EditAction
@@ -77,6 +78,7 @@ class Edit:
     aliases: tuple[str, ...] = ()
     source: InsertSource | None = None
     prompt: ThingPrompt | None = None
+    texts: tuple[str, ...] = ()
 
 
 def apply_edit(
@@ -119,6 +121,12 @@ def apply_edit(
         "move": _move,
         "duplicate": _duplicate,
     }
+    if edit.action == "look_again" or edit.texts:
+        raise InvalidInputError(
+            "looking again at a scene is no edit",
+            field="action" if edit.action == "look_again" else "texts",
+            hint="It is a call of its own, LookAgain, and makes an operation.",
+        )
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
         return edit_things(index, edit, seen, before or index.things.table)
@@ -132,7 +140,7 @@ def apply_edit(
         return insert_things(index, source, edit)
     if edit.action not in actions:
         raise InvalidInputError(
-            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction))}."
+            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-1])}."
         )
     rows = edited_rows(index, edit)
     count = len(index.scene.gaussians) + len(rows)

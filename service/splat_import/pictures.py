@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture import load_capture
@@ -18,7 +20,7 @@ from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.types import Gaussians
-from fastsplat.service.splat_import.bulk import F64, find_bulk
+from fastsplat.service.splat_import.bulk import find_bulk
 from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
@@ -73,7 +75,14 @@ def render_views(
         poses = choose_viewpoints(
             gaussians, bulk, upward, settings.pictures, settings.field_of_view_deg, on_trial, backend=backend
         )
-        views = _render(gaussians, poses, partial, settings, progress, backend)
+        camera = trial_camera(settings.field_of_view_deg, settings.picture_side)
+        cameras = [PosedCamera(camera, pose, f"picture-{number:03d}.png") for number, pose in enumerate(poses)]
+
+        def on_picture(done: int) -> None:
+            fraction = _SEARCH + (1 - _SEARCH) * done / len(poses)
+            progress(ProgressEvent(_STAGE, fraction, f"pictures {done}/{len(poses)}"))
+
+        views = render_pictures(Painter(gaussians, backend).picture, cameras, partial, on_picture)
         report = CaptureReport(
             source="splat",
             images=len(views),
@@ -87,39 +96,62 @@ def render_views(
     return load_capture(out_dir)
 
 
-def _render(
-    gaussians: Gaussians,
-    poses: list[F64],
+Paint = Callable[[PosedCamera], tuple[NDArray[np.uint8], NDArray[np.bool_]]]
+"""Makes the picture of a camera, see `Painter.picture`."""
+
+
+class Painter:
+    """Pictures of Gaussians, on black; what they share is made once."""
+
+    def __init__(self, gaussians: Gaussians, backend: Backend = "cpu") -> None:
+        self._backend: Backend = backend
+        self._splats = splats_of(gaussians, device=device_of(backend))
+        self._sh = torch.tensor(gaussians.sh, device=self._splats.means.device)
+        self._degree = gaussians.sh_degree
+
+    @torch.no_grad()
+    def picture(self, posed: PosedCamera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """uint8 [H, W, 3], and bool [H, W]: where enough is seen for the pixel to have content."""
+        pose, means = posed.world_from_camera, self._splats.means
+        position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(means.device)
+        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(means.device)
+        colors = sh_to_rgb(means, self._sh, position, self._degree, backend=self._backend)
+        rendering = rasterize(replace(self._splats, features=colors), viewmat, posed.camera, backend=self._backend)
+        pixels = (rendering.image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        return pixels, rendering.alpha.cpu().numpy() >= _COVERED
+
+
+def render_pictures(
+    paint: Paint,
+    cameras: Sequence[PosedCamera],
     folder: Path,
-    settings: SplatImportSettings,
-    progress: Progress,
-    backend: Backend,
+    on_picture: Callable[[int], None] = lambda done: None,
 ) -> tuple[View, ...]:
+    """Pictures as views of a capture: `images/` and `masks/` in `folder`. Pixels in which little is seen are marked as
+    having no content.
+
+    Args:
+        paint: makes them, see `Painter.picture`.
+        cameras: the picture's size is the camera's, its view's name the camera's.
+        folder: where the two folders are made.
+        on_picture: called before each picture with how many there are; may raise `CancelledError`.
+    """
     (folder / "images").mkdir()
     (folder / "masks").mkdir()
-    splats = splats_of(gaussians, device=device_of(backend))
-    sh = torch.tensor(gaussians.sh, device=splats.means.device)
-    camera = trial_camera(settings.field_of_view_deg, settings.picture_side)
     views = []
-    for index, pose in enumerate(poses):
-        progress(ProgressEvent(_STAGE, _SEARCH + (1 - _SEARCH) * index / len(poses), f"pictures {index}/{len(poses)}"))
-        position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(splats.means.device)
-        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(splats.means.device)
-        colors = sh_to_rgb(splats.means, sh, position, gaussians.sh_degree, backend=backend)
-        shown = replace(splats, features=colors)
-        rendering = rasterize(shown, viewmat, camera, backend=backend)
-        pixels = (rendering.image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
-        covered = rendering.alpha.cpu().numpy() >= _COVERED
+    for index, posed in enumerate(cameras):
+        on_picture(index)
+        pixels, covered = paint(posed)
         image_path, valid_path = folder / "images" / f"{index:05d}.png", None
         save_rgb(pixels, image_path)
         if not covered.all():
             valid_path = folder / "masks" / f"{index:05d}.png"
             Image.fromarray(covered.astype(np.uint8) * 255).save(valid_path)
-        views.append(View(PosedCamera(camera, pose, f"picture-{index:03d}.png"), image_path, valid_path))
+        views.append(View(posed, image_path, valid_path))
     return tuple(views)
 
 
-def _up_warning(up: F64) -> str:
+def _up_warning(up: NDArray[np.float64]) -> str:
     numbers = ", ".join(f"{value:.2f}" for value in up)
     return (
         f"Up is not known in a splat; it was estimated as ({numbers}). If the pictures of the views are tilted or "

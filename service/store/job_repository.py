@@ -12,9 +12,10 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.records import OperationRecord, SceneSummary
+from fastsplat.service.store.records import RESULT, OperationRecord, SceneSummary
 from fastsplat.service.store.scene_repository import as_operation, no_operation
 from fastsplat.service.store.schema import operations, scenes, workers
+from fastsplat.service.store.version_repository import NewVersion, publish_within
 from fastsplat_contract.errors import NotFoundError
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
@@ -180,6 +181,20 @@ class JobRepository:
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(values)
             _execute_fenced(connection, claim, ready)
 
+    def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> None:
+        """Make a version current and end the operation, which looked again, as SUCCEEDED with its result; both at once.
+
+        Raises:
+            FencedError: as `report`; also when a cancellation came first.
+            ConflictError: the scene has another current version by now.
+            NotFoundError: the scene was deleted.
+        """
+        with self._writing() as connection:
+            done = _fenced(claim).where(operations.c.cancel_requested.is_(False))
+            options = {**claim.operation.options, RESULT: dict(result)}
+            _execute_fenced(connection, claim, done.values(state="SUCCEEDED", options=options, updated_at=time.time()))
+            publish_within(connection, new)
+
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
         """End the operation as FAILED with its durable reason.
 
@@ -217,11 +232,13 @@ class JobRepository:
             record = as_operation(row)
             if record.state not in _RETRIED:
                 return record
-            values = {"state": "TRAINING"}
-            if not connection.execute(update(scenes).where(scenes.c.id == record.scene_id).values(values)).rowcount:
+            scene = scenes.c.id == record.scene_id
+            if connection.scalar(select(scenes.c.id).where(scene)) is None:
                 raise NotFoundError(f"the scene of operation {operation_id!r} was deleted", field="operation")
-            if record.updated_at < ended_since:
-                raise no_upload(operation_id)
+            if record.look_again is None:
+                connection.execute(update(scenes).where(scene).values(state="TRAINING"))
+                if record.updated_at < ended_since:
+                    raise no_upload(operation_id)
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
                 "enqueued": False, "options": {**record.options, "retries": record.retries + 1},

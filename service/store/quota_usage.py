@@ -55,6 +55,6 @@ def _usage(connection: Connection, project: str) -> Usage:
     owned = quota_usage.join(scenes, scenes.c.id == quota_usage.c.scene_id)
     counted = select(func.count(), func.coalesce(func.sum(quota_usage.c.bytes), 0)).select_from(owned)
     count, size = connection.execute(counted.where(scenes.c.project == project)).one()
-    waiting = select(func.count()).select_from(owned.join(operations, operations.c.id == scenes.c.operation_id))
+    waiting = select(func.count()).select_from(operations.join(scenes, operations.c.scene_id == scenes.c.id))
     jobs = connection.scalar(waiting.where(scenes.c.project == project, operations.c.state.in_(("QUEUED", "RUNNING"))))
     return Usage(int(count), int(size), int(jobs or 0))

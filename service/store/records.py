@@ -12,6 +12,9 @@ from fastsplat_contract.scenes import Scale, SceneState
 DEFAULT_PROJECT = "default"
 """The project of those who name none; every database has it."""
 
+LOOK_AGAIN, RESULT = "look_again", "result"
+"""Keys of `OperationRecord.options` that only jobs that look again have."""
+
 
 @dataclass(frozen=True)
 class SceneRecord:
@@ -33,9 +36,9 @@ class SceneRecord:
 
 @dataclass(frozen=True)
 class OperationRecord:
-    """One training job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token.
+    """One job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token.
 
-    Higher priorities run first.
+    Higher priorities run first. A job that looks again at a scene has no upload; `options` say what it looks for.
     """
 
     id: str
@@ -58,6 +61,18 @@ class OperationRecord:
     def retries(self) -> int:
         """How often the job was queued again after it had failed or was cancelled."""
         return int(self.options.get("retries", 0))
+
+    @property
+    def look_again(self) -> Mapping[str, Any] | None:
+        """What a job that looks again looks for, as JSON; None for one that makes a scene."""
+        request: Mapping[str, Any] | None = self.options.get(LOOK_AGAIN)
+        return request
+
+    @property
+    def result(self) -> Mapping[str, Any] | None:
+        """What a job that looked again has found, as JSON; None as long as there is nothing."""
+        found: Mapping[str, Any] | None = self.options.get(RESULT)
+        return found
 
     @property
     def run_id(self) -> str:

@@ -55,15 +55,9 @@ class SceneRepository:
             "id": job.scene_id, "name": job.name, "operation_id": job.operation_id, "state": "TRAINING",
             "created_at": now, "dictionary": [], "cameras": [], "quality": {}, "project": job.project,
         }  # fmt: skip
-        operation: dict[str, Any] = {
-            "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
-            "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
-            "options": dict(job.options), "priority": job.priority,
-            "stages": [], "created_at": now, "updated_at": now, "project": job.project,
-        }  # fmt: skip
         try:
             with self._writing() as connection:
-                connection.execute(insert(operations).values(operation))
+                connection.execute(insert(operations).values(_queued(job)))
                 connection.execute(insert(scenes).values(scene))
                 within(connection)
                 return self._operation(connection, job.operation_id), True
@@ -72,6 +66,26 @@ class SceneRepository:
             if earlier is None:
                 raise
             return earlier, False
+
+    def add_job(self, job: NewJob) -> OperationRecord:
+        """Make a queued operation on a scene that exists, or return the one that this request id made before.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            ConflictError: the request id was used for another request.
+        """
+        try:
+            with self._writing() as connection:
+                here = select(scenes.c.id).where(scenes.c.id == job.scene_id, *self._within(scenes))
+                if connection.scalar(here) is None:
+                    raise no_scene(job.scene_id)
+                connection.execute(insert(operations).values(_queued(job)))
+                return self._operation(connection, job.operation_id)
+        except IntegrityError:
+            earlier = self.find_request(job.request_id, job.request_digest, job.project)
+            if earlier is None:
+                raise
+            return earlier
 
     def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
         """The operation that this request id made before in a project, or None.
@@ -176,10 +190,10 @@ class SceneRepository:
             return self._operation(connection, operation_id)
 
     def delete_scene(self, scene_id: str) -> OperationRecord:
-        """Delete a scene and stop its operation; the request id becomes free again.
+        """Delete a scene and stop its operations; their request ids become free again.
 
         Returns:
-            The operation as it now is: while RUNNING, its worker cleans up.
+            The operation that made it as it now is: while RUNNING, its worker cleans up.
 
         Raises:
             NotFoundError: there is none of that id.
@@ -188,8 +202,9 @@ class SceneRepository:
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
-            _stop(connection, self._operation(connection, record.operation_id))
-            here = operations.c.id == record.operation_id
+            here = operations.c.scene_id == scene_id
+            for row in connection.execute(select(operations).where(here)).mappings().all():
+                _stop(connection, as_operation(row))
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
             return self._operation(connection, record.operation_id)
 
@@ -202,6 +217,16 @@ class SceneRepository:
         if row is None:
             raise no_operation(operation_id)
         return as_operation(row)
+
+
+def _queued(job: NewJob) -> dict[str, Any]:
+    now = time.time()
+    return {
+        "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
+        "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
+        "options": dict(job.options), "priority": job.priority,
+        "stages": [], "created_at": now, "updated_at": now, "project": job.project,
+    }  # fmt: skip
 
 
 def no_operation(operation_id: str) -> NotFoundError:

@@ -110,16 +110,7 @@ class VersionRepository:
 
     def _publish(self, new: NewVersion) -> None:
         with self._writing() as connection:
-            scene = _ready(connection, new.scene_id, expected=new.parent)
-            count = connection.scalar(
-                select(func.count()).select_from(scene_versions).where(scene_versions.c.scene_id == new.scene_id)
-            )
-            if not count:
-                first = vars(_trained(scene))
-                connection.execute(insert(scene_versions).values(first))
-            values = {**vars(new), "request_id": new.request_id or None, "number": (count or 1) + 1}
-            connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
-            _point(connection, new.scene_id, new)
+            publish_within(connection, new)
 
     def prune(self, scene_id: str, limit: int) -> Sequence[str]:
         """Delete the rows of versions beyond `limit`; returns their names, whose folders are the caller's to remove.
@@ -167,6 +158,25 @@ class VersionRepository:
         """Remove the versions of a scene that is gone."""
         with self._writing() as connection:
             connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+
+
+def publish_within(connection: Connection, new: NewVersion) -> None:
+    """As `VersionRepository.publish`, as a part of somebody's transaction.
+
+    Raises:
+        ConflictError: the scene has another current version by now.
+        NotFoundError: the scene was deleted.
+    """
+    scene = _ready(connection, new.scene_id, expected=new.parent)
+    count = connection.scalar(
+        select(func.count()).select_from(scene_versions).where(scene_versions.c.scene_id == new.scene_id)
+    )
+    if not count:
+        first = vars(_trained(scene))
+        connection.execute(insert(scene_versions).values(first))
+    values = {**vars(new), "request_id": new.request_id or None, "number": (count or 1) + 1}
+    connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
+    _point(connection, new.scene_id, new)
 
 
 def _lineage(records: Mapping[str, VersionRecord], version: str) -> frozenset[str]:

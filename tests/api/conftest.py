@@ -34,7 +34,7 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         metrics_port=0,
         auth="off",
         perception=PerceptionSettings(
-            text_encoder=ENCODER, open_set_detector="any", segmenter=ADAPTER
+            text_encoder=ENCODER, open_set_detector="grounding_dino_tiny", segmenter=ADAPTER
         ),  # never opened: nothing is trained
         capture=CaptureSettings(max_upload_bytes=MAX_UPLOAD_BYTES),
         query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),

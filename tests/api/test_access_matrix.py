@@ -50,6 +50,7 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:pick": {"json": {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
+    "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
     "POST /v1/keys": {"json": {"name": "new"}},
     "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},

@@ -80,6 +80,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("CreateSceneHeader", "name"),  # beside the options
     ("CreateSceneHeader", "request_id"),
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
+    ("LookAgainRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
     ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),

@@ -153,9 +153,10 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
     assert "for 1 classes" in prompts(photo, ["banana", "Bananas"], settings)
     assert "for 2 classes" in prompts(grey, [], settings)
     tagged = settings.model_copy(update={"prompt_source": "tags"})
-    found = detect_views(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
+    found, searched = detect_views(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
+    assert searched == ("headset", "can opener")
     assert "headset" in found[0].labels and set(found[0].labels) <= {"headset", "can opener"}
-    closed_finds = detect_views(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
+    closed_finds, _ = detect_views(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
     assert "banana" in closed_finds[0].labels and "headset" not in closed_finds[0].labels
 
 

@@ -1,4 +1,4 @@
-"""Stages that take their orders from the job's labels, for tests of everything around them.
+"""Stages that take their orders from the job's labels, or from what it looks for, for tests of everything around them.
 
 "training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only,
 "capture:kill" and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker,
@@ -17,24 +17,28 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import ReconstructionError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.look_again_messages import LookAgainResult
 
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:
     with (job.settings.data_dir / "visits.txt").open("a") as visits:
         visits.write(f"{stage} {job.operation_id} {job.attempt} {os.getpid()}\n")
     progress(ProgressEvent(stage, 0.25, "at work", {"attempt": float(job.attempt)}))
-    for order in job.options.labels:
-        where, what = order.split(":")
+    for order in job.options.labels if job.look_again is None else job.look_again.texts:
+        where, _, what = order.partition(":")
         if where != stage:
             continue
         name, _, value = what.partition(" ")
@@ -112,4 +116,28 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(summary))
 
 
-FAKES = Stages(_capture, _perception, _training, _export)
+def _looking(job: Job, folder: Path, progress: Progress) -> None:
+    _obey(job, "looking", progress)
+    (folder / "looked_at.txt").write_text(job.version)
+
+
+def _naming(job: Job, folder: Path, progress: Progress) -> None:
+    """Another scene of the same Gaussians, whose first label is what was looked for."""
+    from fastsplat.service.scene import read_scene
+    from tests.scenes import write_version
+
+    _obey(job, "naming", progress)
+    scene = read_scene(job.upload / "artefact")
+    assert job.look_again is not None
+    entries = (replace(scene.dictionary.entries[0], label=job.look_again.texts[0]), *scene.dictionary.entries[1:])
+    write_version(replace(scene, dictionary=Dictionary(entries)), folder)
+    result = LookAgainResult("", job.look_again.texts, ("a.png",), True, (), (), 0, 0)
+    rows = [
+        {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
+        for n, e in enumerate(entries, start=1)
+    ]
+    summary = {"parent": job.version, "gaussians": len(scene.gaussians), "dictionary": rows, "result": to_plain(result)}
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+FAKES = Stages(_capture, _perception, _training, _export, _looking, _naming)

@@ -142,6 +142,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_INSERT: _EditAction.ValueType  # 9
     EDIT_ACTION_SPLIT: _EditAction.ValueType  # 10
     EDIT_ACTION_ADD: _EditAction.ValueType  # 11
+    EDIT_ACTION_LOOK_AGAIN: _EditAction.ValueType  # 12
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -159,6 +160,7 @@ EDIT_ACTION_DISCARD: EditAction.ValueType  # 8
 EDIT_ACTION_INSERT: EditAction.ValueType  # 9
 EDIT_ACTION_SPLIT: EditAction.ValueType  # 10
 EDIT_ACTION_ADD: EditAction.ValueType  # 11
+EDIT_ACTION_LOOK_AGAIN: EditAction.ValueType  # 12
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -183,6 +185,23 @@ OPERATION_STATE_SUCCEEDED: OperationState.ValueType  # 3
 OPERATION_STATE_FAILED: OperationState.ValueType  # 4
 OPERATION_STATE_CANCELLED: OperationState.ValueType  # 5
 Global___OperationState: _TypeAlias = OperationState  # noqa: Y015
+
+class _OperationKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _OperationKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_OperationKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    OPERATION_KIND_UNSPECIFIED: _OperationKind.ValueType  # 0
+    OPERATION_KIND_CREATE_SCENE: _OperationKind.ValueType  # 1
+    OPERATION_KIND_LOOK_AGAIN: _OperationKind.ValueType  # 2
+
+class OperationKind(_OperationKind, metaclass=_OperationKindEnumTypeWrapper): ...
+
+OPERATION_KIND_UNSPECIFIED: OperationKind.ValueType  # 0
+OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
+OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
+Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
 class _Convention:
     ValueType = _typing.NewType("ValueType", _builtins.int)
@@ -1545,11 +1564,13 @@ class Edit(_message.Message):
     ALIASES_FIELD_NUMBER: _builtins.int
     SOURCE_FIELD_NUMBER: _builtins.int
     PROMPT_FIELD_NUMBER: _builtins.int
+    TEXTS_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
     no thing. insert: adds things of another scene, which get new ids. split: makes the piece of a thing that a prompt
-    shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to
+    shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. look_again:
+    stands in the versions that looking again has made, and is no edit to send
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -1582,6 +1603,10 @@ class Edit(_message.Message):
     def prompt(self) -> Global___ThingPrompt:
         """for split and add: where the piece, or the missing thing, is in a picture"""
 
+    @_builtins.property
+    def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """for look_again: what was looked for"""
+
     def __init__(
         self,
         *,
@@ -1595,10 +1620,11 @@ class Edit(_message.Message):
         aliases: _abc.Iterable[_builtins.str] | None = ...,
         source: Global___InsertSource | None = ...,
         prompt: Global___ThingPrompt | None = ...,
+        texts: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -1926,7 +1952,7 @@ Global___WatchOperationRequest: _TypeAlias = WatchOperationRequest  # noqa: Y015
 
 @_typing.final
 class Operation(_message.Message):
-    """One training job (AIP-151), durable from the moment it is returned."""
+    """One job (AIP-151), durable from the moment it is returned."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1938,11 +1964,15 @@ class Operation(_message.Message):
     UPDATED_AT_FIELD_NUMBER: _builtins.int
     STAGES_FIELD_NUMBER: _builtins.int
     ERROR_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    LOOK_AGAIN_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
     done: _builtins.bool
     """whether the state is final"""
+    kind: Global___OperationKind.ValueType
+    """create_scene: makes its scene; look_again: makes a version of its scene"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -1955,6 +1985,10 @@ class Operation(_message.Message):
     def error(self) -> Global___OperationError:
         """absent unless it failed"""
 
+    @_builtins.property
+    def look_again(self) -> Global___LookAgainResult:
+        """what looking again found; absent unless it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -1966,14 +2000,134 @@ class Operation(_message.Message):
         updated_at: _timestamp_pb2.Timestamp | None = ...,
         stages: _abc.Iterable[Global___StageProgress] | None = ...,
         error: Global___OperationError | None = ...,
+        kind: Global___OperationKind.ValueType = ...,
+        look_again: Global___LookAgainResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "error", b"error", "updated_at", b"updated_at"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "error", b"error", "look_again", b"look_again", "updated_at", b"updated_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "done", b"done", "error", b"error", "id", b"id", "scene_id", b"scene_id", "stages", b"stages", "state", b"state", "updated_at", b"updated_at"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "done", b"done", "error", b"error", "id", b"id", "kind", b"kind", "look_again", b"look_again", "scene_id", b"scene_id", "stages", b"stages", "state", b"state", "updated_at", b"updated_at"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Operation: _TypeAlias = Operation  # noqa: Y015
+
+@_typing.final
+class LookAgainRequest(_message.Message):
+    """What a scene is searched for once more."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    TEXTS_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    request_id: _builtins.str
+    """same id, same texts: the first operation is returned again (AIP-155)"""
+    @_builtins.property
+    def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what to look for, in plain words: at least one, each one line and only once"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        texts: _abc.Iterable[_builtins.str] | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["request_id", b"request_id", "scene_id", b"scene_id", "texts", b"texts"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LookAgainRequest: _TypeAlias = LookAgainRequest  # noqa: Y015
+
+@_typing.final
+class FoundName(_message.Message):
+    """A text that was found at a thing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    thing_id: _builtins.int
+    """see SceneThing"""
+    name: _builtins.str
+    probability: _builtins.float
+    """that the thing is that, 0..1"""
+    def __init__(
+        self,
+        *,
+        thing_id: _builtins.int = ...,
+        name: _builtins.str = ...,
+        probability: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "probability", b"probability", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FoundName: _TypeAlias = FoundName  # noqa: Y015
+
+@_typing.final
+class LookAgainResult(_message.Message):
+    """What looking again has found and changed. Names that people or label maps gave stay as they are."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    TEXTS_FIELD_NUMBER: _builtins.int
+    VIEWS_FIELD_NUMBER: _builtins.int
+    RENDERED_FIELD_NUMBER: _builtins.int
+    NAMED_FIELD_NUMBER: _builtins.int
+    SUGGESTED_FIELD_NUMBER: _builtins.int
+    REGIONS_FIELD_NUMBER: _builtins.int
+    UNMATCHED_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the version that it made"""
+    rendered: _builtins.bool
+    """whether renderings of the scene were looked at: the capture's photos are not kept with it"""
+    regions: _builtins.int
+    """how often any of the texts was found, over all views"""
+    unmatched: _builtins.int
+    """how many of these are no thing of the scene; none is added for them"""
+    @_builtins.property
+    def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what was looked for"""
+
+    @_builtins.property
+    def views(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """the scene's cameras from which was looked"""
+
+    @_builtins.property
+    def named(self) -> _containers.RepeatedCompositeFieldContainer[Global___FoundName]:
+        """things whose name is one of the texts by this"""
+
+    @_builtins.property
+    def suggested(self) -> _containers.RepeatedCompositeFieldContainer[Global___FoundName]:
+        """texts that are among the suggestions of a thing: not sure enough for a name"""
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        texts: _abc.Iterable[_builtins.str] | None = ...,
+        views: _abc.Iterable[_builtins.str] | None = ...,
+        rendered: _builtins.bool = ...,
+        named: _abc.Iterable[Global___FoundName] | None = ...,
+        suggested: _abc.Iterable[Global___FoundName] | None = ...,
+        regions: _builtins.int = ...,
+        unmatched: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["named", b"named", "regions", b"regions", "rendered", b"rendered", "suggested", b"suggested", "texts", b"texts", "unmatched", b"unmatched", "version", b"version", "views", b"views"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LookAgainResult: _TypeAlias = LookAgainResult  # noqa: Y015
 
 @_typing.final
 class StageProgress(_message.Message):
@@ -2007,7 +2161,7 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training or export"""
+    """capture, perception, training or export; looking or naming where a scene is looked at again"""
     fraction: _builtins.float
     """0..1 of this stage"""
     message: _builtins.str

@@ -90,6 +90,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.FromString,
                 _registered_method=True)
+        self.LookAgain = channel.unary_unary(
+                '/fastsplat.v1.SceneService/LookAgain',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
         self.GetOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetOperationRequest.SerializeToString,
@@ -252,6 +257,14 @@ class SceneServiceServicer:
 
     def ListVersions(self, request, context):
         """Every version, oldest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def LookAgain(self, request, context):
+        """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
+        new version of the scene. The answer is durable.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -432,6 +445,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListVersions,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.SerializeToString,
+            ),
+            'LookAgain': grpc.unary_unary_rpc_method_handler(
+                    servicer.LookAgain,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'GetOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.GetOperation,
@@ -816,6 +834,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListVersions',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def LookAgain(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/LookAgain',
+            fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,
             insecure,

@@ -68,6 +68,10 @@ class SceneServiceStub:
     """Goes back to the version before the current one."""
     ListVersions: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]
     """Every version, oldest first."""
+    LookAgain: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]
+    """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
+    new version of the scene. The answer is durable.
+    """
     GetOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]
     ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
     """Operations in pages (AIP-158), newest first."""
@@ -130,6 +134,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Goes back to the version before the current one."""
     ListVersions: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]  # type: ignore[assignment]
     """Every version, oldest first."""
+    LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
+    new version of the scene. The answer is durable.
+    """
     GetOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
     """Operations in pages (AIP-158), newest first."""
@@ -255,6 +263,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListVersionsResponse, _abc.Awaitable[_fastsplat_pb2.ListVersionsResponse]]:
         """Every version, oldest first."""
+
+    @_abc_1.abstractmethod
+    def LookAgain(
+        self,
+        request: _fastsplat_pb2.LookAgainRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
+        new version of the scene. The answer is durable.
+        """
 
     @_abc_1.abstractmethod
     def GetOperation(

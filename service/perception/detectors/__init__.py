@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
-from fastsplat.service.perception.models.model_files import only_network, tokenizer
-from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
+from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, load_manifest, select_adapter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector
 from fastsplat_contract.errors import ModelUnavailableError
 
@@ -52,6 +53,49 @@ def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSe
     return open_detector(models, models / inside, settings)
 
 
+def check_open_set_detector(settings: PerceptionSettings) -> None:
+    """Raise unless the settings name an open-set detector, and a text encoder if it needs one; none is opened.
+
+    Raises:
+        ModelUnavailableError: they do not; says how.
+    """
+    if not settings.open_set_detector:
+        known = ", ".join(entry.name for entry in load_manifest() if entry.role == "open_set_detector")
+        raise ModelUnavailableError(
+            "no open-set detector is configured, and a closed-set detector cannot look for words",
+            field="perception.open_set_detector",
+            hint=f"Set FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR to a model of the role open-set detector ({known}; "
+            '"fastsplat models list" shows them, "fastsplat models pull NAME" fetches one), or to adapter:folder for '
+            "your own, for the API and its workers.",
+        )
+    adapter, _ = find_model(settings.open_set_detector, "open_set_detector")
+    if adapter == "yolo_world" and not settings.prompt_encoder:
+        raise _no_prompt_encoder(settings.open_set_detector)
+
+
+def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models: Path, *, field: str) -> None:
+    """Raise if the configured open-set detector gets its words from a table that does not hold all of these texts.
+
+    Raises:
+        InvalidInputError: it does not; names the texts, as `field`.
+        ModelUnavailableError: the table is missing or damaged.
+    """
+    if not settings.open_set_detector or not settings.prompt_encoder:
+        return
+    adapter, inside = find_model(settings.prompt_encoder, "text_encoder")
+    if adapter == "label_table":
+        name = settings.prompt_encoder
+        LabelTable(only_table(models / inside, name=name), name=name).check_known(texts, field)
+
+
+def _no_prompt_encoder(name: str) -> ModelUnavailableError:
+    return ModelUnavailableError(
+        f"model {name} is prompted by embeddings, and no text encoder is set for it",
+        field="perception.prompt_encoder",
+        hint="Set the text encoder the detector was trained with, such as clip_vit_b32_text.",
+    )
+
+
 def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSettings) -> GroundingDino:
     name = settings.open_set_detector
     return GroundingDino(
@@ -66,11 +110,7 @@ def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSetting
 def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -> YoloWorld:
     name = settings.open_set_detector
     if not settings.prompt_encoder:
-        raise ModelUnavailableError(
-            f"model {name} is prompted by embeddings, and no text encoder is set for it",
-            field="perception.prompt_encoder",
-            hint="Set the text encoder the detector was trained with, such as clip_vit_b32_text.",
-        )
+        raise _no_prompt_encoder(name)
     encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
     return YoloWorld(only_network(folder, name=name), encoder, name=name, threads=settings.threads)
 

@@ -12,6 +12,7 @@ from fastsplat.service.perception.detectors import open_closed_set_detector, ope
 from fastsplat.service.perception.models.model_manifest import ModelEntry
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.tagging import open_tagger
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Image
 from fastsplat_contract.errors import ModelUnavailableError
@@ -23,8 +24,8 @@ def check_model(entry: ModelEntry, models: Path) -> None:
     """Raise unless the model in `models / entry.name` opens and solves an exercise.
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
-    cut out a drawn disc; a detector must find a drawn stop sign. Detectors that are prompted by embeddings are only
-    opened, since their text encoder need not be there yet.
+    cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it. Detectors that are
+    prompted by embeddings are only opened, since their text encoder need not be there yet.
 
     Raises:
         ModelUnavailableError: the contract is broken or the answer wrong.
@@ -52,6 +53,10 @@ def check_model(entry: ModelEntry, models: Path) -> None:
         detector = open_open_set_detector(PerceptionSettings(open_set_detector=name), models)
         solved = len(detector.detect(_drawn_stop_sign(), ["stop sign"], 0.25)) > 0
         exercise = "a drawn stop sign"
+    elif entry.role == "tagger":
+        tagger = open_tagger(PerceptionSettings(tagger=name), models)
+        solved = bool(tagger.tag(_drawn_stop_sign()).max() > 0)
+        exercise = "any tag of a drawn stop sign"
     else:
         return
     if not solved:

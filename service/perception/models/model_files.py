@@ -89,6 +89,15 @@ def only_table(folder: Path, *, name: str) -> Path:
     return _only(sorted(folder.glob("*.npz")), folder, name, "label table (.npz)")
 
 
+def checked_file(path: Path, *, name: str) -> Path:
+    """The same path, of a file of a model that may be missing.
+
+    Raises:
+        ModelUnavailableError: it does not have its digest.
+    """
+    return _checked(path, name)
+
+
 def _batch_decoder(folder: Path) -> Path | None:
     return next((path for path in _networks(folder) if "decoder_batch" in path.name), None)
 

@@ -12,14 +12,15 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from fastsplat_contract.errors import ModelUnavailableError
 
-Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter"]
-Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2"]
+Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger"]
+Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram"]
 
 ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "text_encoder": ("sentence", "clip", "label_table"),
     "closed_set_detector": ("picodet",),
     "open_set_detector": ("grounding_dino", "yolo_world"),
     "segmenter": ("sam1", "sam2"),
+    "tagger": ("ram",),
 }
 """Which adapters can play a role."""
 
@@ -165,10 +166,11 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
         if entry.name == name and entry.role == role:
             return entry.adapter, PurePosixPath(entry.name)
     known_names = ", ".join(entry.name for entry in load_manifest() if entry.role == role)
+    choices = f"one of {known_names}, or adapter:folder" if known_names else f"{ROLES[role][0]}:folder"
     raise ModelUnavailableError(
         f'the manifest has no {_spoken(role)} called "{name}"',
         field=f"perception.{role}",
-        hint=f"Choose one of {known_names}, or adapter:folder for your own.",
+        hint=f"Choose {choices} for your own.",
     )
 
 

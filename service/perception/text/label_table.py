@@ -45,12 +45,20 @@ class LabelTable:
         Raises:
             InvalidInputError: names the texts that the table does not hold.
         """
+        self.check_known(texts, "labels")
+        rows = [self._rows[label_key(text)] for text in texts]
+        return np.asarray(self._embeds[rows], np.float32)
+
+    def check_known(self, texts: Sequence[str], field: str) -> None:
+        """Raise unless the table holds all of these texts.
+
+        Raises:
+            InvalidInputError: names those that it does not, as `field`.
+        """
         unknown = [text for text in texts if label_key(text) not in self._rows]
         if unknown:
             raise InvalidInputError(
                 f"the label table {self.name} does not know: {', '.join(unknown)}",
-                field="labels",
+                field=field,
                 hint="Use other words, or configure a text tower as perception.prompt_encoder.",
             )
-        rows = [self._rows[label_key(text)] for text in texts]
-        return np.asarray(self._embeds[rows], np.float32)

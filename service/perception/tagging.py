@@ -1,0 +1,221 @@
+"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector.
+
+As in FAST-Splat (Shorinwa et al. 2024), where RAM (Zhang et al. 2023, "Recognize Anything") proposes the classes that a
+detector then looks for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.models.model_files import checked_file, only_network
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
+from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Image
+from fastsplat_contract.errors import ModelUnavailableError
+
+F32 = NDArray[np.float32]
+
+TAG_FILE = "tags.txt"
+THRESHOLD_FILE = "thresholds.txt"
+_USUAL_SIDE = 384
+
+
+@dataclass(frozen=True)
+class PooledTag:
+    """A tag that several views agree on.
+
+    Attributes:
+        tag: as in the tagger's list.
+        share: of the views that show it, 0..1.
+        probability: mean over the views that show it, 0..1.
+    """
+
+    tag: str
+    share: float
+    probability: float
+
+
+class RamTagger:
+    """`image` [1, 3, S, S] → [1, T] probabilities of T tags: RAM's contract, for any size and list.
+
+    The image is resized to S × S without keeping its aspect, ImageNet's mean and deviation taken out. Beside the
+    network lie `tags.txt`, a tag a line in the order of the probabilities, and, if the tags have thresholds of their
+    own, `thresholds.txt`, as many numbers 0..1.
+
+    Args:
+        model: the ONNX file; S is what its input says, 384 where it leaves that open.
+        folder: where the lists are.
+        name: the model's name, for messages.
+        threshold: of all tags, where there is no file of thresholds.
+        threads: see `open_session`.
+
+    Raises:
+        ModelUnavailableError: a file is missing, damaged or does not keep this contract.
+    """
+
+    def __init__(self, model: Path, folder: Path, *, name: str, threshold: float, threads: int = 0) -> None:
+        self._name = name
+        self.tags = tuple(_lines(folder / TAG_FILE, name))
+        self._session = open_session(model, name=name, threads=threads)
+        check_contract(self._session, name=name, inputs={"image": (1, 3, None, None)}, outputs=[(1, len(self.tags))])
+        shape = self._session.get_inputs()[0].shape
+        self._side = shape[2] if isinstance(shape[2], int) else _USUAL_SIDE
+        if isinstance(shape[2], int) and isinstance(shape[3], int) and shape[2] != shape[3]:
+            raise self._broken(
+                f"its input is {shape[3]} × {shape[2]} pixels, no square", "Export it for square images."
+            )
+        self.thresholds = self._thresholds(folder, threshold)
+
+    def tag(self, image: Image) -> F32:
+        """float32 [T], 0..1: how probable it is that uint8 [H, W, 3] shows each tag.
+
+        Raises:
+            ModelUnavailableError: the network answers with something else than T probabilities.
+        """
+        output = np.asarray(self._session.run(None, {"image": imagenet_tensor(image, self._side)})[0], np.float32)
+        if output.shape != (1, len(self.tags)):
+            raise self._broken(
+                f"it answers {list(output.shape)} for the {len(self.tags)} tags of {TAG_FILE}",
+                f"Put the list that the network was trained with beside it as {TAG_FILE}.",
+            )
+        if not ((output >= 0) & (output <= 1)).all():
+            raise self._broken(
+                "its output is no probability of 0 to 1", "Export it with the sigmoid, and without the thresholds."
+            )
+        return np.asarray(output[0])
+
+    def _thresholds(self, folder: Path, usual: float) -> F32:
+        path = folder / THRESHOLD_FILE
+        if not path.is_file():
+            return np.full(len(self.tags), usual, np.float32)
+        try:
+            values = np.array([float(line) for line in _lines(path, self._name)], np.float32)
+        except ValueError as error:
+            raise self._broken(f"{THRESHOLD_FILE} holds something else than numbers", "One number a line.") from error
+        if len(values) != len(self.tags) or not ((values >= 0) & (values <= 1)).all():
+            raise self._broken(
+                f"{THRESHOLD_FILE} does not hold {len(self.tags)} numbers of 0 to 1, one for each line of {TAG_FILE}",
+                f"Put both lists of one model beside it, or leave {THRESHOLD_FILE} out.",
+            )
+        return values
+
+    def _broken(self, what: str, hint: str) -> ModelUnavailableError:
+        return ModelUnavailableError(
+            f"model {self._name} does not keep the contract of a tagger: {what}", field=self._name, hint=hint
+        )
+
+
+TAGGERS: Mapping[Adapter, type[RamTagger]] = {"ram": RamTagger}
+"""The classes of taggers, by the manifest's adapter."""
+
+
+def open_tagger(settings: PerceptionSettings, models: Path) -> RamTagger:
+    """The tagger that `settings.tagger` names.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract.
+    """
+    name = settings.tagger
+    adapter, inside = find_model(name, "tagger")
+    tagger = select_adapter(TAGGERS, adapter, name, "tagger")
+    folder = models / inside
+    return tagger(
+        only_network(folder, name=name),
+        folder,
+        name=name,
+        threshold=settings.tagger_threshold,
+        threads=settings.threads,
+    )
+
+
+def pool_tags(
+    tags: Sequence[str], probabilities: F32, thresholds: F32, *, min_share: float, min_views: int, limit: int
+) -> list[PooledTag]:
+    """The tags that enough views show, those in most views first; of equals the more probable one first.
+
+    A view shows a tag from its threshold on. Spellings of one name (`label_key`) are one tag, the first.
+
+    Args:
+        tags: T of them.
+        probabilities: float32 [V, T], of each view.
+        thresholds: float32 [T].
+        min_share: of the views, that must show a tag.
+        min_views: as `min_share`, in views; never more than there are.
+        limit: at most so many tags.
+    """
+    views = len(probabilities)
+    if not views:
+        return []
+    shown = probabilities >= thresholds
+    enough = max(min(min_views, views), math.ceil(min_share * views), 1)
+    counts = shown.sum(axis=0)
+    means = np.where(shown, probabilities, 0).sum(axis=0) / np.maximum(counts, 1)
+    order = np.lexsort((np.arange(len(tags)), -means, -counts))
+    pooled: dict[str, PooledTag] = {}
+    for number in order[counts[order] >= enough].tolist():
+        tag = PooledTag(tags[number], float(counts[number] / views), float(means[number]))
+        if label_key(tag.tag):
+            pooled.setdefault(label_key(tag.tag), tag)
+    return list(pooled.values())[:limit]
+
+
+def propose_texts(
+    load: Callable[[int], Image],
+    positions: Sequence[int],
+    settings: PerceptionSettings,
+    models: Path,
+    on_view: Callable[[int, str], None],
+) -> list[str]:
+    """The texts that the tagger proposes for a detector to look for, see `pool_tags`; none where the views agree on
+    none.
+
+    Args:
+        load: loads the image of a view.
+        positions: the views to look at.
+        settings: the tagger, and what counts.
+        models: the model directory.
+        on_view: called after every view.
+
+    Raises:
+        ModelUnavailableError: see `RamTagger`.
+    """
+    tagger = open_tagger(settings, models)
+    rows = []
+    for done, position in enumerate(positions, start=1):
+        rows.append(tagger.tag(load(position)))
+        on_view(done, f"tagging, view {done}/{len(positions)}")
+    pooled = pool_tags(
+        tagger.tags,
+        np.stack(rows) if rows else np.zeros((0, len(tagger.tags)), np.float32),
+        tagger.thresholds,
+        min_share=settings.min_view_share,
+        min_views=settings.min_views,
+        limit=settings.tagger_texts,
+    )
+    return [tag.tag for tag in pooled]
+
+
+def _lines(path: Path, name: str) -> list[str]:
+    """The lines of a text file that are not empty, without white space at their ends."""
+    try:
+        text = checked_file(path, name=name).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelUnavailableError(
+            f"model {name}: {path} cannot be read",
+            field=name,
+            hint=f"A tagger needs its list of tags beside it, as {TAG_FILE}: one a line.",
+        ) from error
+    lines = [line.strip() for line in text.splitlines()]
+    if not any(lines):
+        raise ModelUnavailableError(f"model {name}: {path} is empty", field=name, hint="One entry a line.")
+    return [line for line in lines if line]

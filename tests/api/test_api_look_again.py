@@ -1,0 +1,115 @@
+"""Looking again over both protocols, the client and in process: ordered, refused, and told of when it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import grpc
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.scene import read_scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.version_repository import NewVersion
+from fastsplat_client import Client
+from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.json_codec import from_json, to_plain
+from fastsplat_contract.look_again_messages import FoundName, LookAgainIn, LookAgainResult
+from fastsplat_contract.operations import Operation
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.scenes import Edit, SceneVersion
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import assert_same, client_of
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.scenes import write_version
+
+
+@pytest.fixture
+def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """A scene that the test may change."""
+    scene_id = add_scene(service, api_settings, "looked at")
+    yield scene_id
+    service.delete_scene(scene_id)
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    with client_of(faces) as opened:
+        yield opened
+
+
+def test_every_face_queues_the_same_operation(faces: Faces, client: Client, service: SceneService, own: str) -> None:
+    body = LookAgainIn(("toy bulldozer", "trophy"), "the-same")
+    posted = faces.rest.post(f"/v1/scenes/{own}:lookAgain", json=to_plain(body))
+    assert posted.status_code == 202, posted.text
+    operation = from_json(Operation, posted.content)
+    assert posted.headers["location"].endswith(f"/v1/operations/{operation.id}")
+    assert operation.kind == "look_again" and operation.scene_id == own and operation.state == "QUEUED"
+    over_rpc = faces.rpc.LookAgain(pb.LookAgainRequest(scene_id=own, texts=body.texts, request_id="the-same"))
+    assert_same(from_proto(Operation, over_rpc), operation)
+    assert_same(client.look_again(own, body.texts, request_id="the-same"), operation)
+    assert_same(service.look_again(own, body), operation)
+    assert_same(client.operation(operation.id), operation)
+    other = client.look_again(own, "trophy")
+    assert other.id != operation.id
+    assert {client.cancel(one).state for one in (operation.id, other.id)} == {"CANCELLED"}
+
+
+@pytest.mark.parametrize(
+    ("texts", "reason", "field"),
+    [
+        ([], "INVALID_INPUT", "texts"),
+        (["cup", "cups"], "INVALID_INPUT", "texts[1]"),
+        (["two\nlines"], "INVALID_INPUT", "texts[0]"),
+        (["x" * 201], "LIMIT_EXCEEDED", "texts[0]"),
+        (["x"] * 1001, "LIMIT_EXCEEDED", "texts"),
+    ],
+    ids=["none", "twice", "lines", "long", "many"],
+)
+def test_bad_orders_are_refused_alike(faces: Faces, own: str, texts: list[str], reason: str, field: str) -> None:
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:lookAgain", json={"texts": texts}))
+    assert (refused.reason, refused.details["field"]) == (reason, field)
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.LookAgain(pb.LookAgainRequest(scene_id=own, texts=texts))
+    over_rpc = rpc_refusal(caught.value)
+    assert (over_rpc.reason, over_rpc.detail, over_rpc.details) == (refused.reason, refused.detail, refused.details)
+
+
+def test_looking_again_is_no_edit(client: Client, own: str) -> None:
+    for edit in (Edit("look_again", texts=("trophy",)), Edit("remove", label="mug", texts=("trophy",))):
+        with pytest.raises(FastSplatError) as caught:
+            client.edit_scene(own, [edit])
+        assert caught.value.reason == "INVALID_INPUT" and "LookAgain" in caught.value.hint
+
+
+def test_what_was_found_is_told_alike(faces: Faces, client: Client, service: SceneService, own: str) -> None:
+    """As a worker stores it, once it has succeeded."""
+    queued = client.look_again(own, ["trophy"])
+    store = service._store
+    claim = store.jobs.claim(queued.id)
+    assert claim is not None
+    before = store.scenes.scene(own)
+    folder = store.blobs.version(own, queued.id)
+    write_version(read_scene(store.blobs.version(own, before.version) / "artefact"), folder)
+    edit = Edit("look_again", texts=("trophy",))
+    found = LookAgainResult(
+        queued.id,
+        ("trophy",),
+        ("front.png",),
+        True,
+        (FoundName(2, "trophy", 0.75),),
+        (FoundName(3, "trophy", 0.2),),
+        7,
+        1,
+    )
+    new = NewVersion(own, queued.id, before.version, "", "", before.gaussians, before.dictionary, [to_plain(edit)])
+    store.jobs.succeed_with_version(claim, new, to_plain(found))
+    done = client.wait(queued.id, timeout_s=60)
+    assert done.state == "SUCCEEDED" and done.look_again == found
+    over_rpc = faces.rpc.GetOperation(pb.GetOperationRequest(operation_id=queued.id))
+    assert_same(from_proto(Operation, over_rpc), done)
+    versions = faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=own)).versions
+    assert_same(tuple(from_proto(SceneVersion, version) for version in versions), client.versions(own))
+    assert client.versions(own)[-1].edits == (edit,) and client.versions(own)[-1].current
+    assert client.undo_edit(own).version == before.version

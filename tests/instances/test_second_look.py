@@ -1,0 +1,175 @@
+"""From where a scene is looked at again, and what the votes change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.instances.closer_look import best_positions, closer_look, mean_votes, things_in_map, votes_for
+from fastsplat.service.instances.second_look import NamesAdded, add_names, choose_views, shares_seen
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.types import Detections
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
+from fastsplat.service.scene.types import Thing, Things
+from fastsplat_contract.camera import Camera, PosedCamera
+from tests.instances.made_room import make_room
+
+_SHARES = hnp.arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5)), elements=st.floats(0, 1))
+
+
+def _added(thing: Thing, texts: dict[str, float]) -> tuple[Thing, NamesAdded]:
+    added = add_names(Things((thing,), no_evidence(0)), {thing.id: texts}, name_probability=0.4, name_rivals=0.5)
+    return added.things.table[0], added
+
+
+@given(_SHARES, st.integers(1, 8), st.data())
+def test_views_are_chosen_once_best_first_and_until_nothing_is_seen(
+    shares: np.ndarray, limit: int, data: st.DataObject
+) -> None:
+    named = data.draw(st.lists(st.booleans(), min_size=shares.shape[1] - 1, max_size=shares.shape[1] - 1))
+    positions = choose_views(shares, named, limit)
+    assert len(positions) == len(set(positions)) <= limit
+    worth = np.array([*(0.5 if has_name else 1.0 for has_name in named), 1.0])
+    sees = (shares @ worth) > 0
+    assert set(positions) <= set(np.flatnonzero(sees)) and len(positions) == min(limit, sees.sum())
+    if positions:
+        assert (shares @ worth)[positions[0]] == pytest.approx((shares @ worth).max())
+
+
+def test_what_was_not_seen_yet_and_what_has_no_name_goes_before() -> None:
+    both, other, same = [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [1.0, 1.0, 0.0, 0.0]
+    assert choose_views(np.array([both, other, same]), [False] * 3, 2) == [0, 1]
+    assert choose_views(np.array([[0.9, 0.0, 0.0], [0.0, 0.8, 0.0]]), [True, False], 1) == [1]
+
+
+def test_a_view_sees_what_nothing_hides(tmp_path: Path) -> None:
+    """Of the made room: from above the floor hides nothing, from below it hides all."""
+    room = make_room(tmp_path, views=4)
+    owner = room.owner.astype(np.int64)
+    rows = np.arange(len(owner))
+    membership = evidence_of(rows, owner, np.full(len(owner), 16 * UNIT, np.int64), len(owner))
+    things = Things((Thing(1), Thing(2), Thing(3)), membership)
+    below = np.diag([1.0, 1.0, 1.0, 1.0])
+    below[2, 3] = -3.0  # looks up along z
+    cameras = [view.posed for view in room.capture.views]
+    heard: list[tuple[int, int]] = []
+    shares = shares_seen(
+        room.gaussians,
+        things,
+        [*cameras, PosedCamera(cameras[0].camera, below)],
+        DiscoverySettings(),
+        lambda done, total: heard.append((done, total)),
+    )
+    assert shares.shape == (5, 4) and heard == [(number, 5) for number in range(1, 6)]
+    assert ((shares >= 0) & (shares <= 1)).all()
+    assert (shares[:4, :3] > 0.3).all() and (shares[4, :3] < shares[:4, :3].min()).all()
+    assert shares[4, 3] > 0.3  # the floor itself
+
+
+def test_a_clear_text_becomes_the_name() -> None:
+    thing, added = _added(Thing(3), {"mug": 0.6, "cup": 0.2})
+    assert (thing.name, thing.source, thing.probability) == ("mug", "detected", 0.6)
+    assert thing.suggestions == (("cup", 0.2),) and added.named == (3,) and added.suggested == ()
+
+
+@pytest.mark.parametrize("texts", [{"mug": 0.39}, {"mug": 0.6, "cup": 0.31}])
+def test_an_unsure_text_is_suggested(texts: dict[str, float]) -> None:
+    thing, added = _added(Thing(3, suggestions=(("bottle", 0.35),)), texts)
+    assert thing.name == "" and dict(thing.suggestions) == {"bottle": 0.35, **texts}
+    assert added.named == () and added.suggested == (3,)
+
+
+@pytest.mark.parametrize("source", ["person", "given"])
+def test_names_of_people_and_label_maps_stay(source: str) -> None:
+    before = Thing(3, "trophy", source, 1.0)  # type: ignore[arg-type]
+    thing, added = _added(before, {"mug": 1.0})
+    assert thing == before and added.named == added.suggested == ()
+
+
+def test_a_detected_name_gives_way_only_to_a_clear_one() -> None:
+    unsure, added = _added(Thing(3, "dog", "detected", 0.5), {"mascot doll": 0.7})
+    assert unsure.name == "dog" and unsure.suggestions == (("mascot doll", 0.7),) and added.suggested == (3,)
+    clear, added = _added(Thing(3, "dog", "detected", 0.4), {"mascot doll": 0.9})
+    assert clear.name == "mascot doll" and clear.suggestions == (("dog", 0.4),) and added.named == (3,)
+    same, added = _added(Thing(3, "dog", "detected", 0.5), {"Dogs": 0.2})
+    assert (same.name.lower(), same.probability) == ("dog", 0.5) and added.named == (3,)
+
+
+def test_what_was_suggested_with_more_is_not_overruled() -> None:
+    thing, _ = _added(Thing(3, suggestions=(("spoon", 0.7),)), {"scissors": 0.6})
+    assert thing.name == "" and thing.suggestions == (("spoon", 0.7), ("scissors", 0.6))
+    seen_twice, _ = _added(Thing(3, suggestions=(("scissors", 0.7),)), {"scissors": 0.2})
+    assert seen_twice.name == "" and seen_twice.suggestions == (("scissors", 0.7),)
+
+
+@given(
+    st.dictionaries(st.sampled_from(["mug", "cup", "bowl", "can"]), st.floats(0, 1), max_size=4),
+    st.sampled_from([("", None), ("mug", "detected"), ("jar", "detected"), ("jar", "person"), ("jar", "given")]),
+    st.lists(st.tuples(st.sampled_from(["mug", "jar", "vase"]), st.floats(0, 1)), max_size=3, unique_by=lambda p: p[0]),
+)
+def test_every_thing_has_one_name_or_suggestions_and_none_twice(
+    texts: dict[str, float], name: tuple[str, str | None], suggestions: list[tuple[str, float]]
+) -> None:
+    others = tuple(pair for pair in suggestions if pair[0] != name[0])
+    before = Thing(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)  # type: ignore[arg-type]
+    thing, added = _added(before, texts)
+    keys = [label_key(pair[0]) for pair in thing.suggestions] + ([label_key(thing.name)] if thing.name else [])
+    assert len(keys) == len(set(keys))
+    assert [pair[1] for pair in thing.suggestions] == sorted((pair[1] for pair in thing.suggestions), reverse=True) or (
+        thing is before
+    )
+    assert not (before.name and not thing.name)
+    assert set(added.named) | set(added.suggested) <= {1}
+    if not added.named and not added.suggested:
+        assert thing == before
+
+
+def test_things_that_are_gone_are_left_out() -> None:
+    added = add_names(Things((), no_evidence(0)), {7: {"mug": 0.9}}, name_probability=0.4, name_rivals=0.5)
+    assert added.things.table == () and added.named == added.suggested == ()
+
+
+@given(st.integers(0, 60), st.integers(0, 40), st.integers(8, 20), st.integers(8, 20), st.floats(1, 4))
+def test_a_closer_camera_sees_the_same_points_larger(x: int, y: int, width: int, height: int, scale: float) -> None:
+    posed = PosedCamera(Camera(96, 72, 80.0, 80.0, 48.0, 36.0), np.eye(4), "a.png")
+    box = np.array([x, y, x + width, y + height], np.float32)
+    closer = closer_look(posed, box, scale, 640)
+    assert closer is not None
+    camera, inside = closer[0].camera, closer[1]
+    factor = camera.fx / posed.camera.fx
+    assert 0.9 <= factor <= scale * 1.1 and closer[0].name == "a.png"
+    for column, row, corner in ((x, y, inside[:2]), (x + width, y + height, inside[2:])):
+        ray = np.array([(column - 48.0) / 80.0, (row - 36.0) / 80.0])
+        seen = ray * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        assert seen == pytest.approx(corner, abs=1e-2)
+    limits = np.array([camera.width, camera.height] * 2)
+    assert (inside >= -1e-3).all() and (inside <= limits + 1e-3).all()
+
+
+def test_what_fills_the_view_is_not_looked_at_closer() -> None:
+    posed = PosedCamera(Camera(96, 72, 80.0, 80.0, 48.0, 36.0), np.eye(4))
+    assert closer_look(posed, np.array([5, 5, 90, 70], np.float32), 4.0, 640) is None
+
+
+def test_views_of_a_thing_are_those_that_show_most_of_it() -> None:
+    maps = np.zeros((3, 40, 40), np.int32)
+    maps[0, :10, :10], maps[1, :20, :20], maps[2, :15, :15] = 4, 4, 4
+    maps[1, 30:, 30:], maps[2, 39, 39] = 9, 9
+    shown = [things_in_map(thing_map) for thing_map in maps]
+    assert [[thing.thing_id for thing in view] for view in shown] == [[4], [4, 9], [4]]  # a speck is nothing
+    assert best_positions(shown, 2) == {4: (1, 2), 9: (1,)}
+    assert shown[0][0].box == pytest.approx([0, 0, 10, 10], abs=0.5) and shown[0][0].pixels == 100
+
+
+def test_boxes_vote_for_the_thing_that_they_fit() -> None:
+    boxes = np.array([[0, 0, 10, 10], [0, 0, 9, 10], [30, 30, 40, 40]], np.float32)
+    detections = Detections(boxes, np.array([0.5, 0.7, 0.9], np.float32), ("mug", "mug", "cup"))
+    votes = votes_for(detections, np.array([0, 0, 10, 10], np.float32), 0.5)
+    assert votes == {"mug": pytest.approx(0.7)}
+    assert mean_votes([votes, {}, {"cup": 0.3}]) == {"cup": pytest.approx(0.1), "mug": pytest.approx(0.7 / 3)}

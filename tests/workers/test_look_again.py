@@ -1,0 +1,149 @@
+"""Jobs that look again at a finished scene: durable, cancellable, and put into what the scene is when they end."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.common.progress import LOOK_AGAIN_STAGES
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.store.version_repository import NewVersion
+from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.operations import Operation
+from fastsplat_contract.scenes import SceneVersion
+from tests.workers.deployment import Deployment, kill
+
+
+@pytest.fixture
+def looking(tmp_path: Path, database_url: str) -> Iterator[Deployment]:
+    """A deployment whose service lets itself be asked to look again."""
+    perception = PerceptionSettings(open_set_detector="grounding_dino_tiny")  # never opened: the stages are fake
+    deployment = Deployment(tmp_path, database_url, perception=perception)
+    yield deployment
+    deployment.close()
+
+
+def _scene(deployment: Deployment) -> str:
+    done = deployment.wait_over(deployment.post())
+    assert done.state == "SUCCEEDED" and done.kind == "create_scene" and done.look_again is None
+    return done.scene_id
+
+
+def _look(deployment: Deployment, scene_id: str, *texts: str, request_id: str = "") -> Operation:
+    return deployment.service.look_again(scene_id, LookAgainIn(texts, request_id))
+
+
+def _versions(deployment: Deployment, scene_id: str) -> tuple[SceneVersion, ...]:
+    return deployment.service.versions.all(scene_id)
+
+
+def _edited_elsewhere(deployment: Deployment, scene_id: str, name: str) -> None:
+    """Another version of the scene, as an edit would make it current."""
+    store = deployment.service._store
+    parent = store.scenes.scene(scene_id)
+    shutil.copytree(store.blobs.version(scene_id, parent.version), store.blobs.version(scene_id, name))
+    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, []))
+
+
+def test_a_look_makes_a_version_that_is_undone_like_an_edit(looking: Deployment) -> None:
+    looking.start_worker()
+    scene_id = _scene(looking)
+    (trained,) = _versions(looking, scene_id)
+    queued = _look(looking, scene_id, "trophy", "toy bulldozer", request_id="once")
+    assert queued.kind == "look_again" and queued.scene_id == scene_id and not queued.done
+    done = looking.wait_over(queued)
+    assert done.state == "SUCCEEDED" and [stage.stage for stage in done.stages] == list(LOOK_AGAIN_STAGES)
+    made = _versions(looking, scene_id)[-1]
+    assert made.current and made.parent == trained.version
+    assert done.look_again is not None and done.look_again.version == made.version
+    assert [(edit.action, edit.texts) for edit in made.edits] == [("look_again", ("trophy", "toy bulldozer"))]
+    assert looking.service.get_scene(scene_id).dictionary[0].label == "trophy"
+    assert _look(looking, scene_id, "trophy", "toy bulldozer", request_id="once").id == queued.id
+    assert looking.service.get_scene(scene_id).operation_id != queued.id
+    assert looking.service.versions.undo(scene_id).version == trained.version
+    assert looking.service.get_scene(scene_id).dictionary[0].label == "mug"
+    assert not looking.left_over()
+
+
+@pytest.mark.parametrize("order", ["looking:kill_worker", "naming:kill_worker_until 1", "looking:kill_once"])
+def test_a_look_survives_a_killed_worker_or_trainer(looking: Deployment, order: str) -> None:
+    worker = looking.start_worker()
+    scene_id = _scene(looking)
+    order = order.replace("looking:kill_worker", "looking:kill_worker_until 1")
+    operation = _look(looking, scene_id, order)
+    if "worker" in order:
+        looking.wait_for(lambda: worker.poll() is not None)
+        assert looking.service.get_scene(scene_id).state == "READY"  # and answers all the while
+        looking.start_worker()
+    done = looking.wait_over(operation)
+    assert done.state == "SUCCEEDED" and done.look_again is not None
+    assert [version.version for version in _versions(looking, scene_id)][1:] == [done.look_again.version]
+    naming = looking.visits("naming", operation)
+    assert len(looking.visits("looking", operation)) == (1 if order.startswith("naming") else 2)
+    assert len(naming) == (2 if order.startswith("naming") else 1)
+    assert not looking.left_over()
+
+
+def test_a_running_look_is_cancelled_and_leaves_nothing(looking: Deployment) -> None:
+    looking.start_worker()
+    scene_id = _scene(looking)
+    operation = _look(looking, scene_id, "looking:sleep 60")
+    pid = looking.wait_in("looking", operation)
+    looking.service.cancel_operation(operation.id)
+    done = looking.wait_over(operation)
+    assert done.state == "CANCELLED" and done.look_again is None
+    looking.wait_for(lambda: not looking.is_alive(pid))
+    assert looking.service.get_scene(scene_id).state == "READY" and len(_versions(looking, scene_id)) == 1
+    looking.wait_for(lambda: not looking.left_over())
+
+
+def test_what_was_edited_meanwhile_stays(looking: Deployment) -> None:
+    """The names are put into the version that is current when they are written, not into the one that was looked at."""
+    looking.start_worker()
+    scene_id = _scene(looking)
+    (trained,) = _versions(looking, scene_id)
+    operation = _look(looking, scene_id, "naming:sleep 2")
+    looking.wait_in("naming", operation)
+    _edited_elsewhere(looking, scene_id, "edited")
+    done = looking.wait_over(operation)
+    assert done.state == "SUCCEEDED" and done.look_again is not None
+    parents = {version.version: version.parent for version in _versions(looking, scene_id)}
+    assert parents == {trained.version: "", "edited": trained.version, done.look_again.version: "edited"}
+    assert len(looking.visits("looking", operation)) == 1 and len(looking.visits("naming", operation)) == 2
+
+
+def test_a_deleted_scene_stops_its_looks(looking: Deployment) -> None:
+    looking.start_worker()
+    scene_id = _scene(looking)
+    running = _look(looking, scene_id, "looking:sleep 60")
+    waiting = _look(looking, scene_id, "trophy", request_id="free-again")
+    looking.wait_in("looking", running)
+    looking.service.delete_scene(scene_id)
+    assert looking.wait_over(running).state == looking.wait_over(waiting).state == "CANCELLED"
+    looking.wait_for(lambda: not looking.left_over())
+    looking.wait_for(lambda: not (looking.settings.data_dir / "scenes" / scene_id).exists())
+
+
+def test_a_failed_look_says_why_and_is_retried_without_touching_the_scene(looking: Deployment) -> None:
+    looking.start_worker()
+    scene_id = _scene(looking)
+    operation = _look(looking, scene_id, "looking:fail")
+    done = looking.wait_over(operation)
+    assert done.state == "FAILED" and done.error is not None and done.error.stage == "looking"
+    looking.service.retry_operation(operation.id)
+    assert looking.service.get_scene(scene_id).state == "READY"
+    looking.wait_for(lambda: len(looking.visits("looking", operation)) == 2)
+    assert looking.wait_over(operation).state == "FAILED"
+    assert looking.service.get_scene(scene_id).state == "READY" and len(_versions(looking, scene_id)) == 1
+
+
+def test_a_look_waits_for_a_worker_and_is_cancelled_in_the_queue(looking: Deployment) -> None:
+    worker = looking.start_worker()
+    scene_id = _scene(looking)
+    kill(worker)
+    operation = _look(looking, scene_id, "trophy")
+    assert looking.service.cancel_operation(operation.id).state == "CANCELLED"
+    assert looking.service.get_scene(scene_id).state == "READY"

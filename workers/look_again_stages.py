@@ -1,0 +1,79 @@
+"""The stages of a job that looks again at a finished scene: a look at the version of then, names for the one of now."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.look_again import Sightings, look_for, name_sightings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.gaussian_labels import label_gaussians
+from fastsplat.service.scene import Scene, read_scene, write_ply, write_scene
+from fastsplat.service.store.blobs import remove
+from fastsplat.workers.protocol import Job
+from fastsplat.workers.results import intact
+from fastsplat_contract.json_codec import to_plain
+
+_SIGHTINGS = "sightings.json"
+_PICTURES = "pictures"
+
+
+def look(job: Job, folder: Path, progress: Progress) -> None:
+    """Stage "looking": the sightings of the job's texts."""
+    assert job.look_again is not None
+    index = _open(job)
+    (folder / _PICTURES).mkdir()
+    sightings = look_for(index, job.look_again.texts, job.settings, folder / _PICTURES, progress)
+    remove(folder / _PICTURES)
+    (folder / _SIGHTINGS).write_text(json.dumps(asdict(sightings)))
+
+
+def name(job: Job, folder: Path, progress: Progress) -> None:
+    """Stage "naming": the current version with the names of what was sighted, as a folder to be published.
+
+    `summary.json` says of which version it was made, and what to tell the caller.
+    """
+    path = job.result("looking") / _SIGHTINGS
+    with intact(path):
+        values = json.loads(path.read_text())
+        found = {int(thing_id): names for thing_id, names in values.pop("found").items()}
+        texts, views = tuple(values.pop("texts")), tuple(values.pop("views"))
+        sightings = Sightings(texts=texts, views=views, found=found, **values)
+    index = _open(job)
+    scene, result = name_sightings(index, sightings, job.settings)
+    progress(ProgressEvent("naming", 0.4, f"{len(result.named)} named, {len(result.suggested)} suggested"))
+    write_scene(scene, folder / "artefact")
+    progress(ProgressEvent("naming", 0.7, "writing the PLY file"))
+    try:
+        os.link(job.upload / "scene.ply", folder / "scene.ply")  # the Gaussians are the same
+    except OSError:  # not every file system has links
+        write_ply(scene.gaussians, folder / "scene.ply")
+    summary = {
+        "parent": job.version,
+        "gaussians": len(scene.gaussians),
+        "dictionary": dictionary_rows(scene),
+        "result": to_plain(result),
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+def dictionary_rows(scene: Scene) -> list[dict[str, Any]]:
+    """The rows of a scene's dictionary as they are stored with it, by label id."""
+    counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1)
+    return [
+        {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
+        for number, entry in enumerate(scene.dictionary.entries, start=1)
+    ]
+
+
+def _open(job: Job) -> SceneIndex:
+    scene = read_scene(job.upload / "artefact")
+    encoder = open_text_encoder(scene.text_encoder[0], job.settings.models)
+    return SceneIndex(scene, encoder, job.settings.query)
