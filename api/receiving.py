@@ -77,21 +77,25 @@ class UploadReceiver:
         self._closers = ThreadPoolExecutor(_CLOSERS, thread_name_prefix="close")
         self._changed = threading.Condition()
         self._count = 0
+        self._reserved = 0
 
-    async def receive(self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int]) -> _R:
+    async def receive(
+        self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
+    ) -> _R:
         """What `sink` makes of `stream`. If the sender leaves, or this coroutine is cancelled, the sink is closed.
 
         Args:
             stream: what the sender sends.
             sink: what takes it.
             size: bytes of an item.
+            memory_bytes: what the transport holds of the stream at a time, beyond a batch.
 
         Raises:
-            OverloadedError: as many uploads as the server takes are under way.
+            OverloadedError: as many uploads as the server takes are under way, or they hold all the memory for them.
             DeadlineExceededError: the sender is too slow.
         """
-        self._enter()
-        upload = _Upload(sink, self._closers, self._leave)
+        self._enter(memory_bytes)
+        upload = _Upload(sink, self._closers, partial(self._leave, memory_bytes))
         sender = _Sender(stream, size, self._settings)
         key, project = caller_id(), _project()
         try:
@@ -109,7 +113,7 @@ class UploadReceiver:
             await sender.stop()
             await asyncio.shield(asyncio.wrap_future(upload.close()))  # before the refusal is told, nothing is left
             raise
-        self._leave()
+        self._leave(memory_bytes)
         return result
 
     def close(self) -> None:
@@ -121,7 +125,7 @@ class UploadReceiver:
         self._finishers.close()
         self._closers.shutdown()
 
-    def _enter(self) -> None:
+    def _enter(self, memory_bytes: int) -> None:
         with self._changed:
             if self._count >= self._limits.all_uploads:
                 raise OverloadedError(
@@ -129,11 +133,20 @@ class UploadReceiver:
                     limit=f"{self._limits.all_uploads} uploads of all keys at a time (FASTSPLAT_LIMITS__ALL_UPLOADS)",
                     hint="Wait a moment, then send it again.",
                 )
+            if memory_bytes and self._reserved + memory_bytes > self._limits.upload_memory_bytes:
+                raise OverloadedError(
+                    "the uploads under way hold all the memory that the server has for them",
+                    limit=f"{self._limits.upload_memory_bytes} bytes, {memory_bytes} an upload over gRPC "
+                    "(FASTSPLAT_LIMITS__UPLOAD_MEMORY_BYTES)",
+                    hint="Wait a moment, then send it again, or send it over REST.",
+                )
             self._count += 1
+            self._reserved += memory_bytes
 
-    def _leave(self) -> None:
+    def _leave(self, memory_bytes: int) -> None:
         with self._changed:
             self._count -= 1
+            self._reserved -= memory_bytes
             self._changed.notify_all()
 
 

@@ -82,9 +82,11 @@ class Threads:
             cancellation.cancel()
             raise
 
-    async def receive(self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int]) -> _R:
+    async def receive(
+        self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
+    ) -> _R:
         """See `UploadReceiver.receive`."""
-        return await self._uploads.receive(stream, sink, size)
+        return await self._uploads.receive(stream, sink, size, memory_bytes)
 
     async def _run_once(self, function: Callable[[], _R], *, costly: bool) -> _R:
         with self._metrics.queued() as call:

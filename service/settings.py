@@ -110,6 +110,12 @@ class LimitSettings(BaseModel):
     in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
     uploads: int = Field(4, ge=1, description="uploads of one key under way")
     all_uploads: int = Field(1_024, ge=1, description="uploads of all keys under way; more are refused at once")
+    upload_memory_bytes: int = Field(
+        2**31,
+        ge=2**24,
+        description="memory of uploads of all keys under way; one over gRPC counts 8 MiB, as its messages "
+        "are held whole",
+    )
     admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
     connections: int = Field(8_192, ge=1, description="HTTP connections, and as many gRPC calls under way")
     head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")

@@ -6,6 +6,7 @@ import errno
 import json
 import re
 import shutil
+import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,8 +16,9 @@ from zipfile import BadZipFile
 
 from fastsplat.service.common.atomic import publish_directory
 from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.file_digests import check_files, write_digests
 from fastsplat.workers.protocol import Job
-from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError
+from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError, SceneFileError
 
 _TIMES = "stage.json"
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -33,10 +35,31 @@ def start_stage(job: Job, stage: str) -> Path:
 def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
     """Publish a stage's result, durably. If another attempt was faster, its result stays."""
     (folder / _TIMES).write_text(json.dumps({"seconds": seconds, "attempt": job.attempt}))
+    write_digests(folder)
     try:
         publish_directory(folder, job.result(stage))
     except FileExistsError:
         remove(folder)
+
+
+def discard_damaged(job: Job) -> tuple[str, ...]:
+    """Take away the first stage's result that is not as it was written, and those after it, because they were made of
+    it; returns the stages that are to be done again for that.
+
+    A result of a release before results had digests counts as whole.
+    """
+    done = [stage for stage in job.stages if job.result(stage).is_dir()]
+    for number, stage in enumerate(done):
+        try:
+            check_files(job.result(stage))
+        except (SceneFileError, OSError) as error:
+            print(f"the result of {stage} is damaged, it is made again: {error}", file=sys.stderr, flush=True)
+            for gone in reversed(done[number:]):
+                unfinished = job.folder / f"{gone}.{job.attempt}.part"  # what `start_stage` begins with
+                remove(unfinished)
+                job.result(gone).rename(unfinished)
+            return tuple(done[number:])
+    return ()
 
 
 @contextmanager

@@ -42,10 +42,15 @@ def main() -> int:
 def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
     from fastsplat.service.common.progress import ProgressEvent
     from fastsplat.workers.protocol import Done, Failed
-    from fastsplat.workers.results import finish_stage, operation_error, start_stage
+    from fastsplat.workers.results import discard_damaged, finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
     stages: Stages | None = None
+    try:
+        discard_damaged(job)
+    except OSError as error:
+        send(Failed(operation_error(error, job.stages[0], job)))
+        return 1
     for stage in job.stages:
         if job.result(stage).is_dir():
             send(Done(stage, 0.0))

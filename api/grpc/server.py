@@ -13,15 +13,13 @@ from fastsplat.api.access.gate import Gate
 from fastsplat.api.grpc.access import AccessInterceptor
 from fastsplat.api.grpc.decoding import DecodingInterceptor
 from fastsplat.api.grpc.servicer import SceneServicer
+from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
-
-MAX_MESSAGE_BYTES = 4 * 2**20
-"""gRPC's own default, which every client has; what could pass it is streamed."""
 
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
 

@@ -12,7 +12,7 @@ from grpc import aio
 from fastsplat.api.access.caller import caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
-from fastsplat.api.grpc.upload import StreamSink
+from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -45,7 +45,10 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         """Upload a capture and queue its training."""
         async with guarded(context, "CreateScene"):
             operation = await self._threads.receive(
-                _whole(request_iterator, context), StreamSink(self._service), size=pb.CreateSceneRequest.ByteSize
+                _whole(request_iterator, context),
+                StreamSink(self._service),
+                size=pb.CreateSceneRequest.ByteSize,
+                memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next comes in
             )
             return _as(pb.Operation, operation)
 

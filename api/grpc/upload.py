@@ -11,6 +11,9 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
+MAX_MESSAGE_BYTES = 4 * 2**20
+"""gRPC's own default, which every client has; what could pass it is streamed."""
+
 
 class StreamSink:
     """Takes the stream's messages, see `api.receiving.Sink`; what is refused leaves nothing behind.

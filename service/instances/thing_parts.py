@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +37,7 @@ def find_parts(selection: Selection, size: F32, settings: DiscoverySettings, fir
     """The parts of the things of a selection, the largest first; None for none.
 
     A part has those Gaussians of its candidate that its thing owns. Where parts overlap the smaller has them, as among
-    things. What fills fewer pixels than a thing must (`min_weight_px`), or most of its thing, is no part.
+    things. What then fills fewer pixels than a thing must (`min_weight_px`), or fills most of its thing, is no part.
 
     Args:
         selection: its thing number n has the id n + 1.
@@ -45,22 +47,23 @@ def find_parts(selection: Selection, size: F32, settings: DiscoverySettings, fir
     """
     count = len(selection.owners)
     whole = np.bincount(selection.owners + 1, size.astype(np.float64), minlength=len(selection.things) + 1)[1:]
-    owner, shares = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
-    parts = []
+    claims = []
     for part, thing in selection.parts:
         own = selection.owners[part.rows] == thing
-        weight = float(size[part.rows[own]].sum())
-        if settings.min_weight_px <= weight <= _MOST * whole[thing]:
-            parts.append((weight, thing, part.consensus, part.rows[own], part.shares[own]))
-    parts.sort(key=lambda one: -one[0])
-    for number, (_, _, _, rows, inside) in enumerate(parts):
-        owner[rows], shares[rows] = number, inside
-    has = np.bincount(owner[owner != NOBODY], minlength=len(parts)) > 0
-    ids = np.cumsum(has) + first_id - 1
-    table = tuple(
-        Thing(int(ids[number]), consensus=min(1.0, consensus), parent=thing + 1)
-        for number, (_, thing, consensus, _, _) in enumerate(parts)
-        if has[number]
-    )
+        rows, shares = part.rows[own], part.shares[own]
+        weight = float(size[rows].sum())
+        if weight <= _MOST * whole[thing]:
+            claims.append((weight, rows, shares, Thing(first_id, consensus=min(1.0, part.consensus), parent=thing + 1)))
+    owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
+    parts: list[Thing] = []
+    for _, rows, shares, claimant in sorted(claims, key=lambda claim: claim[0]):
+        free = owner[rows] == NOBODY
+        if size[rows[free]].sum() >= settings.min_weight_px:
+            owner[rows[free]], sure[rows[free]] = len(parts), shares[free]
+            parts.append(claimant)
+    if not parts:
+        return None
+    last = first_id + len(parts) - 1  # the largest, which comes last, is the first
+    table = tuple(replace(part, id=last - number) for number, part in enumerate(parts))[::-1]
     rows = np.flatnonzero(owner != NOBODY)
-    return Parts(table, membership_of(rows, ids[owner[rows]], shares[rows], count)) if table else None
+    return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
-from fastsplat.api.grpc.server import MAX_MESSAGE_BYTES
+from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
 from fastsplat.service.application.stored import scene_of
 from fastsplat.service.settings import CallSettings

@@ -92,6 +92,41 @@ def test_what_is_refused_is_closed_before_it_is_told_and_its_place_is_free() -> 
     asyncio.run(main())
 
 
+def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -> None:
+    async def main() -> None:
+        limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
+        receiver = UploadReceiver(limits, UploadSettings(), 2)
+        sinks = [_Sink(), _Sink()]
+
+        async def silent() -> AsyncIterator[bytes]:
+            yield b"ab"
+            await asyncio.Event().wait()
+
+        tasks = [asyncio.create_task(receiver.receive(silent(), sink, size=len, memory_bytes=2**23)) for sink in sinks]
+        while not all(sink.data for sink in sinks):
+            await asyncio.sleep(0.01)
+        refused = _Sink()
+        with pytest.raises(OverloadedError, match="memory"):
+            await receiver.receive(silent(), refused, size=len, memory_bytes=1)
+        assert not refused.calls
+        free = _stream(bytes(1_000), random.Random(1))
+        assert await receiver.receive(free, _Sink(), size=len) == 1_000  # what holds a batch only still comes in
+        for task in tasks:
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+        while True:  # the place is free as soon as the upload is closed
+            try:
+                last = _stream(bytes(1_000), random.Random(1))
+                assert await receiver.receive(last, _Sink(), size=len, memory_bytes=2**24) == 1_000
+                break
+            except OverloadedError:
+                await asyncio.sleep(0.01)
+        await asyncio.to_thread(receiver.close)
+
+    asyncio.run(main())
+
+
 def test_a_sender_who_pauses_is_written_and_when_he_leaves_it_is_closed() -> None:
     async def main() -> None:
         receiver = _receiver(all_uploads=1)

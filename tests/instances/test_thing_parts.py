@@ -43,6 +43,7 @@ def test_parts_are_of_what_their_thing_owns_and_the_smaller_has_what_two_claim()
     claims = (
         (candidate(range(40, 110), share=0.6), 0),  # ten of them are of the other thing
         (candidate(range(50, 70), share=0.9), 0),
+        (candidate(range(48, 72), share=0.7), 0),  # too little of it is left
         (candidate(range(100, 148)), 1),  # nearly all of its thing
         (candidate(range(100, 103)), 1),  # too small
     )

@@ -14,7 +14,7 @@ from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
-from fastsplat.service.splatting import blending
+from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.camera import PosedCamera
 
 MakeScene = Callable[..., Scene]
@@ -172,7 +172,7 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
     scene = with_evidence(scene, evidence_of(rows, names, counts, 52))
     at_once = ask(scene)
     expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["thing 3x"])[0], front)
-    monkeypatch.setattr(blending, "_CHANNELS", 5)
+    monkeypatch.setattr(share_maps, "_CHANNELS", 5)
     in_pieces = ask(scene)
     np.testing.assert_array_equal(expected[0], in_pieces.label_map(front))
     seen = in_pieces.mask2d(in_pieces.ask(["thing 3x"])[0], front)

@@ -208,6 +208,9 @@ def test_what_looks_alike_is_suggested_and_never_named(opened: Open, discovered:
     twin, wall = named.things.listed[1:]
     assert (twin.name, twin.suggestions[0].name) == ("", "mug") and 0.8 < twin.suggestions[0].probability <= 1
     assert wall.suggestions == () and wall.name == ""
+    same = replace(discovered, gaussians=replace(discovered.gaussians, sh=np.full_like(sh, 0.3)))
+    twin, wall = edited(opened(same), name(4, "mug")).things.listed[1:]  # of one color all, a book is no mug
+    assert [suggestion.name for suggestion in twin.suggestions] == ["mug", "kettle"] and wall.suggestions == ()
 
 
 def test_picking_finds_what_a_picture_shows(opened: Open, discovered: Scene) -> None:
