@@ -177,8 +177,9 @@ def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
 
 def _check_on_thing(prompt: PicturePrompt, ids: NDArray[np.uint16], thing_id: int) -> None:
     """Refuse pixels that are not on the thing that is split."""
-    for number, (x, y) in enumerate(prompt.pixels if thing_id else ()):
-        shown = int(ids[int(y), int(x)])
+    from fastsplat.service.instances.prompt_answers import values_at
+
+    for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if thing_id else ()):
         if shown != thing_id:
             raise InvalidInputError(
                 f"the pixel shows {f'thing {shown}' if shown else 'no thing'}, not thing {thing_id}",

@@ -62,6 +62,13 @@ class PicturePrompt:
         return Prompts(points[None].astype(np.float32), np.array([kinds], np.float32))
 
 
+def values_at(image: NDArray[Any], pixels: F64) -> NDArray[Any]:
+    """[N]: what an image [H, W] has at pixels [N, 2]; those that scaling has rounded onto its far edges are in it."""
+    height, width = image.shape
+    x, y = pixels.astype(np.int64).T
+    return np.asarray(image[np.minimum(y, height - 1), np.minimum(x, width - 1)])
+
+
 def prompted_mask(
     answer: MaskLogits, prompt: PicturePrompt, ids: NDArray[np.integer], inside: Mask | None
 ) -> Mask | None:
@@ -144,9 +151,8 @@ def _enlarged(answer: MaskLogits, width: int, height: int) -> NDArray[np.bool_]:
 
 def _fit(mask: Mask, prompt: PicturePrompt) -> float:
     """How well a mask keeps to the prompt's pixels and box, 0..1."""
-    on = [mask[int(y), int(x)] for x, y in prompt.pixels]
-    beside = [mask[int(y), int(x)] for x, y in prompt.background]
-    score = (1.0 if all(on) else _DOUBT) * (_DOUBT if any(beside) else 1.0)
+    on, beside = values_at(mask, prompt.pixels), values_at(mask, prompt.background)
+    score = (1.0 if on.all() else _DOUBT) * (_DOUBT if beside.any() else 1.0)
     return score if prompt.box is None else score * _box_agreement(mask, prompt.box)
 
 
@@ -155,7 +161,8 @@ def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
     whole = np.bincount(ids.ravel())
     within = np.bincount(ids[mask], minlength=len(whole))
     eaten = within > _EATEN * whole
-    eaten[[0, *(int(ids[int(y), int(x)]) for x, y in prompt.pixels)]] = False
+    eaten[0] = False
+    eaten[values_at(ids, prompt.pixels)] = False
     return int(within[eaten].sum())
 
 

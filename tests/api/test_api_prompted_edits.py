@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.instances.prompt_settings import PromptSettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import (
@@ -145,6 +146,26 @@ def test_a_missing_thing_is_added_from_nobody_and_from_whoever_has_it(
     (new,) = client.add_thing(own, "front.png", pixels=[_BALL]).prompted
     taken = _owner(service, own) == new.thing_id
     assert ((truth == 2) & taken).sum() >= 0.85 * max(taken.sum(), (truth == 2).sum())
+
+
+def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Settings, own: str) -> None:
+    prompts = PromptSettings(max_side=64, views=1)
+    small = turned(0.0)
+    with open_service(api_settings.model_copy(update={"prompts": prompts})) as service:
+        truth = _owner(service, own)
+        for factor in (2, 3):
+            large = replace(small, camera=small.camera.scaled_to(48 * factor, 36 * factor))
+            place = tuple(factor * side for side in _BALL)
+            service.versions.edit(own, [_MERGE])
+            split = replace(_SPLIT, prompt=_prompt(place, view=None, camera=large))
+            (new,) = service.versions.edit(own, [split]).prompted
+            piece = _owner(service, own) == new.thing_id
+            assert new.views == ("",) and ((truth == 2) & piece).sum() >= 0.85 * max(piece.sum(), (truth == 2).sum())
+            edge = Pixel(np.nextafter(48.0 * factor, 0), np.nextafter(36.0 * factor, 0))
+            with pytest.raises(InvalidInputError, match="the pixel shows"):
+                service.versions.edit(own, [replace(split, prompt=replace(split.prompt, pixels=(edge,)))])
+            service.versions.undo(own)
+            service.versions.undo(own)
 
 
 @pytest.mark.parametrize(
