@@ -56,10 +56,15 @@ def table(settings: Settings) -> Scene:
     )
 
 
-def looking(position: NDArray[np.float64], target: NDArray[np.float64], camera: Camera) -> PosedCamera:
-    """A camera that looks from one point to another, z upright in its picture."""
+def looking(
+    position: NDArray[np.float64],
+    target: NDArray[np.float64],
+    camera: Camera,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> PosedCamera:
+    """A camera that looks from one point to another, `up` upright in its picture."""
     forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
