@@ -16,11 +16,11 @@ from tests.web.table import add_table
 
 @pytest.fixture(scope="module")
 def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]]:
-    """The address of a server that wants keys, and its first key."""
-    settings = page_settings(tmp_path_factory.mktemp("guarded"), auth="keys")
+    """The address of a server that wants keys, and a key."""
+    settings = page_settings(tmp_path_factory.mktemp("guarded"), auth="on")
     with open_service(settings) as service, serving(service, settings) as ports:
         add_table(service, settings)
-        yield f"http://127.0.0.1:{ports.http}", (settings.data_dir / "key").read_text().strip()
+        yield f"http://127.0.0.1:{ports.http}", service.admin.keys.create("a person", "admin")[1]
 
 
 def _enter(visit: Visit, key: str) -> None:
