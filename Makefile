@@ -47,7 +47,7 @@ test: setup  ## every check: lint, types, architecture, laws
 	$(BIN)/pytest
 
 lint: setup  ## format and lint in place
-	cd $(WEB) && npm run --silent format
+	@if test -d $(WEB)/node_modules; then cd $(WEB) && npm run --silent format; fi
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
 	$(BIN)/clang-format -i $(CPP)
 

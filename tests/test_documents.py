@@ -16,7 +16,7 @@ from fastsplat.service.settings import Settings
 
 _ROOT = Path(__file__).parent.parent
 _DOCUMENTS = ("README.md", "DEVELOPMENT.md")
-_MADE = (".venv", ".models/", "demo-output/", "fastsplat-data", "benchmarks/results/")
+_MADE = (".venv", ".models/", "api/web/dist/", "demo-output/", "fastsplat-data", "benchmarks/results/")
 """Beginnings of paths that commands make."""
 _FOLDERS = ("api", "service", "client", "workers")
 _OF_A_PROCESS = {"FASTSPLAT_RASTER_THREADS", "FASTSPLAT_RASTER_ISA", "FASTSPLAT_TEST_DATA"}

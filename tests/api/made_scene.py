@@ -25,11 +25,11 @@ _PER_BLOB = 60
 _CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
 
 
-def write_words(models: Path) -> None:
-    """A text encoder's folder: kindred words close together, strangers far from all."""
+def write_words(models: Path, *more: str) -> None:
+    """A text encoder's folder: kindred words close together, strangers (and `more` of them) far from all."""
     rng = np.random.default_rng(7)
     vectors: dict[str, np.ndarray] = {}
-    for word in (*LABELS, *STRANGERS, *QuerySettings().negatives):
+    for word in (*LABELS, *STRANGERS, *QuerySettings().negatives, *more):
         vectors[word] = rng.normal(size=64)
         for kin in KINDRED.get(word, ()):
             vectors[kin] = vectors[word] + 0.4 * rng.normal(size=64)

@@ -20,6 +20,9 @@ from tests.api.served import serving
 from tests.web.browser import chromium
 from tests.web.table import add_table
 
+MARKUP = "<b onclick=alert(1)>violin</b><script>alert(2)</script>"
+"""A name that the text encoder knows, and that no page may take for markup."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -53,7 +56,7 @@ def browser() -> Iterator[Browser]:
 
 def page_settings(folder: Path, **more: object) -> Settings:
     """Settings of a server that only the page's tests ask."""
-    write_words(folder / "models")
+    write_words(folder / "models", MARKUP)
     settings = Settings(
         data_dir=folder / "data",
         models=folder / "models",

@@ -24,27 +24,29 @@ _PER_THING = 900
 _TABLE = 2_400
 
 
-def add_table(service: SceneService, settings: Settings, name: str = "a table") -> str:
-    """Stores the scene as a job that succeeded; returns its id."""
+def add_table(
+    service: SceneService, settings: Settings, name: str = "a table", labels: tuple[str, ...] = LABELS
+) -> str:
+    """Stores the scene as a job that succeeded, its things named `labels`; returns its id."""
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
-    return store_scene(service._store, table(settings), name, stages=[stage])
+    return store_scene(service._store, table(settings, labels), name, stages=[stage])
 
 
-def table(settings: Settings) -> Scene:
+def table(settings: Settings, labels: tuple[str, ...] = LABELS) -> Scene:
     """Three opaque balls on a gray disk; z is up; seen by cameras around it."""
     rng = np.random.default_rng(11)
-    means, colors, labels = [_disk(rng)], [np.full((_TABLE, 3), 0.6)], [np.zeros(_TABLE, dtype=np.int64)]
+    means, colors, ids = [_disk(rng)], [np.full((_TABLE, 3), 0.6)], [np.zeros(_TABLE, dtype=np.int64)]
     for label_id, label in enumerate(LABELS, start=1):
         directions = rng.normal(size=(_PER_THING, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         means.append(np.array(_PLACES[label]) + _RADIUS * directions)
         colors.append(np.clip(np.array(_COLORS[label]) + rng.normal(scale=0.05, size=(_PER_THING, 3)), 0, 1))
-        labels.append(np.full(_PER_THING, label_id))
+        ids.append(np.full(_PER_THING, label_id))
     encoder = open_text_encoder(ENCODER, settings.models)
     return labelled_scene(
         np.concatenate(means),
-        np.concatenate(labels),
-        Dictionary(tuple(DictionaryEntry(label, pixels=100, views=3) for label in LABELS)),
+        np.concatenate(ids),
+        Dictionary(tuple(DictionaryEntry(label, pixels=100, views=3) for label in labels)),
         scales=0.035,
         logit_opacities=4.0,
         sh=((np.concatenate(colors) - 0.5) / SH_C0)[:, None, :],
@@ -56,10 +58,15 @@ def table(settings: Settings) -> Scene:
     )
 
 
-def looking(position: NDArray[np.float64], target: NDArray[np.float64], camera: Camera) -> PosedCamera:
-    """A camera that looks from one point to another, z upright in its picture."""
+def looking(
+    position: NDArray[np.float64],
+    target: NDArray[np.float64],
+    camera: Camera,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> PosedCamera:
+    """A camera that looks from one point to another, `up` upright in its picture."""
     forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)

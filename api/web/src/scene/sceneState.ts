@@ -132,7 +132,6 @@ export class SceneState {
     const before = this.selected.value;
     const others = before.filter((each) => each !== id);
     this.actionError.value = null;
-    this.message.value = "";
     if (!more) this.selected.value = [id];
     else this.selected.value = others.length < before.length ? others : [...before, id];
   }

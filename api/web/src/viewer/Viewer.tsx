@@ -123,7 +123,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       statesOf(count, mask, owners, state.hovered.value, state.selected.value),
       mask !== null || state.selected.value.length > 0,
     );
-    if (canvas.current) canvas.current.dataset["shown"] = `${state.geometry.value} ${mask ? "answer" : "plain"}`;
+    if (!canvas.current) return;
+    canvas.current.dataset["shown"] = `${state.geometry.value} ${mask ? "answer" : "plain"}`;
+    canvas.current.dataset["hovered"] = String(state.hovered.value);
   });
 
   return (

@@ -1,0 +1,147 @@
+"""Things on the page: pointed at, clicked, named, merged, discarded, undone, and worked through by keyboard."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Locator, expect
+
+from fastsplat_contract.scenes import Edit
+from tests.web.browser import Visit, visiting
+from tests.web.conftest import MARKUP, Place
+from tests.web.table import add_table
+
+_VIEW = "0_-3.2_1.6_0_0_0.2"
+
+
+@pytest.fixture
+def own(place: Place) -> Iterator[str]:
+    """A scene of one test."""
+    scene_id = place.new_scene("own")
+    yield scene_id
+    place.service.delete_scene(scene_id)
+
+
+def _ready(visit: Visit) -> Locator:
+    canvas = visit.page.locator("canvas")
+    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
+    return canvas
+
+
+def _middle(canvas: Locator) -> dict[str, float]:
+    """Where the picture shows the ball, from `_VIEW`."""
+    box = canvas.bounding_box()
+    assert box is not None
+    return {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
+
+
+def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, browser: Browser, own: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        canvas, page = _ready(visit), visit.page
+        canvas.click(position=_middle(canvas))
+        card = page.locator(".thing-card")
+        expect(card.get_by_role("heading", name="ball")).to_be_visible()
+        expect(card).to_contain_text("Gaussians")
+        expect(card).to_contain_text(re.compile(r"\d\.\d\d × \d\.\d\d × \d\.\d\d m"))
+        visit.check_accessible()
+        card.get_by_label("Name").fill("violin")
+        card.get_by_role("button", name="Save the name").click()
+        expect(page.get_by_text("Named “violin”.")).to_be_visible()
+        page.get_by_role("searchbox").fill("violin")
+        expect(page.get_by_text("Here it is")).to_be_visible()
+        expect(page.get_by_role("button", name="Look at violin 1")).to_be_visible()
+        expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
+        assert len([url for url in visit.requests if "scene.ply" in url]) == 1  # a name changes no Gaussian
+
+        page.reload()
+        expect(page.get_by_role("searchbox")).to_have_value("violin")
+        expect(page.get_by_text("Here it is")).to_be_visible()
+        page.get_by_role("button", name="Undo").click()
+        expect(page.get_by_text("Not here")).to_be_visible()
+        expect(page.locator(".thing-list")).to_contain_text("ball")
+        page.reload()
+        expect(page.get_by_text("Not here")).to_be_visible()
+    (first, *_) = place.service.versions.all(own)
+    assert first.current
+
+
+def test_hovering_lights_a_thing_up(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+        canvas = _ready(visit)
+        canvas.hover(position=_middle(canvas))
+        expect(canvas).to_have_attribute("data-hovered", "2")
+        visit.page.mouse.move(5, 5)
+        expect(canvas).to_have_attribute("data-hovered", "0")
+
+
+def test_two_things_are_merged_and_one_discarded(place: Place, browser: Browser, own: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        _ready(visit)
+        page, rows = visit.page, visit.page.locator(".thing-list li")
+        page.get_by_role("checkbox", name="Select mug").check()
+        page.get_by_role("checkbox", name="Select ball").check()
+        expect(page.get_by_role("heading", name="2 things selected")).to_be_visible()
+        visit.check_accessible()
+        page.get_by_role("button", name="Merge into one").click()
+        expect(page.get_by_text("Merged.")).to_be_visible()
+        expect(rows).to_have_count(2)
+        page.locator(".thing-list").get_by_role("button", name="story book").click()
+        page.get_by_role("button", name="Discard").click()
+        expect(rows).to_have_count(1)
+        for count in (2, 3):
+            page.get_by_role("button", name="Undo").click()
+            expect(rows).to_have_count(count)
+
+
+def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, browser: Browser, own: str) -> None:
+    ids = [thing.id for thing in place.service.answers.list_things(own).things]
+    place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        _ready(visit)
+        page = visit.page
+        expect(page.get_by_text("3 things without a name")).to_be_visible()
+        page.get_by_role("button", name="Name the next one").focus()
+        page.keyboard.press("Enter")
+        for number, name in zip(ids, ("elephant", MARKUP, "moon"), strict=True):
+            expect(page.get_by_label(f"Thing {number}, no name", exact=True)).to_be_focused()
+            page.keyboard.type(name)
+            page.keyboard.press("Enter")
+            expect(page.get_by_text(f"Named “{name}”.")).to_be_visible()
+        expect(page.get_by_text("All things have names.")).to_be_visible()
+    names = [thing.name for thing in place.service.answers.list_things(own).things]
+    assert names == ["elephant", MARKUP, "moon"]
+
+
+def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
+    scene_id = add_table(place.service, place.settings, labels=(MARKUP, "ball", "story book"))
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
+        canvas = _ready(visit)
+        expect(visit.page.locator(".ask")).to_contain_text(MARKUP)
+        visit.page.locator(".thing-list").get_by_role("button", name=MARKUP).click()
+        expect(visit.page.locator(".thing-card h2")).to_have_text(MARKUP)
+        assert canvas.is_visible() and visit.page.locator("b, main script").count() == 0
+    place.service.delete_scene(scene_id)
+
+
+def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        _ready(visit)
+        place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
+        expect(visit.page.locator(".thing-list")).to_contain_text("volcano")
+        expect(visit.page.get_by_text("The scene has changed.")).to_be_visible()
+
+
+def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, browser: Browser, own: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        _ready(visit)
+        visit.expected.append("40")
+        visit.page.route("**/versions", lambda route: route.abort())  # the page does not notice
+        visit.expected.append("ERR_FAILED")
+        place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
+        visit.page.locator(".thing-list").get_by_role("button", name="mug").click()
+        visit.page.locator(".thing-card").get_by_label("Name").fill("moon")
+        visit.page.get_by_role("button", name="Save the name").click()
+        expect(visit.page.get_by_role("alert").first).to_contain_text("volcano")

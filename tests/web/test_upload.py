@@ -1,0 +1,136 @@
+"""Photos become a job through the page, in pieces that go on after a cut; and what becomes of the job."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, Request, expect
+
+from tests.web.browser import visiting
+from tests.web.conftest import Place
+
+_PIECE = 8 * 2**20  # as in api/web/src/upload/tus.ts
+
+
+def _photo(side: int, seed: int) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
+    return buffer.getvalue()
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> list[Path]:
+    """Three small photos."""
+    paths = [tmp_path / f"{number}.jpg" for number in range(3)]
+    for number, path in enumerate(paths):
+        path.write_bytes(_photo(64, number))
+    return paths
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A zip of photos that goes in three pieces."""
+    path = tmp_path_factory.mktemp("archive") / "capture.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        number = 0
+        while path.stat().st_size < 2.2 * _PIECE:
+            file.writestr(f"{number}.jpg", _photo(1400, number))
+            file.fp.flush() if file.fp else None
+            number += 1
+    return path
+
+
+def _choose(page: Page, paths: list[Path]) -> None:
+    page.get_by_label("Choose files").set_input_files(paths)
+
+
+def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
+    place: Place, browser: Browser, photos: list[Path]
+) -> None:
+    with visiting(browser, place.url, "#/new") as visit:
+        page = visit.page
+        visit.check_accessible()
+        _choose(page, photos)
+        expect(page.get_by_text("3 files")).to_be_visible()
+        page.get_by_label("Name", exact=True).fill("from the page")
+        page.get_by_label("Quality").select_option("draft")
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_role("heading", name="from the page")).to_be_visible()
+        expect(page.get_by_text("Waiting for a worker.").last).to_be_visible()
+        visit.check_accessible()
+        page.get_by_role("button", name="Cancel the job").click()
+        expect(page.get_by_text("The job was cancelled.")).to_be_visible()
+        visit.check_accessible()
+        page.get_by_role("button", name="Try again").click()
+        expect(page.get_by_text("Waiting for a worker.").last).to_be_visible()
+        scene_id = page.url.rpartition("/")[2]
+        folder = place.service._store.blobs.upload(
+            place.service._store.scenes.operation(place.service.get_scene(scene_id).operation_id).upload_id
+        )
+        assert {path.name for path in folder.rglob("*.jpg")} == {"0.jpg", "1.jpg", "2.jpg"}
+        page.get_by_role("button", name="Delete scene").click()
+        page.get_by_role("button", name="Delete for good").click()
+        expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
+        expect(page.get_by_role("link", name="from the page")).to_have_count(0)
+
+
+def test_an_upload_that_is_cut_goes_on_where_it_stopped(place: Place, browser: Browser, archive: Path) -> None:
+    offsets: list[int] = []
+
+    def note(request: Request) -> None:
+        if request.method == "PATCH":
+            offsets.append(int(request.headers["upload-offset"]))
+
+    with visiting(browser, place.url, "#/new") as visit:
+        page = visit.page
+        visit.expected.append("ERR_FAILED")
+        page.on("request", note)
+        cuts = iter([False, True])
+        page.route(
+            re.compile("/v1/uploads/"),
+            lambda route: route.abort() if route.request.method == "PATCH" and next(cuts, False) else route.continue_(),
+        )
+        _choose(page, [archive])
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_role("alert")).to_contain_text("What has arrived is kept")
+        assert offsets == [0, _PIECE]
+        visit.check_accessible()
+
+        page.reload()  # as somebody comes back later
+        _choose(page, [archive])
+        expect(page.get_by_text("goes on where it stopped")).to_be_visible()
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_text("Waiting for a worker.").last).to_be_visible()
+        assert offsets == [0, _PIECE, _PIECE, 2 * _PIECE]
+    place.service.delete_scene(page.url.rpartition("/")[2])
+
+
+def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser, tmp_path: Path) -> None:
+    names = {"a.heic": b"x", "notes <b>.docx": b"x", "empty.jpg": b"", "good.jpg": _photo(32, 1)}
+    for name, content in names.items():
+        (tmp_path / name).write_bytes(content)
+    with visiting(browser, place.url, "#/new") as visit:
+        _choose(visit.page, [tmp_path / name for name in names])
+        told = visit.page.get_by_role("alert")
+        for name in ("a.heic", "notes <b>.docx", "empty.jpg"):
+            expect(told).to_contain_text(name)
+        expect(visit.page.get_by_text("1 file")).to_be_visible()
+        visit.check_accessible()
+        assert not [url for url in visit.requests if "/v1/uploads/" in url]
+
+
+def test_what_the_server_refuses_is_said_in_its_words(place: Place, browser: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "one.jpg"
+    path.write_bytes(_photo(32, 5))
+    with visiting(browser, place.url, "#/new") as visit:
+        visit.expected.append("400")
+        _choose(visit.page, [path])
+        visit.page.get_by_role("button", name="Upload").click()
+        expect(visit.page.get_by_role("alert")).to_contain_text(re.compile("at least|least 2|pose"))
