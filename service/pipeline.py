@@ -20,8 +20,10 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
+from fastsplat.service.instances.appearance import with_appearances
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.class_names import COCO_80, TAGS
 from fastsplat.service.perception.detectors import open_closed_set_detector
@@ -300,7 +302,7 @@ def _things(
     masks = labelling.masks or propose_capture_masks(
         capture.views, settings.perception, settings.models, tell("looking for things", 0, _LOOKING_SHARE)
     )
-    return find_scene_things(
+    things = find_scene_things(
         trained.gaussians,
         capture,
         labelling,
@@ -309,6 +311,11 @@ def _things(
         tell("discovering things", 0.0 if labelling.masks else _LOOKING_SHARE, 1.0),
         backend=settings.training.backend,
     )
+    encoder = open_appearance_encoder(settings.perception, settings.models)
+    if encoder is None:
+        return things
+    side, backend = settings.discovery.max_side, settings.training.backend
+    return with_appearances(things, trained.gaussians, capture.views, encoder, side, backend=backend)
 
 
 def scene_quality(

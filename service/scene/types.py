@@ -118,6 +118,9 @@ class Thing:
         consensus: share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody added.
         surface: see `SurfaceKind`.
         suggestions: names that nobody has settled, with their probabilities, the most probable first.
+        appearance: its descriptor, float16 of length 1 (see `service.perception.appearance`); empty for a thing that no
+            photo shows well, or that was made by an edit.
+        picture: a small JPEG of it, empty where `appearance` is.
     """
 
     id: int
@@ -127,6 +130,8 @@ class Thing:
     consensus: float = 1.0
     surface: SurfaceKind = ""
     suggestions: tuple[tuple[str, float], ...] = ()
+    appearance: bytes = field(default=b"", repr=False)
+    picture: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
