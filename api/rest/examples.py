@@ -18,6 +18,7 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
+from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -97,7 +98,7 @@ _UNNAMED = replace(
     name="",
     source=None,
     probability=0.0,
-    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3)),
+    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"])),
 )
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
@@ -173,6 +174,15 @@ _KEY = AccessKey(
     expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
     revoked_at=None,
 )
+_KNOWN_NAME = KnownName(
+    id=f"{IDS['scene_id']}-1",
+    name="mug",
+    scene_id=IDS["scene_id"],
+    version=IDS["scene_id"],
+    thing_id=1,
+    named_at=_POSTED,
+    picture=b"\xff\xd8\xff",
+)
 
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
@@ -197,6 +207,7 @@ ANSWERS: Mapping[str, Any] = {
         _KEY,
         NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
         KeyList((_KEY,), _TOKEN),
+        KnownNameList((_KNOWN_NAME,), _TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }

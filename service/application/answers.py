@@ -7,6 +7,7 @@ import logging
 from pathlib import Path
 
 from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
+from fastsplat.service.application.known_names import KnownNames
 from fastsplat.service.application.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
@@ -50,6 +51,7 @@ class Answers:
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
+        self._known_names = KnownNames(store, settings)
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
@@ -193,7 +195,7 @@ class Answers:
 
         def read(index: SceneIndex, read_version: str) -> ThingList:
             page, token = page_of(index.things.listed, size, page_token, f"things {scene_id} {read_version}")
-            return ThingList(tuple(page), token, read_version)
+            return ThingList(self._known_names.suggest(scene_id, index.things.table, page), token, read_version)
 
         return self._scenes.reading(scene_id, version, read)
 
@@ -228,7 +230,8 @@ class Answers:
             if posed is not None:
                 inside = things.map(posed) == thing_id
                 mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-            return PickedThing(things.get(thing_id), mask, read_version)
+            (thing,) = self._known_names.suggest(request.scene_id, things.table, (things.get(thing_id),))
+            return PickedThing(thing, mask, read_version)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 

@@ -13,6 +13,7 @@ from typing import Self
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.known_names import KnownNames
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
@@ -62,6 +63,8 @@ class SceneService:
         """Questions, pictures and files of finished scenes."""
         self.versions = Versions(self._store, settings, self._scenes, self._memory)
         """Edits of finished scenes."""
+        self.known_names = KnownNames(self._store, settings)
+        """What people named in the project's scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
@@ -86,6 +89,7 @@ class SceneService:
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory)
+        other.known_names = KnownNames(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 

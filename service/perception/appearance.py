@@ -82,7 +82,7 @@ def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
     rows = np.stack(features).astype(np.float64) - _center()
     parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
     whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])
-    return (whole / np.sqrt(len(parts))).astype(np.float16)
+    return np.asarray(whole / np.sqrt(len(parts)), np.float16)
 
 
 def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:

@@ -17,9 +17,7 @@ Shape = Sequence[int | None]
 """Sizes; None: any. A size that the model leaves open fits every number."""
 
 
-def open_session(
-    path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()
-) -> onnxruntime.InferenceSession:
+def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()) -> onnxruntime.InferenceSession:
     """An onnxruntime CPU session of an `.onnx` or `.ort` file; `threads` 0: all cores.
 
     Args:

@@ -11,6 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.known_names import forget_names
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
@@ -188,6 +189,7 @@ class SceneRepository:
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
+            forget_names(connection, scene_id)
             _stop(connection, self._operation(connection, record.operation_id))
             here = operations.c.id == record.operation_id
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
