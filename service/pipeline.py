@@ -20,8 +20,8 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.instances.appearance import with_appearances
 from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks

@@ -56,6 +56,7 @@ IDS = {
     "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
     "key_id": "5d0c9a7e3b1f",
     "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
+    "name_id": "8a6b1d2c4e5f4a3b9c7d0e1f2a3b4c5d-1",
 }
 """Ids of things that are on no server: whoever tries an example puts their own in."""
 
@@ -175,10 +176,10 @@ _KEY = AccessKey(
     revoked_at=None,
 )
 _KNOWN_NAME = KnownName(
-    id=f"{IDS['scene_id']}-1",
+    id=IDS["name_id"],
     name="mug",
     scene_id=IDS["scene_id"],
-    version=IDS["scene_id"],
+    version=IDS["version"],
     thing_id=1,
     named_at=_POSTED,
     picture=b"\xff\xd8\xff",

@@ -18,7 +18,7 @@ from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.keys import ClientKeys
-from fastsplat_client.known_names import ClientKnownNames
+from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path

@@ -7,12 +7,12 @@ import logging
 from pathlib import Path
 
 from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
-from fastsplat.service.application.known_names import KnownNames
 from fastsplat.service.application.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
+from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled

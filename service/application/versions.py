@@ -22,7 +22,7 @@ from fastsplat.service.scene import Scene, Things, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.known_names import NewName, VersionNames
+from fastsplat.service.store.name_repository import NewName, VersionNames
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import from_plain, to_plain

@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.known_names import forget_names
+from fastsplat.service.store.name_repository import forget_names
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError

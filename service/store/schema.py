@@ -106,7 +106,7 @@ scene_versions = Table(
     UniqueConstraint("scene_id", "request_id"),
 )
 
-# What people named, with what it looks like; rows of each version of a scene, see `service.store.known_names`.
+# What people named, with what it looks like; rows of each version of a scene, see `service.store.name_repository`.
 known_names = Table(
     "known_names",
     metadata,

@@ -12,7 +12,7 @@ from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
-from fastsplat.service.store.known_names import KnownNameRepository
+from fastsplat.service.store.name_repository import KnownNameRepository
 from fastsplat.service.store.object_store import open_blobs
 from fastsplat.service.store.project_repository import ProjectRepository
 from fastsplat.service.store.quota_usage import QuotaUsage

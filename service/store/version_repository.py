@@ -15,7 +15,7 @@ from sqlalchemy import Connection, Engine, delete, exists, func, insert, select,
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.known_names import VersionNames, forget_names, record_names
+from fastsplat.service.store.name_repository import VersionNames, forget_names, record_names
 from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.schema import scene_versions, scenes

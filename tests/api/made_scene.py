@@ -15,7 +15,7 @@ from fastsplat.service.scene import Scene
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.known_names import NewName, VersionNames, record_names
+from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene, store_scene
 

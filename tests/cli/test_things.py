@@ -13,7 +13,7 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, write_words
 
 
 @pytest.fixture
@@ -53,6 +53,19 @@ def test_a_thing_is_picked_named_and_listed(things: Callable[..., Result], scene
     assert undone.stdout == "version 1 is current\n"
     point = [str(value) for value in rows[1]["box"]["center"]["position"].values()]
     assert json.loads(things("pick", scene_id, "--point", *point).stdout)["thing"]["name"] == "ball"
+
+
+def test_what_people_named_is_shown_and_forgotten(things: Callable[..., Result], scene_id: str) -> None:
+    with open_service(load_settings()) as service:
+        name_id = add_known_name(service, scene_id, "violin")
+    shown = things("known")
+    assert name_id in shown.stdout and "violin" in shown.stdout
+    assert isinstance(things("known", "--forget", "0" * 32).exception, NotFoundError)
+    assert name_id not in things("known", "--forget", name_id).stdout
+    with open_service(load_settings()) as service:
+        add_known_name(service, scene_id)
+    assert name_id in things("known").stdout
+    assert name_id not in things("known", "--forget-all").stdout
 
 
 def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str) -> None:

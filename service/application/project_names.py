@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from fastsplat.service.application.paging import read_page_token, write_page_token
 from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.known_names import KnownThing, NameFromScene, names_by_looks
+from fastsplat.service.query.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.scene import Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store

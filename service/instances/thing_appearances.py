@@ -23,7 +23,8 @@ from fastsplat.service.splatting.training_views import training_size
 _MAX_VIEWS = 16
 _BEST = 5
 """Views from which a thing is described: measured with 1, 3 and 5."""
-_LEAST_PX = 250
+_LEAST_SHARE = 0.0015
+"""Of a view's pixels that a thing must cover."""
 _CUT_OFF = 0.4
 """What a view's area of a thing counts where the thing reaches the picture's edge."""
 _ALPHA_MIN = 0.5
@@ -97,7 +98,7 @@ def _best_sights(
         areas = np.bincount(owner.ravel(), minlength=classes)
         edge = {*owner[0], *owner[-1], *owner[:, 0], *owner[:, -1]}
         for thing in things.table:
-            if areas[thing.id] >= _LEAST_PX:
+            if areas[thing.id] >= _LEAST_SHARE * owner.size:
                 worth = float(areas[thing.id]) * (_CUT_OFF if thing.id in edge else 1.0)
                 seen = [*sights.get(thing.id, ()), _Sight(worth, number, owner == thing.id)]
                 sights[thing.id] = sorted(seen, key=lambda sight: -sight.worth)[:_BEST]
