@@ -83,7 +83,7 @@ def list_things(
     )
     for thing in things:
         source = f"{thing.source} {thing.probability:.0%}" if thing.source else thing.surface
-        maybe = ", ".join(f"{name} {probability:.0%}" for name, probability in thing.suggestions)
+        maybe = ", ".join(f"{name} {probability:.0%}" for name, probability, _ in thing.suggestions)
         place = "  " if thing.parent else ""
         table.add_row(f"{place}{thing.id}", Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
     Console().print(table)
@@ -243,6 +243,29 @@ def undo(
     """Go back to the version before the current one."""
     with _service(project) as service:
         typer.echo(f"version {service.versions.undo(scene, version).version} is current")
+
+
+@things_app.command()
+def known(
+    forget: Annotated[str, typer.Option(help="Suggest the name of this id no more.")] = "",
+    forget_all: Annotated[bool, typer.Option("--forget-all", help="Suggest none of them any more.")] = False,
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Show what people named in the project's scenes, which is suggested in its other scenes."""
+    with _service(project) as service:
+        if forget:
+            service.known_names.forget(forget)
+        if forget_all:
+            service.known_names.forget_all()
+        page = service.known_names.list()
+        names = [*page.names]
+        while page.next_page_token:
+            page = service.known_names.list(page_token=page.next_page_token)
+            names += page.names
+    table = Table(Column("id", no_wrap=True), "name", "thing", "named", box=boxes.SIMPLE, padding=(0, 1, 0, 0))
+    for name in names:
+        table.add_row(name.id, Text(name.name), str(name.thing_id), f"{name.named_at:%Y-%m-%d %H:%M}")
+    Console().print(table)
 
 
 def _edit(scene: str, edit: Edit, looked_at: str, project: str) -> None:

@@ -21,7 +21,9 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters import open_segmenter
@@ -301,7 +303,13 @@ def _things(
         tell("discovering things", 0.0 if labelling.masks else _LOOKING_SHARE, 1.0),
         backend=settings.training.backend,
     )
-    return things if things.table else None  # then the scene's labels are its things, as without discovery
+    if not things.table:
+        return None  # then the scene's labels are its things, as without discovery
+    encoder = open_appearance_encoder(settings.perception, settings.models)
+    if encoder is None:
+        return things
+    side, backend = settings.discovery.max_side, settings.training.backend
+    return with_appearances(things, trained.gaussians, capture.views, encoder, side, backend=backend)
 
 
 def scene_quality(

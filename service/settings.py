@@ -176,6 +176,9 @@ class CallSettings(BaseModel):
     max_versions: int = Field(
         20, ge=2, description="versions of one scene that are kept; an edit beyond removes undone ones, then the oldest"
     )
+    max_known_names: int = Field(
+        1_000, ge=1, description="names that people gave whose looks a project remembers; the oldest leave"
+    )
     max_encodings: int = Field(
         1_024, ge=1, description="sentences that one question may have encoded: (texts + negatives) x templates"
     )

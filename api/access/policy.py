@@ -78,6 +78,9 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListKeys": (_ADMIN, ("GET /v1/keys",)),
     "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
     "ExpireKey": (_ADMIN, ("POST /v1/keys/{key_id}:expire",)),
+    "ListKnownNames": (_READ, ("GET /v1/known-names",)),
+    "DeleteKnownName": (_ADMIN, ("DELETE /v1/known-names/{name_id}",)),
+    "DeleteKnownNames": (_ADMIN, ("DELETE /v1/known-names",)),
     "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
     "DownloadThingIds": (_READ, ("GET /v1/scenes/{scene_id}/things.bin",)),
 }

@@ -287,6 +287,32 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 pb.AccessKey, lambda: self._service.keys.expire(role, request.key_id, lifetime_s)
             )
 
+    async def ListKnownNames(  # noqa: N802
+        self, request: pb.ListKnownNamesRequest, context: Context
+    ) -> pb.ListKnownNamesResponse:
+        """What people named in the project, in pages."""
+        async with guarded(context, "ListKnownNames"):
+            return await self._message(
+                pb.ListKnownNamesResponse,
+                lambda: self._service.known_names.list(request.page_size, request.page_token),
+            )
+
+    async def DeleteKnownName(  # noqa: N802
+        self, request: pb.DeleteKnownNameRequest, context: Context
+    ) -> empty_pb2.Empty:
+        """Suggest a name no more."""
+        async with guarded(context, "DeleteKnownName"):
+            await self._threads.call(lambda: self._service.known_names.forget(request.name_id))
+            return empty_pb2.Empty()
+
+    async def DeleteKnownNames(  # noqa: N802
+        self, request: pb.DeleteKnownNamesRequest, context: Context
+    ) -> empty_pb2.Empty:
+        """Suggest no name of the project any more."""
+        async with guarded(context, "DeleteKnownNames"):
+            await self._threads.call(self._service.known_names.forget_all)
+            return empty_pb2.Empty()
+
     async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
         """A service call's result as its message, both made on a thread."""
         return await self._threads.call(lambda: _as(kind, function()))

@@ -24,6 +24,7 @@ from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.key_routes import key_routes
+from fastsplat.api.rest.known_name_routes import known_name_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
 from fastsplat.api.rest.query_routes import query_routes
@@ -49,6 +50,7 @@ _TAGS = (
     {"name": "operations", "description": "The jobs that train scenes: look, wait, watch, cancel, retry."},
     {"name": "queries", "description": "Questions in plain words; pictures and files of finished scenes."},
     {"name": "keys", "description": "Who may call about the project: for its admins, and operators."},
+    {"name": "known names", "description": "What people named in the project's scenes, to be suggested in others."},
     {"name": "health", "description": "For load balancers; needs no key."},
 )
 _DOCS_POLICY = (  # Swagger UI draws with inline styles, and its page starts with an inline script
@@ -133,6 +135,7 @@ def create_app(
     app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(key_routes(service, threads), tags=["keys"])
+    app.include_router(known_name_routes(service, threads), tags=["known names"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
     @cache

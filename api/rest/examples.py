@@ -18,6 +18,7 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
+from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
@@ -57,6 +58,7 @@ IDS = {
     "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
     "key_id": "5d0c9a7e3b1f",
     "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
+    "name_id": "8a6b1d2c4e5f4a3b9c7d0e1f2a3b4c5d-1",
 }
 """Ids of things that are on no server: whoever tries an example puts their own in."""
 
@@ -99,7 +101,7 @@ _UNNAMED = replace(
     name="",
     source=None,
     probability=0.0,
-    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3)),
+    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"])),
 )
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
@@ -175,6 +177,15 @@ _KEY = AccessKey(
     expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
     revoked_at=None,
 )
+_KNOWN_NAME = KnownName(
+    id=IDS["name_id"],
+    name="mug",
+    scene_id=IDS["scene_id"],
+    version=IDS["version"],
+    thing_id=1,
+    named_at=_POSTED,
+    picture=b"\xff\xd8\xff",
+)
 
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
@@ -199,6 +210,7 @@ ANSWERS: Mapping[str, Any] = {
         _KEY,
         NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
         KeyList((_KEY,), _TOKEN),
+        KnownNameList((_KNOWN_NAME,), _TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }

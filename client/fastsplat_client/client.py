@@ -18,6 +18,7 @@ from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.keys import ClientKeys
+from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
@@ -87,6 +88,8 @@ class Client(ThingCalls):
         own = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
         self._headers = {name: value for name, value in own.items() if value}
         super().__init__(Transport(url, self._headers, ca, timeout_s, retry))
+        self.known_names = ClientKnownNames(self._transport)
+        """What people named in the project's scenes, to be suggested in others."""
         self.keys = ClientKeys(self._transport)
         """Access keys of the project, for its admins and for operators."""
         self._url = urlsplit(url)

@@ -28,6 +28,13 @@ class NameSuggestion(NamedTuple):
 
     name: str
     probability: Annotated[float, Field(description="0..1")]
+    scene_id: Annotated[
+        str,
+        Field(
+            description="another scene of the project, in which a person named a thing so that looks like this one; "
+            "empty: the name comes from this scene itself"
+        ),
+    ] = ""
 
 
 @dataclass(frozen=True)

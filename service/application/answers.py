@@ -12,6 +12,7 @@ from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, mas
 from fastsplat.service.application.open_scenes import OpenScenes, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
+from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
@@ -50,6 +51,7 @@ class Answers:
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
+        self._known_names = KnownNames(store, settings)
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
@@ -207,7 +209,7 @@ class Answers:
             page, token = page_of(
                 listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
             )
-            return ThingList(tuple(page), token, read_version)
+            return ThingList(self._known_names.suggest(scene_id, index.things.table, page), token, read_version)
 
         return self._scenes.reading(scene_id, version, read)
 
@@ -246,7 +248,8 @@ class Answers:
                 inside = things.map(posed) == thing_id
                 mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
             part = things.get(part_id) if part_id else None
-            return PickedThing(things.get(thing_id), mask, read_version, part)
+            (thing,) = self._known_names.suggest(request.scene_id, things.table, (things.get(thing_id),))
+            return PickedThing(thing, mask, read_version, part)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 

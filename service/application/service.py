@@ -18,6 +18,7 @@ from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.project_keys import ProjectKeys
+from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
@@ -66,6 +67,8 @@ class SceneService:
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
+        self.known_names = KnownNames(self._store, settings)
+        """What people named in the project's scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
@@ -90,6 +93,7 @@ class SceneService:
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
+        other.known_names = KnownNames(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 

@@ -21,6 +21,7 @@ from fastsplat.service.scene import Scene, Things, write_ply, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.name_repository import NewName, VersionNames
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import from_plain, to_plain
@@ -185,8 +186,11 @@ class Versions:
         same = edited.gaussians is before.scene.gaussians
         self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent) if same else None)
         try:
+            names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
             self._store.versions.publish(
-                NewVersion(scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows)
+                NewVersion(
+                    scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows, names
+                )
             )
         except BaseException:
             self._store.blobs.drop_version(scene_id, version)
@@ -281,6 +285,19 @@ class Versions:
                 limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
                 hint="Send them in several requests.",
             )
+
+
+def _names_of(before: Things | None, after: Things | None, limit: int) -> VersionNames:
+    """The names that people gave in a version, of things that have an appearance, and those that it took over."""
+    known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
+    named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
+    unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
+    given = [
+        NewName(thing.id, thing.name, thing.appearance, thing.picture)
+        for thing in named
+        if known.get(thing.id) != thing.name
+    ]
+    return VersionNames(given, unchanged, limit)
 
 
 def _linked(file: Path, place: Path) -> bool:

@@ -17,11 +17,18 @@ Shape = Sequence[int | None]
 """Sizes; None: any. A size that the model leaves open fits every number."""
 
 
-def open_session(path: Path, *, name: str, threads: int = 0) -> onnxruntime.InferenceSession:
+def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()) -> onnxruntime.InferenceSession:
     """An onnxruntime CPU session of an `.onnx` or `.ort` file; `threads` 0: all cores.
 
+    Args:
+        path: the file.
+        name: the model's name, for messages.
+        threads: of one run.
+        inner: names of values inside an `.onnx` network that become outputs after its own.
+
     Raises:
-        ModelUnavailableError: the file is not there or not a model; names the model and the file.
+        ModelUnavailableError: the file is not there or not a model, or has no such value inside; names the model and
+            the file.
     """
     if not path.is_file():
         raise ModelUnavailableError(
@@ -35,7 +42,8 @@ def open_session(path: Path, *, name: str, threads: int = 0) -> onnxruntime.Infe
     # Waiting threads sleep: a server that trains and answers at the same time has better uses for its cores.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        model = path.read_bytes() + _outputs(inner) if inner else str(path)
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises a dozen unrelated types for a file it cannot read
         raise ModelUnavailableError(
             f"model {name}: {path.name} is damaged or not an ONNX model ({str(error).splitlines()[0][:200]})",
@@ -88,6 +96,27 @@ def file_sha256(path: Path) -> str:
     """Hex digest of a file that does not change while the process lives."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _outputs(names: Sequence[str]) -> bytes:
+    """An ONNX model of nothing but outputs of these names: behind the bytes of another model, protobuf merges the two.
+
+    Field numbers as in onnx.proto: `ModelProto.graph` 7, `GraphProto.output` 12, `ValueInfoProto.name` 1.
+    """
+    return _field(7, b"".join(_field(12, _field(1, name.encode())) for name in names))
+
+
+def _field(number: int, content: bytes) -> bytes:
+    """A protobuf field with a length and its content."""
+    return _varint(number << 3 | 2) + _varint(len(content)) + content
+
+
+def _varint(value: int) -> bytes:
+    parts = []
+    while value > 127:
+        parts.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*parts, value])
 
 
 def _shape(shape: Sequence[object]) -> tuple[int | None, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import math
@@ -21,7 +22,7 @@ from fastsplat_contract.scenes import Scale
 SCHEMA = 6
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
-`next_id`: the one after the last. 5 had no parts of things."""
+`next_id`: the one after the last. 5 had no parts of things, and no appearances."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -108,14 +109,14 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "things": None
         if manifest.things is None
         else {
-            "table": [asdict(thing) for thing in manifest.things],
+            "table": [_thing_row(thing) for thing in manifest.things],
             "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
             "parts": None
             if manifest.parts is None
             else {
-                "table": [asdict(part) for part in manifest.parts],
+                "table": [_thing_row(part) for part in manifest.parts],
                 "entries": manifest.parts_entries,
                 "sha256": manifest.parts_sha256,
             },
@@ -179,11 +180,11 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         label_mode=checked.label_mode,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
-        things=None if checked.things is None else tuple(Thing(**vars(row)) for row in checked.things.table),
+        things=None if checked.things is None else tuple(_thing(row) for row in checked.things.table),
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
         next_thing_id=0 if checked.things is None else checked.things.next_id,
-        parts=None if parts is None else tuple(Thing(**vars(row)) for row in parts.table),
+        parts=None if parts is None else tuple(_thing(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
     )
@@ -225,6 +226,14 @@ def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
+
+
+def _is_base64(text: str) -> str:
+    base64.b64decode(text, validate=True)
+    return text
+
+
+_Base64 = Annotated[str, AfterValidator(_is_base64)]
 
 
 class _Strict(BaseModel):
@@ -271,6 +280,8 @@ class _Thing(_Strict):
     surface: SurfaceKind
     suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
     parent: Annotated[int, Field(ge=0, le=65535)] = 0
+    appearance: _Base64 = ""
+    picture: _Base64 = ""
 
     @model_validator(mode="after")
     def _names_have_a_source(self) -> _Thing:
@@ -340,6 +351,20 @@ class _CameraRow(_Strict):
     cx: float
     cy: float
     world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+
+def _thing_row(thing: Thing) -> dict[str, Any]:
+    """A thing as JSON; bytes as base64, left out where there are none."""
+    row = asdict(thing)
+    for name in ("appearance", "picture"):
+        if coded := base64.b64encode(row.pop(name)).decode():
+            row[name] = coded
+    return row
+
+
+def _thing(row: _Thing) -> Thing:
+    decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
+    return Thing(**{**vars(row), **decoded})
 
 
 def _finite(value: Any, name: str, left_out: list[str]) -> Any:

@@ -119,6 +119,9 @@ class Thing:
         surface: see `SurfaceKind`.
         suggestions: names that nobody has settled, with their probabilities, the most probable first.
         parent: of a part, the id of the thing that it is a part of; 0 for a thing.
+        appearance: its descriptor, float16 of length 1 (see `service.perception.appearance`); empty for a thing that no
+            photo shows well, or that was made by an edit.
+        picture: a small JPEG of it, empty where `appearance` is.
     """
 
     id: int
@@ -129,6 +132,8 @@ class Thing:
     surface: SurfaceKind = ""
     suggestions: tuple[tuple[str, float], ...] = ()
     parent: int = 0
+    appearance: bytes = field(default=b"", repr=False)
+    picture: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)

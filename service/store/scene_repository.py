@@ -11,6 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.name_repository import forget_names
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
@@ -202,6 +203,7 @@ class SceneRepository:
         with self._writing() as connection:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
+            forget_names(connection, scene_id)
             here = operations.c.scene_id == scene_id
             for row in connection.execute(select(operations).where(here)).mappings().all():
                 _stop(connection, as_operation(row))

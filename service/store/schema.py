@@ -10,6 +10,7 @@ from sqlalchemy import (
     Double,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -103,6 +104,21 @@ scene_versions = Table(
     Column("dictionary", JSON, nullable=False),
     Column("edits", JSON, nullable=False),
     UniqueConstraint("scene_id", "request_id"),
+)
+
+# What people named, with what it looks like; rows of each version of a scene, see `service.store.name_repository`.
+known_names = Table(
+    "known_names",
+    metadata,
+    Column("id", String(60), primary_key=True),
+    Column("version", String(80), primary_key=True),
+    Column("scene_id", String(40), nullable=False),
+    Column("thing_id", Integer, nullable=False),
+    Column("name", String(1000), nullable=False),
+    Column("named_at", Double, nullable=False),
+    Column("appearance", LargeBinary, nullable=False),
+    Column("picture", LargeBinary, nullable=False),
+    Index("known_names_of_version", "scene_id", "version"),
 )
 
 api_keys = Table(

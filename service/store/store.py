@@ -12,6 +12,7 @@ from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
+from fastsplat.service.store.name_repository import KnownNameRepository
 from fastsplat.service.store.object_store import open_blobs
 from fastsplat.service.store.project_repository import ProjectRepository
 from fastsplat.service.store.quota_usage import QuotaUsage
@@ -38,13 +39,18 @@ class Store:
     keys: KeyRepository
     projects: ProjectRepository
     quota_usage: QuotaUsage
+    known_names: KnownNameRepository
     blobs: Blobs
     reserve: Reserve
     engine: Engine
 
     def in_project(self, project: str) -> Store:
-        """The same store, in which there are no scenes and operations but those of one project."""
-        return replace(self, scenes=SceneRepository(self.engine, project))
+        """The same store, in which there are no scenes, operations and known names but those of one project."""
+        return replace(
+            self,
+            scenes=SceneRepository(self.engine, project),
+            known_names=KnownNameRepository(self.engine, project),
+        )
 
     def close(self) -> None:
         """Close the connections."""
@@ -86,6 +92,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         keys=KeyRepository(engine),
         projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
+        known_names=KnownNameRepository(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Engine, delete, exists, func, insert, select,
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.name_repository import VersionNames, forget_names, record_names
 from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.schema import scene_versions, scenes
@@ -49,6 +50,7 @@ class NewVersion:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    names: VersionNames = field(default_factory=VersionNames)
 
 
 class VersionRepository:
@@ -134,6 +136,7 @@ class VersionRepository:
                 here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == record.version)
                 if record.version in removed:
                     connection.execute(delete(scene_versions).where(*here))
+                    forget_names(connection, scene_id, record.version)
                 elif parent != record.parent:
                     connection.execute(update(scene_versions).where(*here).values(parent=parent))
         return sorted(removed)
@@ -158,6 +161,7 @@ class VersionRepository:
         """Remove the versions of a scene that is gone."""
         with self._writing() as connection:
             connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+            forget_names(connection, scene_id)
 
 
 def publish_within(connection: Connection, new: NewVersion) -> None:
@@ -174,9 +178,11 @@ def publish_within(connection: Connection, new: NewVersion) -> None:
     if not count:
         first = vars(_trained(scene))
         connection.execute(insert(scene_versions).values(first))
-    values = {**vars(new), "request_id": new.request_id or None, "number": (count or 1) + 1}
+    columns = {name: value for name, value in vars(new).items() if name != "names"}
+    values = {**columns, "request_id": new.request_id or None, "number": (count or 1) + 1}
     connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
     _point(connection, new.scene_id, new)
+    record_names(connection, new.scene_id, new.parent, new.version, new.names)
 
 
 def _lineage(records: Mapping[str, VersionRecord], version: str) -> frozenset[str]:

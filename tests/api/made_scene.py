@@ -14,6 +14,8 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene import Scene
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene, store_scene
 
@@ -81,3 +83,13 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
     encoder = open_text_encoder(ENCODER, settings.models)
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
     return store_scene(service._store, made_scene(encoder), name, stages=[stage])
+
+
+def add_known_name(service: SceneService, scene_id: str, name: str = "mug") -> str:
+    """Store a name as if a person had given it to thing 1 in the current version of a scene; returns its id."""
+    store = service._store
+    version = store.scenes.scene(scene_id).version
+    names = VersionNames([NewName(1, name, b"\0\0", b"\xff\xd8\xff")], limit=1000)
+    with transaction(store.engine) as connection:
+        record_names(connection, scene_id, "", version, names)
+    return f"{scene_id}-1"

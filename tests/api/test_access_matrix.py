@@ -24,7 +24,7 @@ from fastsplat.api.rest.app import create_app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.made_scene import add_scene
+from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 _SERVICE = "/fastsplat.v1.SceneService/"
@@ -83,6 +83,7 @@ class _Place:
                 "scene_id": scene_id,
                 "operation_id": self.service.get_scene(scene_id).operation_id,
                 "key_id": self.service.admin.keys.create("another", "reader")[0].id,
+                "name_id": add_known_name(self.service, scene_id),
                 "upload_id": self.service.resumable.create("default", "a.zip", 3).id,
             }
             if own:
@@ -136,11 +137,11 @@ def test_what_changes_something_needs_an_editor_and_what_deletes_it_for_ever_an_
     for context, method in _ROUTES:
         name = route_name(context, method)
         if method not in ("GET", "HEAD", "OPTIONS") and name not in asking:
-            admins = name == "DELETE /v1/scenes/{scene_id}" or "/keys" in name
+            admins = name == "DELETE /v1/scenes/{scene_id}" or "/keys" in name or "/known-names" in name
             assert rule_of(name).role == ("admin" if admins else "editor"), name
     for name, _ in _RPCS:
         if not re.match(looking, name):
-            admins = name == "DeleteScene" or name.endswith("Key")
+            admins = name.startswith("Delete") or name.endswith("Key")
             assert rule_of(_SERVICE + name).role == ("admin" if admins else "editor"), name
 
 

@@ -18,7 +18,7 @@ from fastsplat.api.rest import openapi
 from fastsplat.api.rest.examples import IDS
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
-from tests.api.made_scene import add_scene
+from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, served
 
 _DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
@@ -82,7 +82,13 @@ class _Place:
         made = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
         operation_id = self.service.get_scene(scene_id).operation_id
         key_id = self.service.admin.keys.create("a key", "reader")[0].id
-        return {"scene_id": scene_id, "operation_id": operation_id, "version": made["version"], "key_id": key_id}
+        return {
+            "scene_id": scene_id,
+            "operation_id": operation_id,
+            "version": made["version"],
+            "key_id": key_id,
+            "name_id": add_known_name(self.service, scene_id),
+        }
 
 
 @pytest.fixture(scope="module")

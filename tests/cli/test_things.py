@@ -18,7 +18,7 @@ from fastsplat.service.scene import Parts, Thing, Things
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from tests.api.made_scene import ENCODER, add_scene, made_scene, write_words
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words
 from tests.color_segmenter import ADAPTER, write_color_segmenter
 from tests.scenes import store_scene
 
@@ -100,6 +100,19 @@ def test_parts_are_listed_under_their_things(things: Callable[..., Result], scen
     rows_of_parts = json.loads(things("list", parted, "--parts", "--json").stdout)
     assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1)]
     assert len(json.loads(things("list", parted, "--json").stdout)) == 1
+
+
+def test_what_people_named_is_shown_and_forgotten(things: Callable[..., Result], scene_id: str) -> None:
+    with open_service(load_settings()) as service:
+        name_id = add_known_name(service, scene_id, "violin")
+    shown = things("known")
+    assert name_id in shown.stdout and "violin" in shown.stdout
+    assert isinstance(things("known", "--forget", "0" * 32).exception, NotFoundError)
+    assert name_id not in things("known", "--forget", name_id).stdout
+    with open_service(load_settings()) as service:
+        add_known_name(service, scene_id)
+    assert name_id in things("known").stdout
+    assert name_id not in things("known", "--forget-all").stdout
 
 
 def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str) -> None:

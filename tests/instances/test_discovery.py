@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,6 +17,8 @@ from fastsplat.service.instances.discovery import Discovery, discover_things
 from fastsplat.service.instances.naming import NameVotes, name_things
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.thing_appearances import with_appearances
+from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_view_masks
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
@@ -134,6 +137,26 @@ def test_without_labels_things_have_no_names(room: Room, masks: Masks) -> None:
     labelling = Labelling(Dictionary(()), ())
     things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     assert len(things.table) == 4 and not any(thing.name for thing in things.table)
+
+
+def test_things_are_described_from_the_photos_that_show_them(room: Room, masks: Masks, models_dir: Path) -> None:
+    encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
+    assert encoder is not None
+    things = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
+    described = with_appearances(things, room.gaussians, room.capture.views, encoder, SETTINGS.max_side)
+    best = _overlaps(things, room.owner)
+    for thing in described.table:
+        descriptor = np.frombuffer(thing.appearance, np.float16)
+        assert descriptor.shape == (SIZE,) and np.linalg.norm(descriptor.astype(np.float64)) == pytest.approx(
+            1, abs=0.01
+        )
+    blue_green_red = {}
+    for number in (1, 2, 3):
+        (thing,) = [thing for thing in described.table if thing.id == best[number][0]]
+        picture = cv2.imdecode(np.frombuffer(thing.picture, np.uint8), cv2.IMREAD_COLOR)
+        blue_green_red[number] = int(picture[40:56, 40:56].reshape(-1, 3).mean(axis=0).argmax())
+    assert blue_green_red == {1: 2, 2: 1, 3: 0}
+    assert with_appearances(things, room.gaussians, (), encoder, SETTINGS.max_side) == things
 
 
 def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks) -> None:

@@ -43,7 +43,7 @@ def _things(count: int) -> Things:
         count,
     )
     table = (
-        Thing(2, "Tasse ☕", "person", 1.0, 0.9),
+        Thing(2, "Tasse ☕", "person", 1.0, 0.9, appearance=bytes(range(250)), picture=b"\xff\xd8"),
         Thing(5, consensus=0.7, surface="wall", suggestions=(("bottle", 0.4), ("vase", 0.3))),
         Thing(9, "mug", "detected", 0.8, 0.6),
     )

@@ -180,6 +180,21 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
                 _registered_method=True)
+        self.ListKnownNames = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListKnownNames',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesResponse.FromString,
+                _registered_method=True)
+        self.DeleteKnownName = channel.unary_unary(
+                '/fastsplat.v1.SceneService/DeleteKnownName',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNameRequest.SerializeToString,
+                response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
+        self.DeleteKnownNames = channel.unary_unary(
+                '/fastsplat.v1.SceneService/DeleteKnownNames',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNamesRequest.SerializeToString,
+                response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
 
 
 class SceneServiceServicer:
@@ -388,6 +403,27 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListKnownNames(self, request, context):
+        """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DeleteKnownName(self, request, context):
+        """Suggests a name no more, and removes what it looks like; its scene keeps the name.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DeleteKnownNames(self, request, context):
+        """The same of every name of the project.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_SceneServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -535,6 +571,21 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ExpireKey,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
+            ),
+            'ListKnownNames': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListKnownNames,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesResponse.SerializeToString,
+            ),
+            'DeleteKnownName': grpc.unary_unary_rpc_method_handler(
+                    servicer.DeleteKnownName,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNameRequest.FromString,
+                    response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            ),
+            'DeleteKnownNames': grpc.unary_unary_rpc_method_handler(
+                    servicer.DeleteKnownNames,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNamesRequest.FromString,
+                    response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -1320,6 +1371,87 @@ class SceneService:
             '/fastsplat.v1.SceneService/ExpireKey',
             fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListKnownNames(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListKnownNames',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListKnownNamesResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DeleteKnownName(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/DeleteKnownName',
+            fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNameRequest.SerializeToString,
+            google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DeleteKnownNames(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/DeleteKnownNames',
+            fastsplat_dot_v1_dot_fastsplat__pb2.DeleteKnownNamesRequest.SerializeToString,
+            google_dot_protobuf_dot_empty__pb2.Empty.FromString,
             options,
             channel_credentials,
             insecure,

@@ -106,6 +106,12 @@ class SceneServiceStub:
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]
     """Lets a valid key expire at another time, sooner or later."""
+    ListKnownNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]
+    """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
+    DeleteKnownName: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]
+    """Suggests a name no more, and removes what it looks like; its scene keeps the name."""
+    DeleteKnownNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNamesRequest, _empty_pb2.Empty]
+    """The same of every name of the project."""
 
 @_typing.type_check_only
 class SceneServiceAsyncStub(SceneServiceStub):
@@ -172,6 +178,12 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Lets a valid key expire at another time, sooner or later."""
+    ListKnownNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]  # type: ignore[assignment]
+    """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
+    DeleteKnownName: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]  # type: ignore[assignment]
+    """Suggests a name no more, and removes what it looks like; its scene keeps the name."""
+    DeleteKnownNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNamesRequest, _empty_pb2.Empty]  # type: ignore[assignment]
+    """The same of every name of the project."""
 
 class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     @_abc_1.abstractmethod
@@ -409,5 +421,29 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
         """Lets a valid key expire at another time, sooner or later."""
+
+    @_abc_1.abstractmethod
+    def ListKnownNames(
+        self,
+        request: _fastsplat_pb2.ListKnownNamesRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListKnownNamesResponse, _abc.Awaitable[_fastsplat_pb2.ListKnownNamesResponse]]:
+        """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
+
+    @_abc_1.abstractmethod
+    def DeleteKnownName(
+        self,
+        request: _fastsplat_pb2.DeleteKnownNameRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_empty_pb2.Empty, _abc.Awaitable[_empty_pb2.Empty]]:
+        """Suggests a name no more, and removes what it looks like; its scene keeps the name."""
+
+    @_abc_1.abstractmethod
+    def DeleteKnownNames(
+        self,
+        request: _fastsplat_pb2.DeleteKnownNamesRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_empty_pb2.Empty, _abc.Awaitable[_empty_pb2.Empty]]:
+        """The same of every name of the project."""
 
 def add_SceneServiceServicer_to_server(servicer: SceneServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...

@@ -1,0 +1,109 @@
+"""What the things of a scene look like in its photos: what they are known by in other scenes of their project."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fastsplat.service.capture import load_image
+from fastsplat.service.capture.types import View
+from fastsplat.service.perception.appearance import AppearanceEncoder, descriptor_of, small_picture
+from fastsplat.service.perception.capture_detection import spread
+from fastsplat.service.scene.types import Gaussians, Things
+from fastsplat.service.splatting.blending import EvidenceBlend
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.training_views import training_size
+
+_MAX_VIEWS = 16
+_BEST = 5
+"""Views from which a thing is described: measured with 1, 3 and 5."""
+_LEAST_SHARE = 0.0015
+"""Of a view's pixels that a thing must cover."""
+_CUT_OFF = 0.4
+"""What a view's area of a thing counts where the thing reaches the picture's edge."""
+_ALPHA_MIN = 0.5
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """A thing in a view: how well it is seen, and where."""
+
+    worth: float
+    view: int
+    mask: NDArray[np.bool_] = field(repr=False)
+
+
+@torch.no_grad()
+def with_appearances(
+    things: Things,
+    gaussians: Gaussians,
+    views: Sequence[View],
+    encoder: AppearanceEncoder,
+    max_side: int,
+    *,
+    backend: Backend = "cpu",
+) -> Things:
+    """The same things, each with its descriptor and a small picture from the views that show most of it; those that no
+    view shows well stay without.
+
+    Args:
+        things: of G Gaussians.
+        gaussians: G of them.
+        views: of the capture; of many, 16 spread evenly.
+        encoder: makes the features.
+        max_side: things are drawn at this many pixels on the image's longer side.
+        backend: which rasterizer.
+    """
+    best = _best_sights(things, gaussians, views, max_side, backend)
+    features: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}
+    pictures: dict[int, bytes] = {}
+    for number in sorted({sight.view for sights in best.values() for sight in sights}):
+        image = load_image(views[number])
+        for thing, sights in best.items():
+            for sight in sights:
+                if sight.view == number:
+                    mask = _enlarged(sight.mask, image.shape[:2])
+                    features[thing].append(encoder.features(image, mask))
+                    if sight is sights[0]:
+                        pictures[thing] = small_picture(image, mask)
+    table = tuple(
+        replace(thing, appearance=descriptor_of(features[thing.id]).tobytes(), picture=pictures[thing.id])
+        if thing.id in pictures
+        else thing
+        for thing in things.table
+    )
+    return replace(things, table=table)
+
+
+def _best_sights(
+    things: Things, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
+) -> Mapping[int, Sequence[_Sight]]:
+    """By thing, its best views, the best first."""
+    device = device_of(backend)
+    splats = splats_of(gaussians, device=device)
+    classes = max((thing.id for thing in things.table), default=0) + 1
+    blend = EvidenceBlend(things.membership, classes, device)
+    sights: dict[int, list[_Sight]] = {}
+    for number in spread(len(views), _MAX_VIEWS):
+        camera = training_size(views[number].posed.camera, max_side)
+        viewmat = torch.from_numpy(views[number].posed.camera_from_world().astype(np.float32)).to(device)
+        drawn = blend.render(splats, viewmat, camera, alpha_min=_ALPHA_MIN, relevancy=None, backend=backend)
+        owner = drawn.classes.cpu().numpy()
+        areas = np.bincount(owner.ravel(), minlength=classes)
+        edge = {*owner[0], *owner[-1], *owner[:, 0], *owner[:, -1]}
+        for thing in things.table:
+            if areas[thing.id] >= _LEAST_SHARE * owner.size:
+                worth = float(areas[thing.id]) * (_CUT_OFF if thing.id in edge else 1.0)
+                seen = [*sights.get(thing.id, ()), _Sight(worth, number, owner == thing.id)]
+                sights[thing.id] = sorted(seen, key=lambda sight: -sight.worth)[:_BEST]
+    return sights
+
+
+def _enlarged(mask: NDArray[np.bool_], size: tuple[int, ...]) -> NDArray[np.bool_]:
+    return cv2.resize(mask.astype(np.uint8), (size[1], size[0]), interpolation=cv2.INTER_NEAREST) > 0

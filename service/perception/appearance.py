@@ -1,0 +1,127 @@
+"""What a thing looks like, as numbers by which it is known again in another scene: inner features of the closed-set
+detector, averaged inside the thing's mask on pictures cut around it.
+
+What the features are worth, and what the detector's own labels, the segmenter's embedding and colors are not, is
+measured in docs/names.md.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.perception.detectors import CLOSED_SET_DETECTORS
+from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.models.model_files import only_network
+from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.onnx_session import open_session
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Image
+
+F32 = NDArray[np.float32]
+
+_SIDE = 416
+_AROUND = 1.2
+"""Side of the square that is cut out, in longer sides of the thing's box."""
+_LAYERS = ("conv2d_110.tmp_0", "conv2d_117.tmp_0", "conv2d_130.tmp_0")
+"""Of PicoDet-S: the backbone at strides 16 and 32, the neck at stride 32."""
+_CHANNELS = (192, 384, 96)
+_MEAN = (123.675, 116.28, 103.53)
+_PICTURE_SIDE = 96
+_PICTURE_QUALITY = 80
+
+SIZE = sum(_CHANNELS)
+"""Numbers of a descriptor."""
+
+
+class AppearanceEncoder:
+    """The features of one detector.
+
+    Raises:
+        ModelUnavailableError: on opening, a file that is missing, damaged or no such network.
+    """
+
+    def __init__(self, model: Path, *, name: str, threads: int = 0) -> None:
+        self._session = open_session(model, name=name, threads=threads, inner=_LAYERS)
+
+    def features(self, image: Image, mask: NDArray[np.bool_]) -> F32:
+        """float32 [SIZE]: the features of what bool [H, W] covers in uint8 [H, W, 3], to be joined by `descriptor_of`.
+
+        The mask must cover something.
+        """
+        crop, inside = _square(image, mask, _SIDE)
+        feed = {"image": imagenet_tensor(crop, _SIDE, cubic=False), "scale_factor": np.ones((1, 2), np.float32)}
+        return np.concatenate([_pooled(layer[0], inside) for layer in self._session.run(list(_LAYERS), feed)])
+
+
+def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> AppearanceEncoder | None:
+    """The encoder over the detector that `settings.closed_set_detector` names; None for one whose inside is not known.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter, missing or damaged file.
+    """
+    name = settings.closed_set_detector
+    adapter, inside = find_model(name, "closed_set_detector")
+    if adapter != "picodet" or adapter not in CLOSED_SET_DETECTORS:
+        return None
+    return AppearanceEncoder(only_network(models / inside, name=name), name=name, threads=settings.threads)
+
+
+def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
+    """float16 [SIZE] of length 1: the descriptor of a thing whose features were taken in V pictures, at least one.
+
+    Every layer counts the same, and so does every picture: a layer's features, less what things have in common, are
+    brought to length 1, averaged over the pictures, and brought to length 1 again.
+    """
+    rows = np.stack(features).astype(np.float64) - _center()
+    parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
+    whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])
+    return np.asarray(whole / np.sqrt(len(parts)), np.float16)
+
+
+def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
+    """A JPEG of what a mask covers, with a little of what is around it, to be recognized by people."""
+    crop, _ = _square(image, mask, _PICTURE_SIDE)
+    coded = cv2.imencode(".jpg", cv2.cvtColor(crop, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PICTURE_QUALITY])
+    return coded[1].tobytes()
+
+
+@cache
+def _center() -> NDArray[np.float64]:
+    """The mean features of the things of the demo's sample."""
+    text = (Path(__file__).parent / "appearance_center.json").read_text(encoding="utf-8")
+    return np.array(json.loads(text), np.float64)
+
+
+def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(rows / np.maximum(np.linalg.norm(rows, axis=-1, keepdims=True), 1e-9))
+
+
+def _square(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Image, NDArray[np.bool_]]:
+    """The square around a mask, as uint8 [side, side, 3] and bool [side, side]; outside the image it is gray."""
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    scale = side / (_AROUND * max(width, height))
+    matrix = np.array(
+        [
+            [scale, 0, side / 2 - (left + width / 2) * scale],
+            [0, scale, side / 2 - (top + height / 2) * scale],
+        ]
+    )
+    how = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
+    crop = cv2.warpAffine(image, matrix, (side, side), flags=how, borderValue=_MEAN)
+    inside = cv2.warpAffine(mask.astype(np.float32), matrix, (side, side)) > 0.5
+    return np.asarray(crop, np.uint8), np.asarray(inside)
+
+
+def _pooled(layer: F32, inside: NDArray[np.bool_]) -> F32:
+    """float32 [C]: the mean of [C, h, w] over the cells that a mask covers by half; where it covers none, those that it
+    covers most."""
+    share = cv2.resize(inside.astype(np.float32), layer.shape[:0:-1], interpolation=cv2.INTER_AREA)
+    weights = np.where(share > min(0.5, 0.9 * float(share.max())), share, 0)
+    return np.asarray((layer * weights).sum(axis=(1, 2)) / max(float(weights.sum()), 1e-6), np.float32)

@@ -1,0 +1,142 @@
+"""What people named in the scenes of a project, with what it looks like: rows of every version of a scene, of which
+those of its current version count. So an undo, an unnaming and a deleted scene take names back without another word.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from sqlalchemy import ColumnElement, Connection, Engine, and_, delete, insert, literal, or_, select
+
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import known_names, scenes
+from fastsplat_contract.errors import NotFoundError
+
+
+@dataclass(frozen=True)
+class NewName:
+    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing` for the others."""
+
+    thing_id: int
+    name: str
+    appearance: bytes = field(repr=False)
+    picture: bytes = field(repr=False)
+
+
+@dataclass(frozen=True)
+class VersionNames:
+    """The names of a new version of a scene.
+
+    Attributes:
+        given: those that the version's edits gave.
+        unchanged: ids of the things that bear the name of the version before; a name that was forgotten meanwhile stays
+            forgotten.
+        limit: the newest so many of a project's names stay.
+    """
+
+    given: Sequence[NewName] = ()
+    unchanged: Sequence[int] = ()
+    limit: int = 0
+
+
+@dataclass(frozen=True)
+class KnownNameRecord:
+    """One name that counts. `named_at` is seconds since 1970, UTC; `picture` is empty where it was not asked for."""
+
+    id: str
+    scene_id: str
+    version: str
+    thing_id: int
+    name: str
+    named_at: float
+    appearance: bytes = field(repr=False)
+    picture: bytes = field(default=b"", repr=False)
+
+
+_ROWS = known_names.c
+_PLAIN = [column for column in _ROWS if column.name != "picture"]
+_OF_CURRENT = and_(scenes.c.id == _ROWS.scene_id, scenes.c.version == _ROWS.version)
+
+
+def record_names(connection: Connection, scene_id: str, parent: str, version: str, names: VersionNames) -> None:
+    """Write the names of a version that becomes current, in the transaction that makes it so; `parent` was current."""
+    now = time.time()
+    if names.unchanged:
+        columns = [literal(version) if column is _ROWS.version else column for column in _ROWS]
+        of_parent = select(*columns).where(
+            _ROWS.scene_id == scene_id, _ROWS.version == parent, _ROWS.thing_id.in_(names.unchanged)
+        )
+        connection.execute(insert(known_names).from_select([column.name for column in _ROWS], of_parent))
+    for given in names.given:
+        row = {"id": f"{scene_id}-{given.thing_id}", "scene_id": scene_id, "version": version, "named_at": now}
+        connection.execute(insert(known_names).values(**row, **vars(given)))
+    if names.given:
+        _leave(connection, scene_id, names.limit)
+
+
+def forget_names(connection: Connection, scene_id: str, version: str | None = None) -> None:
+    """Remove the names of a version of a scene, or of all of them."""
+    of_version = () if version is None else (_ROWS.version == version,)
+    connection.execute(delete(known_names).where(_ROWS.scene_id == scene_id, *of_version))
+
+
+class KnownNameRepository:
+    """The names that people gave in one project; every method is one transaction. All raise `DatabaseError` when the
+    database is away."""
+
+    def __init__(self, engine: Engine, project: str | None = None) -> None:
+        self._project = project
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def all(self) -> Sequence[KnownNameRecord]:
+        """Every name that counts, newest first, without pictures."""
+        query = select(*_PLAIN).join(scenes, _OF_CURRENT).where(self._within()).order_by(_ROWS.named_at.desc())
+        with self._reading() as connection:
+            return [KnownNameRecord(**row) for row in connection.execute(query).mappings()]
+
+    def page(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[KnownNameRecord]:
+        """Up to `limit` names that count, newest first, those after (named_at, id)."""
+        query = select(*_ROWS).join(scenes, _OF_CURRENT).where(self._within())
+        if after is not None:
+            at, name_id = after
+            query = query.where(or_(_ROWS.named_at < at, and_(_ROWS.named_at == at, _ROWS.id < name_id)))
+        with self._reading() as connection:
+            rows = connection.execute(query.order_by(_ROWS.named_at.desc(), _ROWS.id.desc()).limit(limit))
+            return [KnownNameRecord(**row) for row in rows.mappings()]
+
+    def forget(self, name_id: str) -> None:
+        """Remove a name, from the versions that are not current, too; its scene keeps it.
+
+        Raises:
+            NotFoundError: there is none of that id.
+        """
+        with self._writing() as connection:
+            if not connection.execute(delete(known_names).where(_ROWS.id == name_id, self._mine())).rowcount:
+                raise NotFoundError(
+                    f"no known name {name_id[:80]!r}", field="name_id", hint="List the known names to see which are."
+                )
+
+    def forget_all(self) -> None:
+        """Remove every name of the project; its scenes keep theirs."""
+        with self._writing() as connection:
+            connection.execute(delete(known_names).where(self._mine()))
+
+    def _within(self) -> ColumnElement[bool]:
+        return literal(True) if self._project is None else scenes.c.project == self._project
+
+    def _mine(self) -> ColumnElement[bool]:
+        return _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
+
+
+def _leave(connection: Connection, scene_id: str, limit: int) -> None:
+    """Remove all but the newest `limit` names of the project of a scene."""
+    project = connection.scalar(select(scenes.c.project).where(scenes.c.id == scene_id))
+    newest = select(_ROWS.named_at).join(scenes, _OF_CURRENT).where(scenes.c.project == project)
+    oldest = connection.scalar(newest.order_by(_ROWS.named_at.desc()).offset(limit - 1).limit(1))
+    if oldest is not None:
+        mine = _ROWS.scene_id.in_(select(scenes.c.id).where(scenes.c.project == project))
+        connection.execute(delete(known_names).where(mine, _ROWS.named_at < oldest))

@@ -1,0 +1,191 @@
+"""Names that people gave: known in all scenes of their project and nowhere else, until they are taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings
+from fastsplat.service.scene import Things
+from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.types import Thing
+from fastsplat.service.settings import CallSettings, Settings
+from fastsplat.service.store.schema import known_names
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_messages import NameSuggestion, PickRequest
+from tests.api.made_scene import ENCODER, write_words
+from tests.scenes import finish_job, labelled_scene, queued_job
+
+_EACH = 20
+_WORDS = ("", "elephant", "submarine", "carrot")
+
+
+def _looks(place: int) -> bytes:
+    row = np.zeros(32, np.float16)
+    row[place] = 1
+    return row.tobytes()
+
+
+@pytest.fixture
+def service(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
+    write_words(tmp_path / "models")
+    settings = Settings(
+        data_dir=tmp_path,
+        database_url=database_url,
+        models=tmp_path / "models",
+        perception=PerceptionSettings(text_encoder=ENCODER),
+        query=QuerySettings(backend="reference"),
+        calls=CallSettings(max_known_names=4, max_versions=3),
+    )
+    with open_service(settings) as opened:
+        opened.admin.projects.create("a")
+        opened.admin.projects.create("b")
+        yield opened
+
+
+@pytest.fixture
+def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
+    """Store a scene of three things without names that look like the given places; returns its id."""
+
+    def made(*places: int, project: str = "default") -> str:
+        rng = np.random.default_rng(5)
+        owner = np.repeat(np.arange(len(places)), _EACH)
+        means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + 0.1 * rng.normal(size=(len(owner), 3))
+        table = tuple(
+            Thing(number + 1, appearance=_looks(place), picture=bytes([place])) for number, place in enumerate(places)
+        )
+        membership = evidence_of(np.arange(len(owner)), owner + 1, np.full(len(owner), 4096), len(owner))
+        camera = PosedCamera(Camera(48, 36, 40.0, 40.0, 24.0, 18.0), np.eye(4), "front.png")
+        scene = labelled_scene(
+            means,
+            np.zeros(len(owner), int),
+            (),
+            encoder=open_text_encoder(ENCODER, tmp_path / "models"),
+            templates=QuerySettings().templates,
+            cameras=[camera],
+            label_mode="things",
+            things=Things(table, membership),
+        )
+        job = replace(queued_job(), project=project)
+        store = service.in_project(project)._store
+        store.scenes.create(job)
+        finish_job(store, job.operation_id, scene)
+        return job.scene_id
+
+    return made
+
+
+def _name(service: SceneService, scene_id: str, thing_id: int, name: str) -> None:
+    service.versions.edit(
+        scene_id, [Edit("name", things=(thing_id,), name=name)], looked_at=_current(service, scene_id)
+    )
+
+
+def _current(service: SceneService, scene_id: str) -> str:
+    return service.versions.resolve(scene_id)
+
+
+def _suggested(service: SceneService, scene_id: str) -> dict[int, tuple[NameSuggestion, ...]]:
+    return {thing.id: thing.suggestions for thing in service.answers.list_things(scene_id).things}
+
+
+def _known(service: SceneService) -> list[tuple[str, int, str, bytes]]:
+    return [(known.scene_id, known.thing_id, known.name, known.picture) for known in service.known_names.list().names]
+
+
+def _rows(service: SceneService) -> int:
+    with service._store.engine.connect() as connection:
+        return connection.scalar(select(func.count()).select_from(known_names)) or 0
+
+
+def test_a_name_is_suggested_for_what_looks_alike_in_other_scenes_old_and_new(
+    service: SceneService, add: Callable[..., str]
+) -> None:
+    first, older = add(3, 7, 9), add(7, 3, 11)
+    _name(service, first, 2, "mug")
+    newer = add(20, 21, 7)
+    assert _known(service) == [(first, 2, "mug", bytes([7]))]
+    (told,) = _suggested(service, older)[1]
+    assert (told.name, told.scene_id) == ("mug", first) and 0.8 <= told.probability <= 0.95
+    assert _suggested(service, newer) == {1: (), 2: (), 3: (told,)}
+    assert all(thing.name == "" for thing in service.answers.list_things(newer).things)
+    picked = service.answers.pick(PickRequest(newer, point=Vector3(1.0, 0.0, 4.0)))
+    assert picked.thing.suggestions == (told,)
+    assert not any(suggestion.scene_id for one in _suggested(service, first).values() for suggestion in one)
+
+
+def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneService, add: Callable[..., str]) -> None:
+    first, other = add(3, 7, 9), add(7, 3, 11)
+    _name(service, first, 2, "mug")
+    _name(service, first, 1, "moon")
+    assert [name for _, _, name, _ in _known(service)] == ["moon", "mug"]
+    _name(service, first, 2, "cup")
+    assert _suggested(service, other)[1][0].name == "cup"
+    service.versions.undo(first)
+    assert _suggested(service, other)[1][0].name == "mug"
+    service.versions.edit(first, [Edit("unname", things=(2,))], looked_at=_current(service, first))
+    assert [name for _, _, name, _ in _known(service)] == ["moon"] and _suggested(service, other)[1] == ()
+    service.versions.undo(first)
+    assert {name for _, _, name, _ in _known(service)} == {"moon", "mug"}
+    service.delete_scene(first)
+    assert _known(service) == [] and _rows(service) == 0
+    assert set(_suggested(service, other).values()) == {()}
+
+
+def test_what_is_forgotten_stays_so_until_it_is_named_again(service: SceneService, add: Callable[..., str]) -> None:
+    first, other = add(3, 7, 9), add(7, 3, 11)
+    _name(service, first, 2, "mug")
+    _name(service, first, 1, "moon")
+    newest, oldest = service.known_names.list().names
+    service.known_names.forget(oldest.id)
+    assert [known.id for known in service.known_names.list().names] == [newest.id]
+    with pytest.raises(NotFoundError) as raised:
+        service.known_names.forget(oldest.id)
+    assert raised.value.field == "name_id"
+    _name(service, first, 3, "violin")  # what a later version takes over is not what was forgotten
+    assert {name for _, _, name, _ in _known(service)} == {"moon", "violin"}
+    assert service.answers.list_things(first).things[1].name == "mug"
+    _name(service, first, 2, "beaker")
+    assert _suggested(service, other)[1][0].name == "beaker"
+    service.known_names.forget_all()
+    assert _known(service) == [] and _rows(service) == 0
+    assert [thing.name for thing in service.answers.list_things(first).things] == ["moon", "beaker", "violin"]
+
+
+def test_projects_never_see_each_others_names(service: SceneService, add: Callable[..., str]) -> None:
+    mine, theirs = service.in_project("a"), service.in_project("b")
+    in_a, in_b, in_default = add(3, 7, 9, project="a"), add(3, 7, 9, project="b"), add(3, 7, 9)
+    _name(mine, in_a, 2, "volcano")
+    (known,) = mine.known_names.list().names
+    for other, scene_id in ((theirs, in_b), (service, in_default)):
+        assert other.known_names.list().names == ()
+        assert set(_suggested(other, scene_id).values()) == {()}
+        with pytest.raises(NotFoundError):
+            other.known_names.forget(known.id)
+        other.known_names.forget_all()
+    assert mine.known_names.list().names == (known,)
+    assert _suggested(mine, add(1, 2, 7, project="a"))[3][0].name == "volcano"
+
+
+def test_the_oldest_names_of_a_project_leave(service: SceneService, add: Callable[..., str]) -> None:
+    scenes = [add(3, 7, 9), add(10, 11, 12)]
+    for scene_id in scenes:
+        for thing_id in (1, 2, 3):
+            _name(service, scene_id, thing_id, _WORDS[thing_id])
+    known = _known(service)
+    assert [row[:2] for row in known] == [(scenes[1], 3), (scenes[1], 2), (scenes[1], 1), (scenes[0], 3)]
+    assert _rows(service) <= 4 * 3  # of the versions that are left
+    page = service.known_names.list(page_size=3)
+    rest = service.known_names.list(page_size=3, page_token=page.next_page_token)
+    assert [name.thing_id for name in (*page.names, *rest.names)] == [3, 2, 1, 3] and rest.next_page_token == ""
