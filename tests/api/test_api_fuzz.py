@@ -60,7 +60,7 @@ def test_no_request_makes_the_server_fail(faces: Faces, victim: dict[str, str], 
     def ask(case: Case[Any], real: bool) -> None:
         if real and not label.startswith("DELETE"):
             case.path_parameters = {name: victim.get(name, value) for name, value in case.path_parameters.items()}
-        response = case.call(base_url=str(faces.rest.base_url))
+        response = case.call(base_url=str(faces.rest.base_url), timeout=120)  # a busy machine is no failure
         case.validate_response(response, checks=_CHECKS)
 
     ask()
