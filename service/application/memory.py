@@ -33,7 +33,7 @@ _FIXED_BYTES = 64 << 20
 """Bands of label probabilities, buffers of encoders."""
 _PER_GAUSSIAN = 768
 """Bytes of a Gaussian's features, projection and tiles, in one rendering."""
-_PER_MASK_PIXEL = 80
+_PER_MASK_PIXEL = 24
 _PER_ENCODED_PIXEL = 1
 _PER_EDITED_GAUSSIAN = 512
 _EDITED_COPIES = 3

@@ -226,6 +226,7 @@ from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.scene import read_scene, write_ply, write_scene
+from fastsplat.service.splatting.torch_runtime import release_free_memory
 from tests.scenes import labelled_scene
 
 COUNT = 200_000
@@ -256,6 +257,7 @@ with tempfile.TemporaryDirectory() as folder:
     for name, made in edits.items():
         index = SceneIndex(read_scene(Path(folder) / "scene"), encoder, QuerySettings())
         gc.collect()
+        release_free_memory()  # what the edit before left in the allocator would hide what this one needs
         before = status("VmRSS")
         Path("/proc/self/clear_refs").write_text("5")
         for edit in made:
