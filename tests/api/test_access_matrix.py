@@ -239,7 +239,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
 
 
 def _without_ids(text: str) -> str:
-    return re.sub(r"\b([0-9a-f]{32}|[0-9a-f]{12})\b", "ID", text)
+    return re.sub(r"\b([0-9a-f]{32}|[0-9a-f]{12})(-\d+)?\b", "ID", text)
 
 
 def _assert_untouched(place: _Place, ids: dict[str, str]) -> None:
