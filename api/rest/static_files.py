@@ -21,13 +21,16 @@ class ReleaseFiles(StaticFiles):
     """Files of a folder. The next release has others under the same names, so a browser asks whether its copy holds.
 
     Args:
-        folder: where they are; need not exist before the first request.
+        folder: where they are; without it there are no files.
         immutable: a folder in it whose files have their content's hash in their names: a browser never asks again.
     """
 
     def __init__(self, folder: Path, immutable: str = "") -> None:
         super().__init__(directory=folder, check_dir=False)
         self._immutable = folder / immutable if immutable else None
+
+    async def check_config(self) -> None:
+        """Nothing: a folder that is not there is no fault of the server."""
 
     def file_response(
         self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200

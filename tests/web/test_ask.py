@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from typing import Literal
 from urllib.parse import parse_qs
 
 import numpy as np
@@ -41,10 +42,15 @@ def _share(plain: NDArray[np.float64], shown: NDArray[np.float64]) -> NDArray[np
     return np.asarray(((shown - dimmed) * way).sum(axis=2) / (way**2).sum(axis=2))
 
 
-def _camera(page: Page, width: int, height: int) -> PosedCamera:
-    """Where the page looks from, read from its address."""
+def _view(page: Page) -> NDArray[np.float64]:
+    """[6]: position and target of the page's camera, read from its address."""
     view = parse_qs(page.url.partition("?")[2])["view"][0]
-    numbers = np.array([float(number) for number in view.split("_")])
+    return np.array([float(number) for number in view.split("_")])
+
+
+def _camera(page: Page, width: int, height: int) -> PosedCamera:
+    """Where the page looks from, as the service takes it."""
+    numbers = _view(page)
     focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
     return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2))
 
@@ -119,6 +125,58 @@ def test_the_camera_moves_by_keyboard_and_comes_home(place: Place, browser: Brow
             before = visit.page.url
         visit.page.keyboard.press("Home")
         expect(visit.page).to_have_url(home)
+
+
+def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+        _wait_for(visit, "plain$")
+        mouse = visit.page.mouse
+        distance = np.linalg.norm(_view(visit.page)[:3] - _view(visit.page)[3:])
+
+        def dragged(button: Literal["left", "right"]) -> NDArray[np.float64]:
+            before = visit.page.url
+            mouse.move(300, 300)
+            mouse.down(button=button)
+            mouse.move(360, 330, steps=4)
+            mouse.up(button=button)
+            expect(visit.page).not_to_have_url(before)
+            visit.page.wait_for_timeout(800)  # a slow machine may note the address in the middle of the way, too
+            return _view(visit.page)
+
+        start = _view(visit.page)
+        orbited = dragged("left")
+        np.testing.assert_allclose(orbited[3:], start[3:], atol=1e-5)
+        assert np.linalg.norm(orbited[:3] - start[:3]) > 0.1
+        np.testing.assert_allclose(np.linalg.norm(orbited[:3] - orbited[3:]), distance, rtol=1e-4)
+        moved = dragged("right")
+        np.testing.assert_allclose(moved[:3] - moved[3:], orbited[:3] - orbited[3:], atol=1e-4)
+        assert np.linalg.norm(moved[3:] - orbited[3:]) > 0.1
+        before = visit.page.url
+        mouse.wheel(0, -200)
+        expect(visit.page).not_to_have_url(before)
+        zoomed = _view(visit.page)
+        assert np.linalg.norm(zoomed[:3] - zoomed[3:]) < 0.9 * distance
+
+
+def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", **phone) as visit:
+        _wait_for(visit, "plain$")
+        start, session = _view(visit.page), visit.page.context.new_cdp_session(visit.page)
+
+        def touch(kind: str, *places: tuple[int, int]) -> None:
+            points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(places)]
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        touch("touchStart", (150, 300), (250, 300))
+        for step in range(1, 6):
+            touch("touchMove", (150 - 10 * step, 300), (250 + 10 * step, 300))
+        touch("touchEnd")
+        expect(visit.page).not_to_have_url(re.compile(_VIEW))
+        visit.page.wait_for_timeout(800)
+        pinched = _view(visit.page)
+        ratio = np.linalg.norm(pinched[:3] - pinched[3:]) / np.linalg.norm(start[:3] - start[3:])
+        assert 0.4 < ratio < 0.65  # the fingers are twice as far apart
 
 
 def test_markup_in_a_question_stays_text(place: Place, browser: Browser) -> None:
