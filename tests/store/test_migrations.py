@@ -164,7 +164,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert [version.version for version in store.versions.of(scene)] == ["op_done", "v2"]
     assert [(key.name, key.role, key.project) for key in store.keys.all()] == [("robot", "reader", "default")]
     usage = store.quota_usage.of("default")
-    assert (usage.scenes, usage.stored_bytes, usage.queued_jobs) == (1, 4096, 0)
+    assert (usage.scenes, usage.stored_bytes, usage.queued_jobs) == (1, 4096, 1)  # op_new waits
     assert [worker.heartbeat_at for worker in store.workers.list_workers()] == [1000.5]
     assert [(job.id, job.priority) for job in store.jobs.waiting()] == [("op_new", 5)]
     options = options_from_json(store.scenes.operation("op_new").options)
