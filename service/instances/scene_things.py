@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.instances.discovery import OnView, discover_things
 from fastsplat.service.instances.lifting import lift_regions_of
-from fastsplat.service.instances.naming import count_votes, name_things
+from fastsplat.service.instances.naming import count_votes, name_things, thing_extents
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
@@ -59,7 +59,10 @@ def find_scene_things(
         len(names),
         min_overlap=settings.name_overlap,
     )
-    return name_things(things, votes, names, "given" if labelling.exact else "detected", settings)
+    if labelling.exact:
+        return name_things(things, votes, names, "given", settings)
+    extents = None if labelling.expected else thing_extents(things, gaussians)
+    return name_things(things, votes, names, "detected", settings, extents)
 
 
 def regions_of_label_map(label_map: NDArray[np.uint16]) -> Regions:
