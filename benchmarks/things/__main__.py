@@ -3,10 +3,11 @@
     python -m benchmarks.things [NAME ...] [--iterations 2500] [--gaussians 30000] [--keep FOLDER] [--quality-only]
 
 NAME is `sample` (the demo's), or a folder of FASTSPLAT_TEST_DATA: `tabletop`, `skull` (masks of one thing), and
-`kitchen` and `plush`, which have no truth. Of the last three a contact sheet is drawn. Scenes are trained on the training
-views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene that lies
-in `--keep` is not trained again. `--quality-only` leaves out all seconds, which a busy machine distorts. `looking` is the detector and the segmenter on every view, which a job does while it
-labels them, `grouping` all that follows training. Every row replaces itself in benchmarks/results/things.json.
+`kitchen` and `plush`, which have no truth. Of the last three a contact sheet is drawn. Scenes are trained on the
+training views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene
+that lies in `--keep` is not trained again. `--quality-only` leaves out all seconds, which a busy machine distorts.
+`looking` is the detector and the segmenter on every view, which a job does while it labels them, `grouping` all that
+follows training. Every row replaces itself in benchmarks/results/things.json.
 """
 
 from __future__ import annotations

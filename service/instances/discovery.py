@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
 
 from fastsplat.service.capture.types import View
 from fastsplat.service.instances.candidates import find_candidates
@@ -94,16 +92,12 @@ def discover_things(
 
 def _masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
     camera = training_size(view.posed.camera, settings.max_side)
-    return MaskedView(
-        replace(view.posed, camera=camera),
-        own.resized(camera.width, camera.height),
-        _valid_pixels(view, camera.width, camera.height),
-    )
+    return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
 
 
 def _lifted(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
-    return lift_masks(splats, viewmat, view.posed.camera, view.masks, valid=view.valid, backend=backend)
+    return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
 
 
 def _things(
@@ -155,11 +149,3 @@ def _described(
     ids[np.array(order, np.intp) + 1] = np.arange(1, len(order) + 1)
     rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     return Things(table, evidence_of(rows, ids[membership.labels], membership.counts, len(membership)))
-
-
-def _valid_pixels(view: View, width: int, height: int) -> NDArray[np.bool_] | None:
-    if view.valid_path is None:
-        return None
-    with PillowImage.open(view.valid_path) as picture:
-        mask = np.asarray(picture.convert("L"))
-    return np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA) == 255)

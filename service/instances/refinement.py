@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from PIL import Image as PillowImage
 
 from fastsplat.service.instances.ownership import NOBODY, Owners, without_strays
 from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, merged, posterior
 from fastsplat.service.scene.types import F32, Evidence, Gaussians
 from fastsplat.service.splatting.blending import EvidenceBlend
@@ -30,19 +34,36 @@ UNKNOWN = -1
 """Of a pixel that says nothing."""
 
 
+_PENDING_ENTRIES = 1 << 21
+"""Evidence of several views is merged from so many entries on: about 50 bytes each."""
+
+
 @dataclass(frozen=True)
 class MaskedView:
-    """A view at the size at which masks are lifted.
+    """A view at the size at which masks are lifted; masks stay packed until they are read.
 
     Attributes:
         posed: its camera.
-        masks: bool [P, H, W].
-        valid: bool [H, W], pixels that have content; None when all do.
+        proposals: masks without names.
+        valid_path: the picture of the pixels that have content; None when all do.
     """
 
     posed: PosedCamera
-    masks: NDArray[np.bool_]
-    valid: NDArray[np.bool_] | None
+    proposals: ViewMasks
+    valid_path: Path | None = None
+
+    def masks(self) -> NDArray[np.bool_]:
+        """bool [P, H, W]."""
+        return self.proposals.resized(self.posed.camera.width, self.posed.camera.height)
+
+    def valid(self) -> NDArray[np.bool_] | None:
+        """bool [H, W], pixels that have content; None when all do."""
+        if self.valid_path is None:
+            return None
+        with PillowImage.open(self.valid_path) as picture:
+            mask = np.asarray(picture.convert("L"))
+        size = (self.posed.camera.width, self.posed.camera.height)
+        return np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_AREA) == 255)
 
 
 @torch.no_grad()
@@ -82,10 +103,13 @@ def refined_membership(
         for view in views:
             viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32)).to(splats.means.device)
             drawn = blend.render(splats, viewmat, view.posed.camera, alpha_min=0.5, relevancy=None, backend=backend)
-            labels = repainted(drawn.classes.cpu().numpy(), view.masks, min_overlap=settings.min_overlap)
-            valid = labels != UNKNOWN if view.valid is None else (labels != UNKNOWN) & view.valid
-            labels[~valid] = 0
-            parts.append(view_evidence(gaussians, view.posed, labels, count + 1, valid=valid, backend=backend))
+            labels = repainted(drawn.classes.cpu().numpy(), view.masks(), min_overlap=settings.min_overlap)
+            content = view.valid()
+            says = labels != UNKNOWN if content is None else (labels != UNKNOWN) & content
+            labels[~says] = 0
+            parts.append(view_evidence(gaussians, view.posed, labels, count + 1, valid=says, backend=backend))
+            if sum(len(part.labels) for part in parts[1:]) > _PENDING_ENTRIES:
+                parts = [merged(parts)]
         evidence = _without_strays(merged(parts), gaussians, size, settings)
     return evidence
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from fastsplat.service.instances.ownership import NOBODY
 from fastsplat.service.instances.refinement import UNKNOWN, MaskedView, refined_membership, repainted
 from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import posterior
 from tests.instances.made_room import Room, make_room
 
@@ -66,10 +69,13 @@ def test_exact_masks_change_nothing(seed: int, things: int) -> None:
 
 
 def _views(room: Room) -> list[MaskedView]:
-    return [
-        MaskedView(view.posed, np.stack([truth == number for number in range(1, 5)]), None)
-        for view, truth in zip(room.capture.views, room.maps, strict=True)
-    ]
+    views = []
+    for view, truth in zip(room.capture.views, room.maps, strict=True):
+        height, width = truth.shape
+        masks = np.stack([truth == number for number in range(1, 5)]).reshape(4, -1)
+        proposals = ViewMasks(np.packbits(masks, axis=1), np.ones(4, np.float32), width, height, 4)
+        views.append(MaskedView(view.posed, proposals))
+    return views
 
 
 def _right(owner: np.ndarray, room: Room, size: np.ndarray) -> float:
@@ -97,8 +103,9 @@ def test_wrong_owners_are_put_right_by_the_pixels(room: Room, seed: int) -> None
     assert _right(results[1], room, seen) > 0.97
 
 
-def test_pixels_without_content_say_nothing_and_owners_stay(room: Room) -> None:
-    views = [replace(view, valid=np.zeros(view.masks.shape[1:], np.bool_)) for view in _views(room)]
+def test_pixels_without_content_say_nothing_and_owners_stay(room: Room, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "valid.png"), np.zeros((72, 96), np.uint8))
+    views = [replace(view, valid_path=tmp_path / "valid.png") for view in _views(room)]
     owners, shares = room.owner.astype(np.int32), np.ones(len(room.owner), np.float32)
     evidence = refined_membership(owners, shares, room.gaussians, views, shares, SETTINGS)
     assert (posterior(evidence, 5).classes - 1 == owners).all()
