@@ -1,12 +1,13 @@
 """Everything in the room is a thing: what discovery without a vocabulary reaches, and what it costs.
 
-    python -m benchmarks.things [NAME ...] [--iterations 2500] [--gaussians 30000] [--keep FOLDER]
+    python -m benchmarks.things [NAME ...] [--iterations 2500] [--gaussians 30000] [--keep FOLDER] [--quality-only]
 
 NAME is `sample` (the demo's), or a folder of FASTSPLAT_TEST_DATA: `tabletop`, `skull` (masks of one thing), and
-`kitchen` and `plush`, which have no truth: of these a contact sheet alone is drawn. Scenes are trained on the training
-views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene that lies
-in `--keep` is not trained again. `looking` is the detector and the segmenter on every view, which a job does while it
-labels them, `grouping` all that follows training. Every row replaces itself in benchmarks/results/things.json.
+`kitchen` and `plush`, which have no truth. Of the last three a contact sheet is drawn. Scenes are trained on the
+training views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene
+that lies in `--keep` is not trained again. `--quality-only` leaves out all seconds, which a busy machine distorts.
+`looking` is the detector and the segmenter on every view, which a job does while it labels them, `grouping` all that
+follows training. Every row replaces itself in benchmarks/results/things.json.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ _MASK_LABELS = {"skull": "skull"}
 _WITHOUT_TRUTH = ("kitchen", "plush")
 _NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
 _FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou")
+_DRAWN = ("skull", *_WITHOUT_TRUTH)
 _SHEET_VIEWS = 4
 _PANEL = (480, 360)
 
@@ -62,6 +64,7 @@ def _main() -> None:
     parser.add_argument("--iterations", type=int, default=2500)
     parser.add_argument("--gaussians", type=int, default=30_000)
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--quality-only", action="store_true")
     options = parser.parse_args()
     settings = override_training(
         load_settings(),
@@ -72,10 +75,12 @@ def _main() -> None:
     )
     for name in options.names or _NAMES:
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
-            _measure(name, settings, options.keep or Path(work) / "scenes", Path(work))
+            _measure(
+                name, settings, options.keep or Path(work) / "scenes", Path(work), seconds=not options.quality_only
+            )
 
 
-def _measure(name: str, settings: Settings, keep: Path, work: Path) -> None:
+def _measure(name: str, settings: Settings, keep: Path, work: Path, *, seconds: bool) -> None:
     start = begin()
     dataset, capture = _data(name, work, keep, settings.capture)
     scene = _trained(keep / name, capture, settings)
@@ -92,8 +97,10 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path) -> None:
         **{f"grouping_{key}": value for key, value in grouping.items()},
         **(_figures(with_things, dataset, settings) if dataset is not None else {}),
     }
+    if not seconds:
+        row = {key: value for key, value in row.items() if not key.endswith(("_seconds", "_ms"))}
     _write(name, row, start)
-    if dataset is None:
+    if name in _DRAWN:
         _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
 
 

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
 
 from fastsplat.service.capture.types import View
-from fastsplat.service.instances.candidates import F32, find_candidates
+from fastsplat.service.instances.candidates import find_candidates
 from fastsplat.service.instances.lifting import lift_masks
+from fastsplat.service.instances.refinement import MaskedView, refined_membership
 from fastsplat.service.instances.selection import Selection, select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import surface_kinds
-from fastsplat.service.instances.thing_parts import find_parts, membership_of
+from fastsplat.service.instances.thing_parts import find_parts
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.boxes import vertical_axis
-from fastsplat.service.scene.types import Gaussians, Thing, Things
+from fastsplat.service.scene.label_evidence import evidence_of, no_evidence, posterior
+from fastsplat.service.scene.types import Evidence, Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster import Backend, Splats, device_of
 from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.training_views import training_size
 
@@ -68,66 +68,92 @@ def discover_things(
         backend: which rasterizer.
 
     Returns:
-        Things whose membership says for each Gaussian the share of views that count it to its thing; a Gaussian is of
-        one thing at most.
+        Things whose membership says for each Gaussian the pixels of each thing that it is seen through.
     """
     used = [(view, own) for view, own in zip(views, masks, strict=True) if own is not None]
     splats = splats_of(gaussians, device=device_of(backend))
+    masked: list[MaskedView] = []
     lifted: list[LiftedRegions] = []
     for view, own in used:
-        camera = training_size(view.posed.camera, settings.max_side)
-        viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
-        valid = _valid_pixels(view, camera.width, camera.height)
-        flat = own.resized(camera.width, camera.height)
-        lifted.append(lift_masks(splats, viewmat, camera, flat, valid=valid, backend=backend))
+        masked.append(_masked_view(view, own, settings))
+        lifted.append(_lifted(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
+    things = (
+        _things(gaussians, views, masked, lifted, [own.quality for _, own in used], settings, backend)
+        if used
+        else Things((), no_evidence(len(gaussians)))
+    )
     return Discovery(
-        things=_things(*_selected(gaussians, lifted, [own for _, own in used], settings), gaussians, views, settings),
+        things=things,
         views=len(used),
         prompts=sum(own.prompts for _, own in used),
         proposals=sum(len(regions) for regions in lifted),
     )
 
 
-def _selected(
-    gaussians: Gaussians, lifted: Sequence[LiftedRegions], masks: Sequence[ViewMasks], settings: DiscoverySettings
-) -> tuple[Selection, F32]:
-    if not lifted:
-        size = np.zeros(len(gaussians), np.float32)
-        return select_things([], gaussians, size, settings), size
+def _masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
+    camera = training_size(view.posed.camera, settings.max_side)
+    return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
+
+
+def _lifted(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
+    viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
+    return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
+
+
+def _things(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masked: Sequence[MaskedView],
+    lifted: Sequence[LiftedRegions],
+    quality: Sequence[NDArray[np.float32]],
+    settings: DiscoverySettings,
+    backend: Backend,
+) -> Things:
     overlaps = overlaps_of(lifted)
     candidates = find_candidates(
         overlaps,
-        np.concatenate([own.quality for own in masks]),
+        np.concatenate(quality),
         min_overlap=settings.min_overlap,
         min_views=settings.min_views,
         min_view_share=settings.min_view_share,
     )
-    return select_things(candidates, gaussians, overlaps.size, settings), overlaps.size
-
-
-def _things(
-    selection: Selection, size: F32, gaussians: Gaussians, views: Sequence[View], settings: DiscoverySettings
-) -> Things:
-    centers = {
-        number: gaussians.means[selection.owners == number].mean(axis=0).astype(np.float64)
-        for number in selection.surfaces
-    }
-    cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views]) if views else np.zeros((0, 3))
-    kinds = surface_kinds(dict(selection.surfaces), centers, cameras, vertical_axis([view.posed for view in views]))
-    table = tuple(
-        Thing(id=number + 1, consensus=min(1.0, thing.consensus), surface=kinds.get(number, ""))
-        for number, thing in enumerate(selection.things)
+    selection = select_things(candidates, gaussians, overlaps.size, settings)
+    membership = refined_membership(
+        selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
     )
-    rows = np.arange(len(selection.owners))
-    membership = membership_of(rows, selection.owners + 1, selection.shares, len(rows))
-    parts = find_parts(selection, size, settings, len(table) + 1)
-    return Things(table, membership, len(table) + 1 + (0 if parts is None else len(parts.table)), parts)
+    return _described(selection, membership, gaussians, overlaps.size, views, settings)
 
 
-def _valid_pixels(view: View, width: int, height: int) -> NDArray[np.bool_] | None:
-    if view.valid_path is None:
-        return None
-    with PillowImage.open(view.valid_path) as picture:
-        mask = np.asarray(picture.convert("L"))
-    return np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA) == 255)
+def _described(
+    selection: Selection,
+    membership: Evidence,
+    gaussians: Gaussians,
+    size: NDArray[np.float32],
+    views: Sequence[View],
+    settings: DiscoverySettings,
+) -> Things:
+    """Things that still have Gaussians enough, the largest first, and their membership by id."""
+    count = len(selection.things)
+    owners = posterior(membership, count + 1).classes
+    weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]
+    order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
+    surfaces = {n: plane for n, plane in selection.surfaces.items() if n in order}
+    centers = {n: gaussians.means[owners == n + 1].mean(axis=0).astype(np.float64) for n in surfaces}
+    cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views])
+    kinds = surface_kinds(surfaces, centers, cameras, vertical_axis([view.posed for view in views]))
+    table = tuple(
+        Thing(id=place, consensus=min(1.0, selection.things[n].consensus), surface=kinds.get(n, ""))
+        for place, n in enumerate(order, start=1)
+    )
+    ids = np.zeros(count + 1, np.int64)
+    ids[np.array(order, np.intp) + 1] = np.arange(1, len(order) + 1)
+    rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    inside = [(part, int(ids[n + 1]) - 1) for part, n in selection.parts if ids[n + 1]]
+    parts = find_parts(inside, (ids[owners] - 1).astype(np.int32), size, settings, len(table) + 1)
+    return Things(
+        table,
+        evidence_of(rows, ids[membership.labels], membership.counts, len(membership)),
+        len(table) + 1 + (0 if parts is None else len(parts.table)),
+        parts,
+    )

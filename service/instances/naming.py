@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Regions
 from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import NameSource, Thing, Things
+from fastsplat.service.scene.types import Gaussians, NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
 F64 = NDArray[np.float64]
@@ -92,12 +92,18 @@ def count_votes(
 
 
 def name_things(
-    things: Things, votes: NameVotes, names: Sequence[str], source: NameSource, settings: DiscoverySettings
+    things: Things,
+    votes: NameVotes,
+    names: Sequence[str],
+    source: NameSource,
+    settings: DiscoverySettings,
+    extents: F64 | None = None,
 ) -> Things:
     """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
 
     How probable a name is says `NameVotes.probability`. It is stated from `name_probability`, and if no other has more
-    than `name_rivals` of it; otherwise it is suggested.
+    than `name_rivals` of it, and if all things that it could be stated of are about as large (`name_size_ratio`);
+    otherwise it is suggested.
 
     Args:
         things: T of them.
@@ -105,15 +111,40 @@ def name_things(
         names: of labels 1..N.
         source: who votes.
         settings: the bounds.
+        extents: float64 [T], see `thing_extents`; None: sizes do not matter.
     """
+    probability = votes.probability
+    mixed = np.zeros(probability.shape[1], np.bool_)
+    if extents is not None:
+        for label in range(1, len(mixed)):
+            own = extents[probability[:, label] >= settings.name_probability]
+            mixed[label] = len(own) > 1 and own.max() > settings.name_size_ratio * own.min()
     table = tuple(
-        thing if thing.source == "person" else _named(thing, row, names, source, settings)
-        for thing, row in zip(things.table, votes.probability, strict=True)
+        thing if thing.source == "person" else _named(thing, row, mixed, names, source, settings)
+        for thing, row in zip(things.table, probability, strict=True)
     )
     return replace(things, table=table)
 
 
-def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource, settings: DiscoverySettings) -> Thing:
+def thing_extents(things: Things, gaussians: Gaussians) -> F64:
+    """float64 [T], scene units: the standard deviation of each thing's Gaussians around their mean, over all three
+    axes together; 0 for a thing without Gaussians."""
+    rows = thing_rows(things)
+    extents = np.zeros(len(things.table))
+    for place, thing in enumerate(things.table):
+        means = gaussians.means[rows == thing.id].astype(np.float64)
+        extents[place] = np.sqrt(means.var(axis=0).sum()) if len(means) else 0.0
+    return extents
+
+
+def _named(
+    thing: Thing,
+    row: F64,
+    mixed: NDArray[np.bool_],
+    names: Sequence[str],
+    source: NameSource,
+    settings: DiscoverySettings,
+) -> Thing:
     order = np.argsort(-row, kind="stable")
     order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
     suggestions = tuple((names[label - 1], float(row[label])) for label in order)
@@ -121,6 +152,6 @@ def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource, set
         return replace(thing, name="", source=None, probability=0.0, suggestions=())
     (best, sure), rivals = suggestions[0], suggestions[1:]
     clear = sure >= settings.name_probability and all(other <= settings.name_rivals * sure for _, other in rivals)
-    if not clear:
+    if not clear or mixed[order[0]]:
         return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
     return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)

@@ -48,6 +48,9 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """What then nobody owns belongs to the thing that most of so many nearest Gaussians belong to."""
     stray_share: float = Field(0.1, ge=0, le=1)
     """Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
+    refinement_rounds: int = Field(2, ge=0)
+    """Rounds in which things take the masks of the views that they match, and Gaussians count the masks' pixels; 0: the
+    views vote on whole Gaussians alone."""
 
     name_overlap: float = Field(0.5, gt=0, le=1)
     """A region names the thing that it overlaps this much in its view."""
@@ -55,6 +58,9 @@ class DiscoverySettings(SettingGroup, section="discovery"):
     """A name is stated from this mean score over the views that see the thing; below, it is a suggestion."""
     name_rivals: float = Field(0.5, ge=0, le=1)
     """A name is stated only where no other has more than this share of its score."""
+    name_size_ratio: float = Field(1.6, ge=1)
+    """A detected name that things bear of which one is so many times as large as another is a class that the detector
+    puts everything into: then it is a suggestion for all of them. Names that were asked for are spared."""
 
     def proposes(self, *, given_labels: bool) -> bool:
         """Whether masks without names are proposed in a capture's views, which may come with label maps."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.instances.candidates import F32
-from fastsplat.service.instances.ownership import NOBODY
-from fastsplat.service.instances.selection import Selection
+from fastsplat.service.instances.candidates import F32, Candidate
+from fastsplat.service.instances.ownership import NOBODY, Owners
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Evidence, Parts, Thing
@@ -33,26 +33,29 @@ def membership_of(rows: NDArray[np.integer], labels: NDArray[np.integer], shares
     )
 
 
-def find_parts(selection: Selection, size: F32, settings: DiscoverySettings, first_id: int) -> Parts | None:
-    """The parts of the things of a selection, the largest first; None for none.
+def find_parts(
+    candidates: Sequence[tuple[Candidate, int]], owners: Owners, size: F32, settings: DiscoverySettings, first_id: int
+) -> Parts | None:
+    """The parts of things, the largest first; None for none.
 
     A part has those Gaussians of its candidate that its thing owns. Where parts overlap the smaller has them, as among
     things. What then fills fewer pixels than a thing must (`min_weight_px`), or fills most of its thing, is no part.
 
     Args:
-        selection: its thing number n has the id n + 1.
+        candidates: those that are parts, each with the number of the thing that it is a part of.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
         settings: the bounds.
         first_id: id of the first part.
     """
-    count = len(selection.owners)
-    whole = np.bincount(selection.owners + 1, size.astype(np.float64), minlength=len(selection.things) + 1)[1:]
+    count = len(owners)
+    whole = np.bincount(owners + 1, size.astype(np.float64))[1:]
     claims = []
-    for part, thing in selection.parts:
-        own = selection.owners[part.rows] == thing
+    for part, thing in candidates:
+        own = owners[part.rows] == thing
         rows, shares = part.rows[own], part.shares[own]
         weight = float(size[rows].sum())
-        if weight <= _MOST * whole[thing]:
+        if own.any() and weight <= _MOST * whole[thing]:
             claims.append((weight, rows, shares, Thing(first_id, consensus=min(1.0, part.consensus), parent=thing + 1)))
     owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
     parts: list[Thing] = []

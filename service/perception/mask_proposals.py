@@ -1,22 +1,21 @@
 """Masks of whatever is in an image, without a name or a vocabulary: the answers of a segmenter that it is sure of.
 
 Boxes of a detector are prompted first, whatever they are called: a box says how much of what is there is one object,
-which no point does. Then points, where no mask explains the pixels yet.
+which no point does. Then points, where no mask explains the pixels yet, or only a large one (`prompt_points`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.box_ops import nms
 from fastsplat.service.perception.mask_postprocessing import upsampled
+from fastsplat.service.perception.prompt_points import CutImage, open_points
 from fastsplat.service.perception.segmenters.mask_selection import best_answers
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import (
@@ -30,12 +29,6 @@ from fastsplat.service.perception.types import (
 
 _ROUNDS = 3
 """Rounds of point prompts: what one round explains, the next leaves alone."""
-_LEAST_RADIUS = 5.0
-"""Unexplained areas that reach no farther from their edge are left alone, in steps of the segmenter's grid."""
-_APART = 0.7
-"""Points of a round keep this share of the distance to the edge of the unexplained area from each other."""
-_ANSWERED = 8
-"""Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
 _BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8
 """As the settings' bounds, for answers to boxes, which are not ambiguous."""
 
@@ -76,7 +69,7 @@ class MaskProposals:
 def propose_masks(
     segmenter: Segmenter, embedding: Any, boxes: MaskLogits, size: tuple[int, int], settings: PerceptionSettings
 ) -> ViewMasks:
-    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is.
+    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is, or only a large one.
 
     A mask that an answer to a box and one to a point agree on is the box's: it shows an object, not a part of one.
 
@@ -91,18 +84,19 @@ def propose_masks(
     parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), settings.proposal_overlap)]
     prompts = len(boxes.quality)
     scale = np.array(boxes.scale)
-    explained = np.asarray((boxes.logits[:, 0] > 0)[_sure(boxes, of_boxes)[:, 0]].any(axis=0))
+    of_boxes_alone = boxes.logits[_sure(boxes, of_boxes)] > 0
+    cover, points = CutImage(of_boxes_alone.shape[1:]), np.zeros((0, 2))
+    cover.add(of_boxes_alone)
     for number in range(_ROUNDS):
         count = settings.proposal_points * (number + 1) // _ROUNDS - settings.proposal_points * number // _ROUNDS
-        points = unexplained_points(explained, count)
-        if not len(points):
+        fresh = open_points(cover.pieces, cover.answered(points), count)
+        if not len(fresh):
             break
-        answer = segmenter.mask_logits(embedding, point_prompts(points / scale))
+        answer = segmenter.mask_logits(embedding, point_prompts(fresh / scale))
         parts.append(sure_proposals(answer, size, settings))
-        prompts += len(points)
-        explained = explained | (parts[-1].logits > 0).any(axis=0)
-        for x, y in points.astype(int):
-            explained[max(0, y - _ANSWERED) : y + _ANSWERED + 1, max(0, x - _ANSWERED) : x + _ANSWERED + 1] = True
+        prompts += len(fresh)
+        points = np.concatenate([points, fresh])
+        cover.add(parts[-1].logits > 0)
     proposals = distinct_proposals(joined_proposals(parts), settings.proposal_overlap, first=len(parts[0]))
     factor = min(1.0, settings.proposal_side / max(size))
     height, width = (max(1, round(side * factor)) for side in size)
@@ -123,23 +117,6 @@ def boxes_to_prompt(objects: Detections, others: Detections, settings: Perceptio
 def answer_boxes(segmenter: Segmenter, embedding: Any, boxes: NDArray[np.float32]) -> MaskLogits:
     """The segmenter's best answer to each of [K, 4] boxes in pixels of the image: logits [K, 1, h, w]."""
     return best_answers(segmenter.mask_logits(embedding, box_prompts(boxes)), boxes)
-
-
-def unexplained_points(explained: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
-    """float64 [K, 2] x and y, K at most `count`: the points farthest from what bool [h, w] explains, and from the
-    image's edge, the farthest first."""
-    padded = np.pad((~explained).astype(np.uint8), 1)  # the image's edge is an edge
-    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
-    points: list[tuple[float, float]] = []
-    while len(points) < count:
-        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
-        radius = float(depth[row, column])
-        if radius < _LEAST_RADIUS:
-            break
-        points.append((column + 0.5, row + 0.5))
-        around = math.ceil(max(2 * _LEAST_RADIUS, _APART * radius))
-        cv2.circle(depth, (int(column), int(row)), around, 0.0, cv2.FILLED)
-    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: PerceptionSettings) -> MaskProposals:

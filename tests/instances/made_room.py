@@ -36,10 +36,11 @@ class Room:
 
 class ColorSegmenter:
     """Answers a point, or the middle of a box, with the connected area of its color, sharply; its three answers are the
-    same. It counts the prompts of each image."""
+    same. It counts the prompts of each image, and keeps the color numbers that points were prompted on."""
 
     def __init__(self) -> None:
         self.prompts: list[int] = []
+        self.pointed_at: list[int] = []
 
     def embed(self, image: Image) -> Image:
         """The image itself."""
@@ -56,6 +57,8 @@ class ColorSegmenter:
         nearest = _nearest_color(embedding)
         logits = np.empty((len(prompts), 3, *nearest.shape), np.float32)
         for row, (x, y) in enumerate(_middles(prompts).astype(int)):
+            if prompts.kinds[row, 0] == 1:
+                self.pointed_at.append(int(nearest[y, x]))
             _, areas = cv2.connectedComponents((nearest == nearest[y, x]).astype(np.uint8))
             logits[row] = np.where(areas == areas[y, x], 8.0, -8.0)
         return MaskLogits(logits, np.full((len(prompts), 3), 0.95, np.float32), (1.0, 1.0))

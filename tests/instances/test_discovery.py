@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fastsplat.service.capture import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery import Discovery, discover_things
-from fastsplat.service.instances.naming import NameVotes, name_things
+from fastsplat.service.instances.naming import NameVotes, name_things, thing_extents
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.thing_appearances import with_appearances
@@ -92,14 +92,16 @@ def test_views_that_nobody_looked_at_have_no_say(room: Room) -> None:
 
 
 def test_boxes_spare_points(room: Room) -> None:
-    """What the answer to a box explains is not prompted again, whatever the box is called."""
+    """What the answer to a box explains is prompted once more at most, whatever the box is called."""
     boxes, points = ColorSegmenter(), ColorSegmenter()
     with_boxes = propose_view_masks(room.capture.views[:1], BallDetector(), boxes, PERCEPTION)[0]
     without = propose_view_masks(room.capture.views[:1], NoDetector(), points, PERCEPTION)[0]
     assert with_boxes is not None and without is not None
     assert with_boxes.prompts == boxes.prompts[0] and without.prompts == points.prompts[0]
     balls = len(BallDetector().detect(load_image(room.capture.views[0]), 0.0))
-    assert balls == 3 and with_boxes.prompts - balls <= without.prompts <= PERCEPTION.proposal_points
+    assert balls == 3 and with_boxes.prompts - balls == len(boxes.pointed_at)
+    assert max(len(boxes.pointed_at), len(points.pointed_at)) <= PERCEPTION.proposal_points
+    assert all(boxes.pointed_at.count(ball) <= 1 for ball in (2, 3, 4)) and set(points.pointed_at) >= {2, 3, 4}
     assert len(with_boxes) >= len(without)
 
 
@@ -197,6 +199,27 @@ def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], 
         assert thing.probability == pytest.approx(first)
     shares = [share for _, share in thing.suggestions]
     assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
+
+
+@pytest.mark.parametrize(("ratio", "stated"), [(1.0, True), (1.5, True), (1.7, False), (0.5, False)])
+def test_a_name_for_things_of_all_sizes_is_only_suggested(ratio: float, stated: bool) -> None:
+    """Two things are "cup" by every view, and an apple is as large as ever it likes."""
+    votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.1, 0.9]]) * 10, np.full(3, 10.0))
+    things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
+    named = name_things(things, votes, ("cup", "apple"), "detected", SETTINGS, np.array([1.0, ratio, 100.0])).table
+    assert [thing.name for thing in named] == (["cup", "cup"] if stated else ["", ""]) + ["apple"]
+    assert stated or [thing.suggestions[0][0] for thing in named[:2]] == ["cup", "cup"]
+    without = name_things(things, votes, ("cup", "apple"), "detected", SETTINGS).table
+    assert [thing.name for thing in without] == ["cup", "cup", "apple"]
+
+
+def test_extents_do_not_depend_on_the_frame(room: Room, discovery: Discovery) -> None:
+    turned = replace(room.gaussians, means=room.gaussians.means[:, [2, 0, 1]] + np.float32(3))
+    doubled = replace(room.gaussians, means=room.gaussians.means * 2)
+    extents = thing_extents(discovery.things, room.gaussians)
+    assert thing_extents(discovery.things, turned) == pytest.approx(extents, rel=1e-4)
+    assert thing_extents(discovery.things, doubled) == pytest.approx(2 * extents, rel=1e-4)
+    assert extents.argmax() == _overlaps(discovery.things, room.owner)[0][0] - 1  # the floor
 
 
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.instances.selection import Selection, select_things
+from fastsplat.service.instances.selection import select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.thing_parts import find_parts
 from fastsplat.service.scene.things import part_rows
@@ -29,7 +29,7 @@ def test_a_sure_part_of_a_thing_is_kept_with_its_parent() -> None:
     corner = candidate(range(half + 4, half + 24), consensus=0.65, share=0.75)
     selection = select_things([lamp, table, corner], gaussians_at(points), size, SETTINGS)
     assert len(selection.things) == 2
-    parts = find_parts(selection, size, SETTINGS, 3)
+    parts = find_parts(selection.parts, selection.owners, size, SETTINGS, 3)
     assert parts is not None
     (part,) = parts.table
     assert (part.id, part.consensus) == (3, 0.65) and selection.things[part.parent - 1] is lamp
@@ -39,7 +39,6 @@ def test_a_sure_part_of_a_thing_is_kept_with_its_parent() -> None:
 def test_parts_are_of_what_their_thing_owns_and_the_smaller_has_what_two_claim() -> None:
     owners = np.repeat([0, 1, -1], [100, 50, 10]).astype(np.int32)
     size = np.ones(len(owners), np.float32)
-    things = (candidate(range(100)), candidate(range(100, 150)))
     claims = (
         (candidate(range(40, 110), share=0.6), 0),  # ten of them are of the other thing
         (candidate(range(50, 70), share=0.9), 0),
@@ -47,8 +46,7 @@ def test_parts_are_of_what_their_thing_owns_and_the_smaller_has_what_two_claim()
         (candidate(range(100, 148)), 1),  # nearly all of its thing
         (candidate(range(100, 103)), 1),  # too small
     )
-    selection = Selection(things, owners, np.ones(len(owners), np.float32), {}, claims)
-    parts = find_parts(selection, size, SETTINGS, 7)
+    parts = find_parts(claims, owners, size, SETTINGS, 7)
     assert parts is not None and [(part.id, part.parent) for part in parts.table] == [(7, 1), (8, 1)]
     expected = np.zeros(len(owners), np.int32)
     expected[40:100], expected[50:70] = 7, 8
@@ -57,5 +55,4 @@ def test_parts_are_of_what_their_thing_owns_and_the_smaller_has_what_two_claim()
 
 def test_things_without_parts_have_none() -> None:
     owners = np.zeros(10, np.int32)
-    selection = Selection((candidate(range(10)),), owners, np.ones(10, np.float32), {})
-    assert find_parts(selection, np.ones(10, np.float32), SETTINGS, 2) is None
+    assert find_parts((), owners, np.ones(10, np.float32), SETTINGS, 2) is None

@@ -16,7 +16,6 @@ from fastsplat.service.perception.mask_proposals import (
     distinct_proposals,
     joined_proposals,
     sure_proposals,
-    unexplained_points,
 )
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.models.pull import pull
@@ -37,21 +36,6 @@ def _proposals(layers: list[np.ndarray], quality: list[float]) -> MaskProposals:
     return MaskProposals(
         np.stack(layers).astype(np.float16), np.array(quality, np.float32), (1.0, 1.0), layers[0].shape
     )
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 12))
-def test_unexplained_points_lie_where_nothing_is_explained(seed: int, most: int) -> None:
-    explained = np.kron(np.random.default_rng(seed).random((4, 5)) < 0.5, np.ones((16, 16))).astype(bool)
-    points = unexplained_points(explained, most)
-    rows, columns = points[:, 1].astype(int), points[:, 0].astype(int)
-    assert len(points) <= most and not explained[rows, columns].any()
-    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(len(points), dtype=bool)]
-    assert (apart >= 9).all()  # twice the least radius, but for the pixel grid
-    if most >= 12:  # what is left has no room for another prompt
-        left = explained.copy()
-        for row, column in zip(rows, columns, strict=True):
-            left[max(0, row - 40) : row + 41, max(0, column - 40) : column + 41] = True
-        assert len(points) == most or not len(unexplained_points(left, 1))
 
 
 def test_boxes_of_objects_come_first_and_rivals_are_left_out() -> None:

@@ -1,0 +1,125 @@
+"""Things take the masks that they match, and Gaussians count the masks' pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fastsplat.service.instances.ownership import NOBODY
+from fastsplat.service.instances.refinement import UNKNOWN, MaskedView, refined_membership, repainted
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.types import ViewMasks
+from fastsplat.service.scene.label_evidence import posterior
+from tests.instances.made_room import Room, make_room
+
+SETTINGS = DiscoverySettings(min_weight_px=5)
+SIDE = 40
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
+    return make_room(tmp_path_factory.mktemp("room"))
+
+
+def _square(top: int, left: int, side: int) -> np.ndarray:
+    mask = np.zeros((SIDE, SIDE), np.bool_)
+    mask[top : top + side, left : left + side] = True
+    return mask
+
+
+def test_edges_come_from_the_masks() -> None:
+    """A cup on a table, drawn a little to the side of its mask; the table's mask may go on below the cup."""
+    cup, table = _square(12, 12, 10), _square(4, 4, 30)
+    shown = np.where(_square(13, 12, 10), 2, np.where(_square(5, 5, 28), 1, 0))
+    for table_mask in (table, table & ~cup):
+        result = repainted(shown, np.stack([table_mask, cup]), min_overlap=0.5)
+        assert (result[cup] == 2).all() and (result[~table] == 0).all()
+        assert (result[table_mask & ~cup] == 1).all()
+
+
+def test_what_its_mask_leaves_out_is_unknown() -> None:
+    shown = _square(10, 10, 12).astype(int)
+    result = repainted(shown, _square(10, 10, 11)[None], min_overlap=0.5)
+    assert set(np.unique(result)) == {UNKNOWN, 0, 1}
+    assert ((result == UNKNOWN) == (_square(10, 10, 12) & ~_square(10, 10, 11))).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_without_masks_that_match_all_stays_as_drawn(seed: int, things: int) -> None:
+    rng = np.random.default_rng(seed)
+    shown = np.kron(rng.integers(0, things + 1, (5, 5)), np.ones((8, 8), int))
+    none = np.zeros((0, SIDE, SIDE), np.bool_)
+    strangers = np.stack([_square(0, 0, 3), _square(20, 20, 2)])
+    assert (repainted(shown, none, min_overlap=0.5) == shown).all()
+    assert (repainted(shown, strangers, min_overlap=0.9) == shown).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_exact_masks_change_nothing(seed: int, things: int) -> None:
+    rng = np.random.default_rng(seed)
+    shown = np.kron(rng.integers(0, things + 1, (5, 5)), np.ones((8, 8), int))
+    masks = np.stack([shown == thing for thing in range(1, things + 1)])
+    assert (repainted(shown, masks, min_overlap=0.5) == shown).all()
+
+
+def _views(room: Room) -> list[MaskedView]:
+    views = []
+    for view, truth in zip(room.capture.views, room.maps, strict=True):
+        height, width = truth.shape
+        masks = np.stack([truth == number for number in range(1, 5)]).reshape(4, -1)
+        proposals = ViewMasks(np.packbits(masks, axis=1), np.ones(4, np.float32), width, height, 4)
+        views.append(MaskedView(view.posed, proposals))
+    return views
+
+
+def _right(owner: np.ndarray, room: Room, size: np.ndarray) -> float:
+    return float(size[owner == room.owner].sum() / size.sum())
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_wrong_owners_are_put_right_by_the_pixels(room: Room, seed: int) -> None:
+    """A tenth of the Gaussians is given to somebody else, or to nobody."""
+    rng = np.random.default_rng(seed)
+    owners = room.owner.astype(np.int32)
+    wrong = rng.random(len(owners)) < 0.1
+    owners[wrong] = rng.integers(NOBODY, 4, wrong.sum())
+    size = np.ones(len(owners), np.float32)
+    shares = np.where(owners == NOBODY, 0, 1).astype(np.float32)
+    results = []
+    for rounds in (0, 2):
+        bounds = SETTINGS.model_copy(update={"refinement_rounds": rounds})
+        evidence = refined_membership(owners, shares, room.gaussians, _views(room), size, bounds)
+        results.append(posterior(evidence, 5).classes - 1)
+    assert (results[0] == owners).all()
+    seen = np.ones(len(owners)) * (room.gaussians.means[:, 2] >= 0)  # upper halves of the balls, and the floor
+    assert _right(results[1], room, seen) > _right(owners, room, seen)
+    assert _right(results[1], room, seen) > 0.97
+
+
+def test_pixels_without_content_say_nothing_and_owners_stay(room: Room, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "valid.png"), np.zeros((72, 96), np.uint8))
+    views = [replace(view, valid_path=tmp_path / "valid.png") for view in _views(room)]
+    owners, shares = room.owner.astype(np.int32), np.ones(len(room.owner), np.float32)
+    evidence = refined_membership(owners, shares, room.gaussians, views, shares, SETTINGS)
+    assert (posterior(evidence, 5).classes - 1 == owners).all()
+
+
+def test_the_same_input_gives_the_same_counts(room: Room) -> None:
+    owners, shares = room.owner.astype(np.int32), np.ones(len(room.owner), np.float32)
+    first, second = (
+        refined_membership(owners, shares, room.gaussians, _views(room), shares, SETTINGS) for _ in range(2)
+    )
+    assert (first.labels == second.labels).all() and (first.counts == second.counts).all()
+
+
+def test_nobody_owns_nothing(room: Room) -> None:
+    owners, shares = np.full(len(room.owner), NOBODY, np.int32), np.zeros(len(room.owner), np.float32)
+    evidence = refined_membership(owners, shares, room.gaussians, _views(room), shares, SETTINGS)
+    assert (posterior(evidence, 1).classes == 0).all()
