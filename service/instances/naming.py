@@ -102,7 +102,7 @@ def name_things(
     """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
 
     How probable a name is says `NameVotes.probability`. It is stated from `name_probability`, and if no other has more
-    than `name_rivals` of it, and if all things that it could be stated of are about as large (`name_size_ratio`);
+    than `name_rivals` of it, and if all things of which it is the best are about as large (`name_size_ratio`);
     otherwise it is suggested.
 
     Args:
@@ -116,8 +116,9 @@ def name_things(
     probability = votes.probability
     mixed = np.zeros(probability.shape[1], np.bool_)
     if extents is not None:
+        best = probability.argmax(axis=1)
         for label in range(1, len(mixed)):
-            own = extents[probability[:, label] >= settings.name_probability]
+            own = extents[(best == label) & (probability[:, label] >= settings.name_probability)]
             mixed[label] = len(own) > 1 and own.max() > settings.name_size_ratio * own.min()
     table = tuple(
         thing if thing.source == "person" else _named(thing, row, mixed, names, source, settings)
