@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 import math
@@ -11,10 +10,11 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.scene.types import SH_COUNTS, LabelMode, NameSource, SurfaceKind, Thing
+from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, thing_of_row, thing_row
+from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
@@ -109,14 +109,14 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "things": None
         if manifest.things is None
         else {
-            "table": [_thing_row(thing) for thing in manifest.things],
+            "table": [thing_row(thing) for thing in manifest.things],
             "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
             "parts": None
             if manifest.parts is None
             else {
-                "table": [_thing_row(part) for part in manifest.parts],
+                "table": [thing_row(part) for part in manifest.parts],
                 "entries": manifest.parts_entries,
                 "sha256": manifest.parts_sha256,
             },
@@ -180,11 +180,11 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         label_mode=checked.label_mode,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
-        things=None if checked.things is None else tuple(_thing(row) for row in checked.things.table),
+        things=None if checked.things is None else tuple(thing_of_row(row) for row in checked.things.table),
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
         next_thing_id=0 if checked.things is None else checked.things.next_id,
-        parts=None if parts is None else tuple(_thing(row) for row in parts.table),
+        parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
     )
@@ -224,23 +224,7 @@ def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
         raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
 
 
-_Share = Annotated[float, Field(ge=0, le=1)]
-_Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
-
-
-def _is_base64(text: str) -> str:
-    base64.b64decode(text, validate=True)
-    return text
-
-
-_Base64 = Annotated[str, AfterValidator(_is_base64)]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class _Entry(_Strict):
+class _Entry(StrictRow):
     label: str
     aliases: Annotated[tuple[str, ...], Field(strict=False)]
     pixels: int
@@ -248,7 +232,7 @@ class _Entry(_Strict):
     confidence: Annotated[float, Field(ge=0, le=1)] = 1.0
 
 
-class _Encoder(_Strict):
+class _Encoder(StrictRow):
     name: str
     sha256: str
 
@@ -259,70 +243,19 @@ def _sh_count(count: int) -> int:
     return count
 
 
-class _Sizes(_Strict):
+class _Sizes(StrictRow):
     gaussians: Annotated[int, Field(ge=0)]
     sh: Annotated[int, AfterValidator(_sh_count)]
     code: Annotated[int, Field(ge=0)]
     embedding: Annotated[int, Field(ge=0)]
 
 
-class _Evidence(_Strict):
+class _Evidence(StrictRow):
     entries: Annotated[int, Field(ge=0)]
     sha256: str
 
 
-class _Thing(_Strict):
-    id: Annotated[int, Field(ge=1, le=65535)]
-    name: str
-    source: NameSource | None
-    probability: _Share
-    consensus: _Share
-    surface: SurfaceKind
-    suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
-    parent: Annotated[int, Field(ge=0, le=65535)] = 0
-    appearance: _Base64 = ""
-    picture: _Base64 = ""
-
-    @model_validator(mode="after")
-    def _names_have_a_source(self) -> _Thing:
-        if bool(self.name) != (self.source is not None):
-            raise ValueError(f"the thing {self.id} has a name without a source, or the other way round")
-        return self
-
-
-class _Parts(_Strict):
-    table: list[_Thing]
-    entries: Annotated[int, Field(ge=0)]
-    sha256: str
-
-
-class _Things(_Strict):
-    table: list[_Thing]
-    next_id: Annotated[int, Field(ge=0, le=65536)] = 0
-    entries: Annotated[int, Field(ge=0)]
-    sha256: str
-    parts: _Parts | None = None
-
-    @model_validator(mode="after")
-    def _ids_ascend(self) -> _Things:
-        ids = [thing.id for thing in self.table]
-        if ids != sorted(set(ids)):
-            raise ValueError("the things' ids do not ascend")
-        return self
-
-    @model_validator(mode="after")
-    def _parts_are_of_things(self) -> _Things:
-        own = [thing.id for thing in self.table]
-        parts = [] if self.parts is None else self.parts.table
-        ids = [part.id for part in parts]
-        if ids != sorted(set(ids)) or set(ids) & set(own):
-            raise ValueError("the parts' ids do not ascend, or are those of things")
-        if any(thing.parent for thing in self.table) or not {part.parent for part in parts} <= set(own):
-            raise ValueError("a part is of no thing, or a thing of another")
-        return self
-
-
-class _Body(_Strict):
+class _Body(StrictRow):
     format: str
     schema_: int = Field(alias="schema")
     dictionary: list[_Entry]
@@ -335,14 +268,14 @@ class _Body(_Strict):
     arrays_sha256: str
     label_mode: LabelMode
     evidence: _Evidence | None
-    things: _Things | None
+    things: ThingsRow | None
     cameras_sha256: str
 
 
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
-class _CameraRow(_Strict):
+class _CameraRow(StrictRow):
     name: str
     width: int
     height: int
@@ -351,20 +284,6 @@ class _CameraRow(_Strict):
     cx: float
     cy: float
     world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
-
-
-def _thing_row(thing: Thing) -> dict[str, Any]:
-    """A thing as JSON; bytes as base64, left out where there are none."""
-    row = asdict(thing)
-    for name in ("appearance", "picture"):
-        if coded := base64.b64encode(row.pop(name)).decode():
-            row[name] = coded
-    return row
-
-
-def _thing(row: _Thing) -> Thing:
-    decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
-    return Thing(**{**vars(row), **decoded})
 
 
 def _finite(value: Any, name: str, left_out: list[str]) -> Any:

@@ -1,0 +1,98 @@
+"""Things as rows of `scene.json`, and the checks when they are read back."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
+
+
+def _is_base64(text: str) -> str:
+    base64.b64decode(text, validate=True)
+    return text
+
+
+_Base64 = Annotated[str, AfterValidator(_is_base64)]
+
+
+class StrictRow(BaseModel):
+    """Base of what is read from JSON: no unknown fields, no conversions."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class ThingRow(StrictRow):
+    """One thing, or one part of a thing."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    name: str
+    source: NameSource | None
+    probability: _Share
+    consensus: _Share
+    surface: SurfaceKind
+    suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
+    parent: Annotated[int, Field(ge=0, le=65535)] = 0
+    appearance: _Base64 = ""
+    picture: _Base64 = ""
+
+    @model_validator(mode="after")
+    def _names_have_a_source(self) -> ThingRow:
+        if bool(self.name) != (self.source is not None):
+            raise ValueError(f"the thing {self.id} has a name without a source, or the other way round")
+        return self
+
+
+class _Parts(StrictRow):
+    table: list[ThingRow]
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
+class ThingsRow(StrictRow):
+    """The things of a scene with their parts, and what is known of the files of their membership."""
+
+    table: list[ThingRow]
+    next_id: Annotated[int, Field(ge=0, le=65536)] = 0
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+    parts: _Parts | None = None
+
+    @model_validator(mode="after")
+    def _ids_ascend(self) -> ThingsRow:
+        ids = [thing.id for thing in self.table]
+        if ids != sorted(set(ids)):
+            raise ValueError("the things' ids do not ascend")
+        return self
+
+    @model_validator(mode="after")
+    def _parts_are_of_things(self) -> ThingsRow:
+        own = [thing.id for thing in self.table]
+        parts = [] if self.parts is None else self.parts.table
+        ids = [part.id for part in parts]
+        if ids != sorted(set(ids)) or set(ids) & set(own):
+            raise ValueError("the parts' ids do not ascend, or are those of things")
+        if any(thing.parent for thing in self.table) or not {part.parent for part in parts} <= set(own):
+            raise ValueError("a part is of no thing, or a thing of another")
+        return self
+
+
+def thing_row(thing: Thing) -> dict[str, Any]:
+    """A thing as JSON; bytes as base64, left out where there are none."""
+    row = asdict(thing)
+    for name in ("appearance", "picture"):
+        if coded := base64.b64encode(row.pop(name)).decode():
+            row[name] = coded
+    return row
+
+
+def thing_of_row(row: ThingRow) -> Thing:
+    """The thing that `thing_row` wrote."""
+    decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
+    return Thing(**{**vars(row), **decoded})
