@@ -16,8 +16,8 @@ NAME = "Oskar"
 
 
 def click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
-    """Click on a thing of a view and name it `NAME`: the largest one without a name that is no surface, or, where all
-    have one, the largest of these. Returns what was under the click; None for a view without things."""
+    """Click on a thing of a view and name it `NAME`, see `thing_to_name`; returns what was under the click, or None for a
+    view without things."""
     ids = client.thing_map(scene_id, view)
     things = {thing.id: thing for thing in client.things(scene_id)}
     target = thing_to_name(ids, things)
@@ -33,11 +33,15 @@ def click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | No
 def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> int | None:
     """Id of the thing that a click on a view names; None where the view shows no thing.
 
+    Things without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
+    cuts off, then the largest.
+
     Args:
         ids: uint16 [H, W], the thing of each pixel, 0 for none.
         things: by id.
     """
     numbers, areas = np.unique(ids[ids > 0], return_counts=True)
     shown = [(things[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
-    order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), -one[1]))
+    cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist()) if ids.size else set()
+    order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), one[0].id in cut, -one[1]))
     return order[0][0].id if order else None
