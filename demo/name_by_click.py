@@ -16,7 +16,7 @@ NAME = "Oskar"
 
 
 def click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
-    """Click on a thing of a view and name it `NAME`, see `thing_to_name`; returns what was under the click, or None for a
+    """Click on a thing of a view and name it `NAME`, see `thing_to_name`; returns what was under the click, None for a
     view without things."""
     ids = client.thing_map(scene_id, view)
     things = {thing.id: thing for thing in client.things(scene_id)}
