@@ -100,7 +100,8 @@ def test_reflection_lists_the_service(faces: Faces) -> None:
 def test_the_page_and_its_files_come_from_here_alone(faces: Faces) -> None:
     page = faces.rest.get("/")
     assert page.status_code == 200 and page.headers["content-type"].startswith("text/html")
-    assert "default-src 'self'" in page.headers["content-security-policy"]
+    policy = page.headers["content-security-policy"]
+    assert "default-src 'none'" in policy and "connect-src 'self'" in policy and "unsafe" not in policy
     links = re.findall(r'(?:src|href)="([^"]+)"', page.text)
     assert links
     for link in links:

@@ -64,6 +64,7 @@ _TWINS = {
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",
+    "POST /v1/scenes/{scene_id}:lookAgain": "LookAgain",
     "POST /v1/scenes/{scene_id}:undo": "UndoEdit",
     "GET /v1/operations": "ListOperations",
     "GET /v1/operations/{operation_id}": "GetOperation",
