@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from fastsplat.service.instances.ownership import NOBODY, Owners, without_strays
+from fastsplat.service.instances.ownership import NOBODY, Owners, with_neighbors, without_strays
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, merged, posterior
@@ -111,7 +111,7 @@ def refined_membership(
             if sum(len(part.labels) for part in parts[1:]) > _PENDING_ENTRIES:
                 parts = [merged(parts)]
         evidence = _without_strays(merged(parts), gaussians, size, settings)
-    return evidence
+    return _without_holes(evidence, gaussians, size, settings) if settings.refinement_rounds else evidence
 
 
 def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
@@ -162,3 +162,14 @@ def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32, setting
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     stray = (owners != cleaned)[rows] & (evidence.labels == owners[rows] + 1)
     return evidence_of(rows, np.where(stray, 0, evidence.labels), evidence.counts, len(evidence))
+
+
+def _without_holes(evidence: Evidence, gaussians: Gaussians, size: F32, settings: DiscoverySettings) -> Evidence:
+    """The same evidence, where what speaks for nothing in a Gaussian that no thing has speaks for the thing of its
+    nearest neighbors: masks have holes, such as a pattern on a table, where their things have none."""
+    count = int(evidence.labels.max(initial=0)) + 1
+    owners = posterior(evidence, count).classes - 1
+    filled = with_neighbors(owners, gaussians, size, settings.neighbors)
+    rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
+    joins = ((owners == NOBODY) & (filled != NOBODY))[rows] & (evidence.labels == 0)
+    return evidence_of(rows, np.where(joins, filled[rows] + 1, evidence.labels), evidence.counts, len(evidence))

@@ -16,6 +16,7 @@ from fastsplat.service.instances.refinement import UNKNOWN, MaskedView, refined_
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import posterior
+from tests.instances.made import gaussians_at, grid
 from tests.instances.made_room import Room, make_room
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
@@ -123,3 +124,15 @@ def test_nobody_owns_nothing(room: Room) -> None:
     owners, shares = np.full(len(room.owner), NOBODY, np.int32), np.zeros(len(room.owner), np.float32)
     evidence = refined_membership(owners, shares, room.gaussians, _views(room), shares, SETTINGS)
     assert (posterior(evidence, 1).classes == 0).all()
+
+
+def test_holes_that_no_mask_fills_belong_to_what_is_around_them() -> None:
+    """Grouping leaves a hole in a sheet, and no view says anything: the sheet has it, and owners stay."""
+    gaussians = gaussians_at(grid(1.0, 1.0, 0.1))
+    owners, hole = np.zeros(len(gaussians), np.int32), 44
+    owners[hole], owners[:10] = NOBODY, 1
+    size = np.ones(len(gaussians), np.float32)
+    evidence = refined_membership(owners, np.ones(len(gaussians), np.float32), gaussians, [], size, SETTINGS)
+    after = posterior(evidence, 3).classes - 1
+    assert after[hole] == 0
+    np.testing.assert_array_equal(np.delete(after, hole), np.delete(owners, hole))
