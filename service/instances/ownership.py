@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Evidence, Gaussians
 
 NOBODY = -1
 
@@ -85,3 +86,18 @@ def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: i
         joins = (result[free] == NOBODY) & (same[rows, most] >= _ENOUGH * count)
         result[free[joins]] = around[rows, most][joins]
     return result
+
+
+def membership_of(
+    rows: NDArray[np.integer], labels: NDArray[np.integer], shares: F32, gaussians: int, *, pixels: float
+) -> Evidence:
+    """Membership of `gaussians` Gaussians: for each of `rows` [K], of so many pixels of evidence, its share of votes
+    [K], 0..1, for its label [K], and the rest for none."""
+    inside = np.rint(shares * pixels * UNIT).astype(np.int64)
+    outside = round(pixels * UNIT) - inside
+    return evidence_of(
+        np.concatenate([rows, rows]),
+        np.concatenate([labels, np.zeros(len(rows), np.int64)]),
+        np.concatenate([inside, outside]),
+        gaussians,
+    )

@@ -17,10 +17,10 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from fastsplat.service.instances.ownership import NOBODY, Owners, with_neighbors, without_strays
+from fastsplat.service.instances.ownership import NOBODY, Owners, membership_of, with_neighbors, without_strays
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import ViewMasks
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of, merged, posterior
+from fastsplat.service.scene.label_evidence import evidence_of, merged, posterior
 from fastsplat.service.scene.types import F32, Evidence, Gaussians
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.gaussians import splats_of
@@ -93,7 +93,7 @@ def refined_membership(
     Returns:
         Labels are numbers of things from 1; 0 is no thing.
     """
-    grouped = _grouped(owners, shares)
+    grouped = membership_of(np.arange(len(owners)), owners + 1, shares, len(owners), pixels=1)
     count = int(owners.max(initial=NOBODY)) + 1
     evidence = grouped
     splats = splats_of(gaussians, device=device_of(backend))
@@ -141,17 +141,6 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
         matched = len(masks) and areas[thing] >= _SEEN_PX and overlap.max() >= min_overlap
         result[masks[int(overlap.argmax())] if matched else shown == thing] = thing
     return result
-
-
-def _grouped(owners: Owners, shares: F32) -> Evidence:
-    rows = np.arange(len(owners))
-    inside = np.rint(shares * UNIT).astype(np.int64)
-    return evidence_of(
-        np.concatenate([rows, rows]),
-        np.concatenate([owners + 1, np.zeros(len(rows), np.int64)]),
-        np.concatenate([inside, UNIT - inside]),
-        len(rows),
-    )
 
 
 def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32, settings: DiscoverySettings) -> Evidence:

@@ -6,31 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastsplat.service.instances.candidates import F32, Candidate
-from fastsplat.service.instances.ownership import NOBODY, Owners
+from fastsplat.service.instances.ownership import NOBODY, Owners, membership_of
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Evidence, Parts, Thing
+from fastsplat.service.scene.types import Parts, Thing
 
 _PIXELS = 64.0
 """Evidence of a Gaussian's membership, in pixels: much against the prior, so that shares of votes are probabilities."""
 _MOST = 0.8
 """A candidate with more of its thing's weight is the thing itself, and no part."""
-
-
-def membership_of(rows: NDArray[np.integer], labels: NDArray[np.integer], shares: F32, gaussians: int) -> Evidence:
-    """Membership of `gaussians` Gaussians: for each of `rows` [K] its share of votes, 0..1, for its label [K], and the
-    rest for none."""
-    inside = np.rint(shares * _PIXELS * UNIT).astype(np.int64)
-    outside = round(_PIXELS * UNIT) - inside
-    return evidence_of(
-        np.concatenate([rows, rows]),
-        np.concatenate([labels, np.zeros(len(rows), np.int64)]),
-        np.concatenate([inside, outside]),
-        gaussians,
-    )
 
 
 def find_parts(
@@ -69,4 +54,4 @@ def find_parts(
     last = first_id + len(parts) - 1  # the largest, which comes last, is the first
     table = tuple(replace(part, id=last - number) for number, part in enumerate(parts))[::-1]
     rows = np.flatnonzero(owner != NOBODY)
-    return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count))
+    return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count, pixels=_PIXELS))

@@ -213,6 +213,14 @@ def test_a_name_for_things_of_all_sizes_is_only_suggested(ratio: float, stated: 
     assert [thing.name for thing in without] == ["cup", "cup", "apple"]
 
 
+def test_sizes_are_compared_among_things_that_a_name_fits_best() -> None:
+    """A large bowl might also be a cup: the two cups are named all the same."""
+    votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.4, 0.9]]) * 10, np.full(3, 10.0))
+    things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
+    named = name_things(things, votes, ("cup", "bowl"), "detected", SETTINGS, np.array([1.0, 1.1, 5.0])).table
+    assert [thing.name for thing in named] == ["cup", "cup", "bowl"]
+
+
 def test_extents_do_not_depend_on_the_frame(room: Room, discovery: Discovery) -> None:
     turned = replace(room.gaussians, means=room.gaussians.means[:, [2, 0, 1]] + np.float32(3))
     doubled = replace(room.gaussians, means=room.gaussians.means * 2)
