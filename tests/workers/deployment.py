@@ -186,6 +186,7 @@ class Deployment:
 
         def is_suspended() -> bool:
             os.kill(worker.pid, signal.SIGSTOP)
+            self.wait_for(lambda: _all_threads_stopped(worker.pid))  # until then one of them may begin to write
             url = self.settings.database_url
             if _at_rest(url) if url else all(map(_writable, self.settings.data_dir.glob("*.sqlite"))):
                 return True
@@ -287,6 +288,11 @@ def _picture(seed: int) -> bytes:
 
 
 _PICTURES = [_picture(seed) for seed in range(3)]
+
+
+def _all_threads_stopped(pid: int) -> bool:
+    stats = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/stat")]
+    return all(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
 
 
 def _at_rest(url: str) -> bool:
