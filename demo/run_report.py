@@ -13,6 +13,7 @@ from rich.table import Table
 
 from demo.sheet import caption_of, write_sheet
 from fastsplat_client import Client
+from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.queries import Answer, PictureKind
 from fastsplat_contract.scenes import Scene
@@ -39,6 +40,7 @@ def report_of(
         "psnr": quality.get("psnr"),
         "ssim": quality.get("ssim"),
         "held_out": quality.get("held_out"),
+        "assessment": to_plain(scene.assessment),
         "queries": [_query_of(answer) for answer in answers],
     }
 
@@ -100,6 +102,10 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     if report["psnr"] is not None:
         facts += f", {report['psnr']:.2f} dB on {report['held_out']:g} held-out views"
     console.print(f"\n[bold]{facts}[/bold]")
+    if assessment := report["assessment"]:
+        console.print(f"The scene is {assessment['grade']}.")
+        for finding in assessment["findings"]:
+            console.print(f"- {finding['message']} {finding['advice']}")
     table = Table("thing", "name", "kind", "Gaussians", title="Everything that is there, before anybody named anything")
     for thing in report["things"]:
         table.add_row(str(thing["id"]), _name_of(thing), thing["kind"], f"{thing['gaussians']:,}")

@@ -16,6 +16,7 @@ from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
+from fastsplat_contract.assessments import Assessment, Finding
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import (
     CancelledError,
@@ -55,6 +56,7 @@ from fastsplat_contract.thing_messages import NameSuggestion, PickedThing, Scene
 __all__ = [
     "AccessKey",
     "Answer",
+    "Assessment",
     "Box",
     "Camera",
     "CancelledError",
@@ -65,6 +67,7 @@ __all__ = [
     "DictionaryEntry",
     "Edit",
     "FastSplatError",
+    "Finding",
     "FoundName",
     "InsertSource",
     "InvalidInputError",

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
@@ -78,6 +79,10 @@ class Scene(SceneSummary):
         Many[PosedCamera], Field(description="the scene's own views, the first 5,000; the camera file has all")
     ]
     quality: Annotated[Mapping[str, Any], Field(description="measured figures: psnr, ssim, images, registered, ...")]
+    assessment: Annotated[
+        Assessment | None,
+        Field(description="how good the scene is; absent until it is ready, and where nothing was measured"),
+    ] = None
 
 
 @travels(request=False, proto="ListScenesResponse")

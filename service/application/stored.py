@@ -8,6 +8,7 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Any
 
+from fastsplat.service.scene.assessment import assess
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import OperationRecord, SceneRecord
 from fastsplat_contract.json_codec import from_plain
@@ -50,12 +51,14 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
+    cameras = tuple(camera_from_json(row) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
         camera_count=len(record.cameras),
         dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
-        cameras=tuple(camera_from_json(row) for row in record.cameras[:max_listed]),
+        cameras=cameras,
         quality=record.quality,
+        assessment=assess(record.quality, cameras) if record.state == "READY" else None,
     )
 
 

@@ -96,7 +96,8 @@ class Recorder:
         settings = self._settings
         left = (settings.iterations - state.iteration) / self._speed if self._speed else math.inf
         if settings.time_budget_s is not None:
-            left = min(left, max(0.0, settings.time_budget_s - elapsed_s))
+            floor = max(0, settings.min_iterations - state.iteration) / self._speed if self._speed else 0.0
+            left = min(left, max(0.0, settings.time_budget_s - elapsed_s, floor))
         metrics = {
             "iteration": float(state.iteration),
             "elapsed_s": elapsed_s,

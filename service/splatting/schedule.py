@@ -8,10 +8,13 @@ from fastsplat.service.splatting.settings import TrainingSettings
 
 
 def run_progress(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:
-    """0 at the start, 1 when the first of the two bounds is reached."""
+    """0 at the start, 1 when the first of the two bounds is reached; the clock's only after `min_iterations`."""
     progress = iteration / settings.iterations
     if settings.time_budget_s is not None:
-        progress = max(progress, elapsed_s / settings.time_budget_s)
+        clock = elapsed_s / settings.time_budget_s
+        if settings.min_iterations:
+            clock = min(clock, iteration / settings.min_iterations)
+        progress = max(progress, clock)
     return min(progress, 1.0)
 
 

@@ -45,9 +45,9 @@ class LearningRates(BaseModel):
 class TrainingSettings(BaseModel):
     """How long, how large and how fine a scene is trained.
 
-    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, and every schedule below is a
-    function of its progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the
-    bit, and one bounded by time adapts to the machine it is on.
+    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
+    `min_iterations`; every schedule below is a function of its progress, 0 to 1; so a run bounded by iterations alone
+    (`time_budget_s=None`) is reproducible to the bit, and one bounded by time adapts to the machine it is on.
     """
 
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
@@ -62,6 +62,8 @@ class TrainingSettings(BaseModel):
     """Seconds of optimization, or None for no bound."""
     iterations: int = Field(30_000, ge=1)
     """Bound on optimization steps."""
+    min_iterations: int = Field(250, ge=0)
+    """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning."""
     max_side: int = Field(640, ge=8)
     """Images are trained at no more than this many pixels on the longer side."""
     start_scale: float = Field(0.5, gt=0, le=1)

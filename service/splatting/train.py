@@ -185,6 +185,8 @@ def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: Trainin
         "pruned_gaussians": float(len(trained) - len(gaussians)),
         "sh_degree": float(gaussians.sh_degree),
     }
+    if settings.time_budget_s is not None:
+        quality["time_budget_s"] = settings.time_budget_s
     if recorder.loss is not None:
         quality["loss"] = recorder.loss
     evidence = None

@@ -78,3 +78,16 @@ def test_a_phone_shows_all_of_it(place: Place, browser: Browser, address: str) -
         expect(visit.page.get_by_role("heading", level=1)).to_be_visible()
         visit.page.wait_for_load_state("networkidle")
         assert visit.fits()
+
+
+def test_a_scene_that_is_not_good_says_so_with_the_reason_and_the_advice(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url) as visit:
+        visit.page.goto(f"{place.url}/#/scenes/{place.scene_id}")
+        note = visit.page.get_by_role("region", name="How good this scene is")
+        expect(note).to_contain_text("A poor scene")
+        assessment = place.service.get_scene(place.scene_id).assessment
+        assert assessment is not None
+        assert [finding.reason for finding in assessment.findings] == ["FEW_PHOTOS"]
+        for finding in assessment.findings:
+            expect(note).to_contain_text(f"{finding.message} {finding.advice}")
+        visit.check_accessible()

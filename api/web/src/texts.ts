@@ -60,6 +60,14 @@ export const texts = {
     toCurrent: "Show the current one",
     changedElsewhere: "The scene has changed.",
   },
+  assessment: {
+    title: "How good this scene is",
+    grades: {
+      good: "A good scene.",
+      fair: "A fair scene: look before you rely on it.",
+      poor: "A poor scene: it should be made anew.",
+    },
+  },
   job: {
     title: "Progress",
     queued: "Waiting for a worker.",

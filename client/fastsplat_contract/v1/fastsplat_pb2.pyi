@@ -75,6 +75,31 @@ SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
 
+class _Grade:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _GradeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Grade.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    GRADE_UNSPECIFIED: _Grade.ValueType  # 0
+    GRADE_GOOD: _Grade.ValueType  # 1
+    """to be relied on"""
+    GRADE_FAIR: _Grade.ValueType  # 2
+    """look before relying"""
+    GRADE_POOR: _Grade.ValueType  # 3
+    """make it anew"""
+
+class Grade(_Grade, metaclass=_GradeEnumTypeWrapper): ...
+
+GRADE_UNSPECIFIED: Grade.ValueType  # 0
+GRADE_GOOD: Grade.ValueType  # 1
+"""to be relied on"""
+GRADE_FAIR: Grade.ValueType  # 2
+"""look before relying"""
+GRADE_POOR: Grade.ValueType  # 3
+"""make it anew"""
+Global___Grade: _TypeAlias = Grade  # noqa: Y015
+
 class _NameSource:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -745,6 +770,7 @@ class Scene(_message.Message):
     VERSION_FIELD_NUMBER: _builtins.int
     LABEL_COUNT_FIELD_NUMBER: _builtins.int
     CAMERA_COUNT_FIELD_NUMBER: _builtins.int
+    ASSESSMENT_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -774,6 +800,10 @@ class Scene(_message.Message):
     def quality(self) -> _struct_pb2.Struct:
         """measured figures: psnr, ssim, images, registered, ..."""
 
+    @_builtins.property
+    def assessment(self) -> Global___Assessment:
+        """how good the scene is; absent until it is ready, and where nothing was measured"""
+
     def __init__(
         self,
         *,
@@ -790,14 +820,77 @@ class Scene(_message.Message):
         version: _builtins.str = ...,
         label_count: _builtins.int = ...,
         camera_count: _builtins.int = ...,
+        assessment: Global___Assessment | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "quality", b"quality"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "state", b"state", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "state", b"state", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
+
+@_typing.final
+class Finding(_message.Message):
+    """One thing that keeps a scene from being better."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    REASON_FIELD_NUMBER: _builtins.int
+    GRADE_FIELD_NUMBER: _builtins.int
+    MESSAGE_FIELD_NUMBER: _builtins.int
+    ADVICE_FIELD_NUMBER: _builtins.int
+    reason: _builtins.str
+    """stable across releases, as FEW_PHOTOS"""
+    grade: Global___Grade.ValueType
+    """how much it costs: fair or poor"""
+    message: _builtins.str
+    """what was measured, one sentence"""
+    advice: _builtins.str
+    """what to do about it, one sentence"""
+    def __init__(
+        self,
+        *,
+        reason: _builtins.str = ...,
+        grade: Global___Grade.ValueType = ...,
+        message: _builtins.str = ...,
+        advice: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice", b"advice", "grade", b"grade", "message", b"message", "reason", b"reason"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Finding: _TypeAlias = Finding  # noqa: Y015
+
+@_typing.final
+class Assessment(_message.Message):
+    """How good a scene is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    GRADE_FIELD_NUMBER: _builtins.int
+    FINDINGS_FIELD_NUMBER: _builtins.int
+    grade: Global___Grade.ValueType
+    """good: to be relied on; fair: look before relying; poor: make it anew"""
+    @_builtins.property
+    def findings(self) -> _containers.RepeatedCompositeFieldContainer[Global___Finding]:
+        """what is short of good, the worst first; none if it is good"""
+
+    def __init__(
+        self,
+        *,
+        grade: Global___Grade.ValueType = ...,
+        findings: _abc.Iterable[Global___Finding] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["findings", b"findings", "grade", b"grade"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Assessment: _TypeAlias = Assessment  # noqa: Y015
 
 @_typing.final
 class ListLabelsRequest(_message.Message):

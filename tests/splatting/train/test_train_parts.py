@@ -129,7 +129,7 @@ def test_rotation_by_a_quarter_turn_about_z() -> None:
 
 
 def test_schedules_follow_whichever_bound_is_nearer() -> None:
-    settings = TrainingSettings(iterations=100, time_budget_s=10, max_sh_degree=2, start_scale=0.25)
+    settings = TrainingSettings(iterations=100, time_budget_s=10, min_iterations=0, max_sh_degree=2, start_scale=0.25)
     assert run_progress(50, 2, settings) == 0.5
     assert run_progress(10, 9, settings) == 0.9
     assert run_progress(500, 2, settings) == 1
@@ -140,6 +140,14 @@ def test_schedules_follow_whichever_bound_is_nearer() -> None:
     assert levels == sorted(levels) and set(levels) == {0, 1, 2} and levels[-1] == 2
     assert degrees == sorted(degrees) and degrees[0] == 0 and degrees[-1] == 2
     assert sum(event_due((i - 1) / 137, i / 137, 20) for i in range(1, 138)) == 20
+
+
+@given(st.integers(0, 2_000), st.floats(0, 1e6), st.floats(0, 1e3))
+def test_the_clock_ends_no_run_before_its_fewest_steps(iteration: int, elapsed_s: float, later_s: float) -> None:
+    settings = TrainingSettings(iterations=1_000, time_budget_s=10, min_iterations=250)
+    progress = run_progress(iteration, elapsed_s, settings)
+    assert (progress == 1) == (iteration >= 1_000 or (iteration >= 250 and elapsed_s >= 10))
+    assert run_progress(iteration + 1, elapsed_s + later_s, settings) >= progress
 
 
 def test_learning_rates_end_where_the_settings_say() -> None:

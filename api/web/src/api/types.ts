@@ -3,6 +3,7 @@ import type { components } from "./schema";
 type Schemas = components["schemas"];
 
 export type Answer = Schemas["Answer"];
+export type Assessment = Schemas["Assessment"];
 export type Edit = Schemas["Edit"];
 export type Match = Schemas["Match"];
 export type Operation = Schemas["Operation"];

@@ -13,6 +13,7 @@ import type { LookAt } from "../viewer/poses";
 import { lookAtBox, viewText } from "../viewer/poses";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
+import { AssessmentNote } from "./AssessmentNote";
 import { DeleteScene } from "./DeleteScene";
 import { SceneFacts } from "./SceneFacts";
 import { SceneState } from "./sceneState";
@@ -146,6 +147,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
+        {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
         <SceneFacts scene={scene} version={state.version.value} />
         {remove}
       </aside>
