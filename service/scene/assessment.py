@@ -1,7 +1,8 @@
 """How good a scene is, judged by what was measured when it was made: one rule for every face that says it.
 
-Where the bounds come from: 26 steps on a busy machine once gave 13.7 dB and a blur; real photos whose exposure changes stay
-at 18 to 24 dB after some 500 steps although their geometry is right; the sample and the table top pass 28 dB in a draft.
+Where the bounds come from: 26 steps on a busy machine once gave 13.7 dB and a blur; real photos whose exposure changes
+stay at 18 to 24 dB after some 500 steps although their geometry is right; the sample and the table top pass 28 dB in a
+draft.
 """
 
 from __future__ import annotations
