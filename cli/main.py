@@ -19,6 +19,7 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
+from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
@@ -49,6 +50,7 @@ app.command()(doctor)
 app.command()(health)
 app.command()(evaluate)
 app.command()(import_splat)
+app.command()(tags)
 
 
 @app.callback()

@@ -318,11 +318,14 @@ def scene_quality(
     """What a scene's manifest says of how well it was made, ready for JSON.
 
     What training measured, and: preset, tradeoffs, label_source, gaussians, held_out_views, images, registered,
-    unregistered, source, splat, warnings, mean_reprojection_error_px, stage_seconds.
+    unregistered, source, splat, warnings, mean_reprojection_error_px, stage_seconds; where metres were measured,
+    scale_source and scale_error_95 (half of the 95 % interval of a length, as a share of it).
     """
-    report = capture.report
+    report, scale = capture.report, capture.report.scale
+    measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     return {
         **trained.quality,
+        **measured,
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),
         "label_source": _label_source(labelling),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,7 @@ from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
+from fastsplat.service.capture.scale_tags import scale_of_views, scaled_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
@@ -168,7 +170,8 @@ class _Build:
             warnings=(*self.manifest.warnings, *result["warnings"], *written.warnings),
         )
         labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
-        return Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
+        capture = Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
+        return self._in_meters(capture)
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
@@ -193,7 +196,7 @@ class _Build:
             splat=self.manifest.splat,
         )
         names = {view.posed.name for view in written.views}
-        return Capture(
+        capture = Capture(
             views=written.views,
             points=points,
             point_colors=colors,
@@ -203,6 +206,27 @@ class _Build:
             test_names=tuple(name for name in dataset.test_names if name in names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
+        # The rows of a splat that was brought stay as they are, so its units stay too.
+        return capture if capture.scale == "METRIC" or self.manifest.splat else self._in_meters(capture)
+
+    def _in_meters(self, capture: Capture) -> Capture:
+        """The capture in metres if printed tags tell how long they are, else the same."""
+        settings, count = self.settings, len(capture.views)
+        if settings.tag_side_m is None:
+            return capture
+
+        def gray(view: int) -> NDArray[np.uint8]:
+            return np.asarray(cv2.cvtColor(load_image(capture.views[view]), cv2.COLOR_RGB2GRAY), np.uint8)
+
+        scale = scale_of_views(
+            [view.posed for view in capture.views],
+            gray,
+            tags=range(settings.first_tag, settings.last_tag + 1),
+            side_m=settings.tag_side_m,
+            side_error_m=settings.tag_side_error_m,
+            report=lambda view: self._report(1.0, f"looking for tags {view}/{count}"),
+        )
+        return capture if scale is None else scaled_capture(capture, scale)
 
     def _upright_photos(self) -> list[_SfmImage]:
         images = []

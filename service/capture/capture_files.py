@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, View
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -100,7 +100,8 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
 
 def _report(stored: dict[str, Any]) -> CaptureReport:
     tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
-    return CaptureReport(**{**stored, **tuples})
+    scale = stored.get("scale")
+    return CaptureReport(**{**stored, **tuples, "scale": None if scale is None else ScaleEstimate(**scale)})
 
 
 def _given_labels(stored: dict[str, Any] | None, folder: Path) -> GivenLabels | None:

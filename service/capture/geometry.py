@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fastsplat.service.common.vertical import vertical_of_poses
 from fastsplat_contract.errors import ReconstructionError
 
 _MIN_ANGLE_DEG = 1.5
@@ -120,9 +121,10 @@ def normalize_world(
     """Cameras [N, 4, 4] and points [P, 3] in a centered, upright world of the order of one; float64 of the same shapes.
 
     One similarity moves all of them: the points' median becomes the origin, and the median distance from a camera to it
-    becomes 3. +z becomes the mean of the photos' upward directions, if they agree: people hold cameras upright.
+    becomes 3. +z becomes the vertical: by the cameras' level x axes (`vertical_of_poses`) or, where these do not tell,
+    the mean of the photos' upward directions, if they agree; that leans to where cameras that look down stand closest.
     """
-    rotation = _upright(-world_from_camera[:, :3, 1])
+    rotation = _upright(world_from_camera)
     center = np.median(points, axis=0)
     distance = float(np.median(np.linalg.norm(world_from_camera[:, :3, 3] - center, axis=1)))
     scale = _MEDIAN_DISTANCE / distance
@@ -132,12 +134,14 @@ def normalize_world(
     return normalized, scale * (points - center) @ rotation.T
 
 
-def _upright(ups: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The smallest rotation that takes the mean of unit vectors [N, 3] to +z; identity if they disagree."""
-    mean = ups.mean(axis=0)
-    if np.linalg.norm(mean) < _MIN_UP_AGREEMENT:
-        return np.eye(3)
-    up = mean / np.linalg.norm(mean)
+def _upright(world_from_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The smallest rotation that takes the vertical to +z; identity if the poses [N, 4, 4] do not tell it."""
+    up = vertical_of_poses(world_from_camera)
+    if up is None:
+        mean = -world_from_camera[:, :3, 1].mean(axis=0)
+        if np.linalg.norm(mean) < _MIN_UP_AGREEMENT:
+            return np.eye(3)
+        up = mean / np.linalg.norm(mean)
     if up[2] < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
     quaternion = np.array([*np.cross(up, [0.0, 0.0, 1.0]), 1.0 + up[2]])  # x y z w, up to scale

@@ -64,6 +64,16 @@ class CaptureSettings(BaseModel):
     exhaustive_images: int = 30
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
     pairs_per_image: int = 20
+    tag_side_m: float | None = Field(0.08, gt=0)
+    """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their metres,
+    as `fastsplat tags` prints them; None: tags are not looked for."""
+    tag_side_error_m: float = Field(0.0002, ge=0)
+    """Standard deviation of that side, by the printer and the ruler; part of every interval that is stated."""
+    first_tag: int = Field(560, ge=0, lt=587)
+    """Lowest id that counts, the first that `fastsplat tags` prints. Tags of a room's own, of other sizes, rarely have
+    such high ids."""
+    last_tag: int = Field(586, ge=0, lt=587)
+    """Highest id that counts."""
     min_points: int = 50
     """A reconstruction with fewer points is refused."""
     min_registered_share: float = 0.2

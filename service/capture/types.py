@@ -67,6 +67,21 @@ class GivenLabels:
 
 
 @dataclass(frozen=True)
+class ScaleEstimate:
+    """How long a scene unit is, and how sure that is.
+
+    Attributes:
+        source: what told it: "tags", printed tags of a known side.
+        meters_per_unit: of the world before it was scaled to metres.
+        relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
+    """
+
+    source: str
+    meters_per_unit: float
+    relative_error_95: float
+
+
+@dataclass(frozen=True)
 class CaptureReport:
     """What a user should know about a capture: images without a pose, accuracy, warnings.
 
@@ -78,6 +93,7 @@ class CaptureReport:
         mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
+        scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
     """
 
     source: Source
@@ -87,6 +103,7 @@ class CaptureReport:
     mean_reprojection_error_px: float = 0.0
     warnings: tuple[str, ...] = ()
     splat: str = ""
+    scale: ScaleEstimate | None = None
 
 
 @dataclass(frozen=True)

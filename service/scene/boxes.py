@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.vertical import vertical_of_poses
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
 from fastsplat_contract.scenes import Box
@@ -15,25 +16,11 @@ from fastsplat_contract.scenes import Box
 F64 = NDArray[np.float64]
 
 _TRIM = 0.015
-_LEVEL = 0.25
 
 
 def vertical_axis(cameras: Sequence[PosedCamera]) -> F64 | None:
-    """float64 [3], the unit vector up, or None where the cameras do not tell.
-
-    People hold cameras level: the vertical is what their x axes are most at right angles to (the smallest principal
-    axis), on the side of their −y axes. It takes x axes that point in different directions: None where the second
-    principal axis is not much larger than the smallest.
-    """
-    if len(cameras) < 3:
-        return None
-    rotations = np.stack([posed.world_from_camera[:3, :3] for posed in cameras])
-    across, up = rotations[:, :, 0], -rotations[:, :, 1].mean(axis=0)
-    values, vectors = np.linalg.eigh(across.T @ across / len(across))
-    axis = vectors[:, 0]
-    if values[0] > _LEVEL * values[1] or abs(axis @ up) < _LEVEL:
-        return None
-    return np.asarray(axis if axis @ up > 0 else -axis)
+    """float64 [3], the unit vector up, or None where the cameras do not tell; see `vertical_of_poses`."""
+    return vertical_of_poses(np.stack([posed.world_from_camera for posed in cameras])) if cameras else None
 
 
 def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:

@@ -174,8 +174,8 @@ def test_normalizing_the_world_is_one_similarity() -> None:
         normalized[:, :3, :3] @ normalized[:, :3, :3].transpose(0, 2, 1), np.eye(3)[None].repeat(8, 0), atol=1e-9
     )
     np.testing.assert_allclose(np.median(np.linalg.norm(normalized[:, :3, 3], axis=1)), 3.0, rtol=0.1)
-    ups = -normalized[:, :3, 1].mean(axis=0)
-    np.testing.assert_allclose(ups / np.linalg.norm(ups), [0, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(normalized[:, 2, 0], 0, atol=1e-9)  # horizons are level, from wherever photos were taken
+    assert (-normalized[:, 2, 1] > 0.5).all()
 
 
 @given(st.integers(0, 10_000))

@@ -1,0 +1,28 @@
+"""Which way is up, by how people hold cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+_LEVEL = 0.25
+_LEAST_TURNED = 0.003  # mean square sine of the angles between the x axes: cameras 3 degrees apart or more
+
+
+def vertical_of_poses(world_from_camera: F64) -> F64 | None:
+    """The unit vector up, float64 [3], of poses [N, 4, 4], OpenCV axes; None where they do not tell.
+
+    People hold cameras level: the vertical is what their x axes are most at right angles to (the smallest principal
+    axis), on the side of their −y axes. It takes x axes that point in different directions: None where the second
+    principal axis is not much larger than the smallest.
+    """
+    if len(world_from_camera) < 3:
+        return None
+    across, up = world_from_camera[:, :3, 0], -world_from_camera[:, :3, 1].mean(axis=0)
+    values, vectors = np.linalg.eigh(across.T @ across / len(across))
+    axis = vectors[:, 0]
+    if values[1] < _LEAST_TURNED or values[0] > _LEVEL * values[1] or abs(axis @ up) < _LEVEL:
+        return None
+    return np.asarray(axis if axis @ up > 0 else -axis)
