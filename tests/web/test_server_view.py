@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from collections.abc import Iterator
-from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from PIL import Image
 from playwright.sync_api import Browser, Page, Request, expect
 
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.queries import PictureRequest, QueryRequest
-from tests.web.browser import Visit, visiting, without_webgl
+from tests.web.browser import visiting, without_webgl
 from tests.web.conftest import Place
-from tests.web.table import looking
+from tests.web.glow import FOUND, canvas_pixels, overlap, page_camera, pixels_of
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 _SERVER_DRAWS = "the server draws the scene"
@@ -35,23 +30,6 @@ def _shows(page: Page, what: str) -> None:
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(what))
 
 
-def _posed(page: Page, width: int, height: int) -> PosedCamera:
-    text = parse_qs(page.url.partition("?")[2])["view"][0]
-    numbers = np.array([float(number) for number in text.split("_")])
-    focal = max(width, height) / 2 / np.tan(np.radians(55.0) / 2)
-    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2))
-
-
-def _canvas(visit: Visit) -> NDArray[np.float64]:
-    """The picture on show, without what lies over it."""
-    style = ".viewer-tools, .viewer-note { display: none }"
-    visit.page.evaluate(f"document.adoptedStyleSheets = [new CSSStyleSheet()]; "
-                        f"document.adoptedStyleSheets[0].replaceSync('{style}')")  # fmt: skip
-    visit.page.wait_for_timeout(300)
-    picture = Image.open(io.BytesIO(visit.page.locator("canvas").screenshot())).convert("RGB")
-    return np.asarray(picture, dtype=np.float64)
-
-
 def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Browser) -> None:
     with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page = visit.page
@@ -59,10 +37,12 @@ def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Brow
         expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
         _shows(page, "plain$")
         visit.check_accessible()
-        shown = _canvas(visit)
+        shown = 255 * canvas_pixels(visit.page)
         height, width, _ = shown.shape
-        truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=_posed(page, width, height)))
-        exact = np.asarray(Image.open(io.BytesIO(truth)), dtype=np.float64)
+        truth = place.service.answers.picture(
+            PictureRequest(place.scene_id, "rgb", camera=page_camera(page, width, height))
+        )
+        exact = pixels_of(truth)
         assert np.abs(shown - exact).mean() < 4 and exact.mean() > 20
         assert not [url for url in visit.requests if "scene.ply" in url]  # nothing is loaded that cannot be shown
 
@@ -71,18 +51,18 @@ def test_what_is_found_glows_where_the_servers_mask_is(place: Place, plain_brows
     with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}&q=mug") as visit:
         expect(visit.page.get_by_text("Here it is")).to_be_visible()
         _shows(visit.page, "answer$")
-        shown = _canvas(visit)
+        shown = 255 * canvas_pixels(visit.page)
         height, width, _ = shown.shape
-        posed = _posed(visit.page, width, height)
+        posed = page_camera(visit.page, width, height)
         truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed))
-        plain = np.asarray(Image.open(io.BytesIO(truth)), dtype=np.float64)
-        glow = 0.25 * plain + 0.75 * 255 * np.array([1.0, 0.56, 0.06])
+        plain = pixels_of(truth)
+        glow = 0.25 * plain + 0.75 * 255 * np.array(FOUND[0])
         glows = np.abs(shown - glow).sum(axis=2) < np.abs(shown - 0.45 * plain).sum(axis=2)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
         )
         mask = answer.masks[0].array()
-        assert mask.sum() > 2_000 and (mask & glows).sum() / (mask | glows).sum() >= 0.9
+        assert mask.sum() > 2_000 and overlap(mask, glows) >= 0.9
         visit.check_accessible()
 
 
@@ -108,7 +88,7 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
         page.on("requestfinished", ended)
         page.on("requestfailed", ended)
         _shows(page, "plain$")
-        before = _canvas(visit)
+        before = 255 * canvas_pixels(visit.page)
         canvas = page.locator("canvas")
         canvas.focus()
         for _ in range(12):
@@ -118,9 +98,11 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
         assert most == 1 and len(sizes) > 1
         box = canvas.bounding_box()
         assert box is not None and sizes[-1] == (round(box["width"]), round(box["height"]))
-        shown = _canvas(visit)
-        truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=_posed(page, *sizes[-1])))
-        assert np.abs(shown - np.asarray(Image.open(io.BytesIO(truth)), dtype=np.float64)).mean() < 4
+        shown = 255 * canvas_pixels(visit.page)
+        truth = place.service.answers.picture(
+            PictureRequest(place.scene_id, "rgb", camera=page_camera(page, *sizes[-1]))
+        )
+        assert np.abs(shown - pixels_of(truth)).mean() < 4
         assert np.abs(shown - before).mean() > 4
         settled = len(sizes)
         page.wait_for_timeout(1_500)
