@@ -23,7 +23,7 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene
+from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
     Box,
     Color,
@@ -235,6 +235,16 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "view": ("the answer drawn over one of the scene's own views", RenderIn("overlay", "mug", view="front.png")),
         "viewpoint": ("depth in millimeters from a robot's camera", RenderIn("depth", camera=_VIEWPOINT)),
         "array": ("label ids as numpy's file", RenderIn("label_map", view="front.png", format="npy")),
+        "tinted": (
+            "a quick picture in which a thing glows",
+            RenderIn(
+                "rgb",
+                camera=_VIEWPOINT,
+                format="jpeg",
+                tints=(Tint((1,), Color(1.0, 0.56, 0.06), 0.75),),
+                dimming=0.5,
+            ),
+        ),
     },
     "EditIn": {
         "recolor": (

@@ -29,7 +29,11 @@ from fastsplat_contract.queries import (
 from fastsplat_contract.thing_messages import PickedThing, PickIn, PickRequest
 
 _PLY = "application/x-ply"
-_MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream"}
+_MEDIA_TYPES: dict[PictureFormat, str] = {
+    "png": "image/png",
+    "npy": "application/octet-stream",
+    "jpeg": "image/jpeg",
+}
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 _Text = Annotated[str, Query(description="the question")]

@@ -36,6 +36,7 @@ from fastsplat_contract.queries import (
     PictureRequest,
     QueryOut,
     QueryRequest,
+    Tint,
 )
 from fastsplat_contract.scenes import (
     DictionaryEntry,
@@ -284,10 +285,23 @@ class Client(ThingCalls):
         text: str = "",
         version: str = "",
         depth_scale: float = 0.0,
+        image_format: Literal["png", "jpeg"] = "png",
+        tints: Sequence[Tint] = (),
+        dimming: float = 0.0,
     ) -> bytes:
-        """A PNG from one of the scene's own cameras (its name) or from a free viewpoint; kinds as `PictureKind`."""
+        """A PNG or JPEG from one of the scene's own cameras (its name) or from a free viewpoint; see `RenderIn`."""
         return self._render(
-            viewpoint, PictureRequest(scene_id, kind, text or None, version=version, depth_scale=depth_scale)
+            viewpoint,
+            PictureRequest(
+                scene_id,
+                kind,
+                text or None,
+                version=version,
+                format=image_format,
+                depth_scale=depth_scale,
+                tints=tuple(tints),
+                dimming=dimming,
+            ),
         )
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.scenes import Color, SceneObject
 from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
@@ -19,7 +19,7 @@ DecidedBy = Literal["name", "score"]
 PictureKind = Literal[
     "rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture", "thing_map", "things"
 ]
-PictureFormat = Literal["png", "npy"]
+PictureFormat = Literal["png", "npy", "jpeg"]
 CameraFormat = Literal["json", "transforms", "colmap"]
 
 Version = Annotated[str, Field(description="of the scene; empty: the current one")]
@@ -231,6 +231,17 @@ class QueryOut(NamedTuple):
     skipped_count: Annotated[int, Field(description="how many scenes were not asked")] = 0
 
 
+@travels(request=True)
+class Tint(NamedTuple):
+    """A color over some things of a picture."""
+
+    things: Annotated[Many[int], Field(description="ids of things and parts")]
+    color: Annotated[Color, Field(description="RGB, each 0 to 1")]
+    strength: Annotated[
+        float, Field(ge=0, le=1, description="how much of their own color it covers: 0 nothing, 1 all of it")
+    ]
+
+
 @dataclass(frozen=True)
 class RenderIn(Request):
     """One picture from a free viewpoint, or from one of the scene's own cameras."""
@@ -253,12 +264,20 @@ class RenderIn(Request):
     format: Annotated[
         PictureFormat,
         Field(
-            description="png, or npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene "
-            "units)"
+            description="png; npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene "
+            "units); jpeg: of rgb, overlay, relevancy, depth_picture or things, about a tenth of the bytes and far "
+            "quicker to make than png, with small errors in its colors"
         ),
     ] = "png"
     depth_scale: Annotated[
         float, Field(ge=0, description="scene units that one step of a 16-bit depth PNG means; 0: 0.001")
+    ] = 0.0
+    tints: Annotated[
+        Many[Tint],
+        Field(description="of rgb: colors over things where the thing_map shows them; the last one of a thing holds"),
+    ] = ()
+    dimming: Annotated[
+        float, Field(ge=0, le=1, description="of rgb: the share of its brightness that what no tint covers loses")
     ] = 0.0
 
 

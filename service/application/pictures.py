@@ -12,11 +12,14 @@ from PIL import Image, PngImagePlugin
 from fastsplat.service.application.open_scenes import view_of
 from fastsplat.service.query import SceneIndex, pictures
 from fastsplat.service.query.query_text import TextQuery
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
 _ARRAYS = ("label_map", "thing_map", "depth")
+_EXACT: tuple[PictureKind, ...] = ("mask", "label_map", "thing_map", "depth")
+"""Kinds whose values mean something, so that no format may change them."""
 DEPTH_SCALE = 0.001
 _FARTHEST = 65_535
 
@@ -26,7 +29,8 @@ def question_of(request: PictureRequest) -> str:
 
     Raises:
         InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
-            text, numpy's format for what is a picture, a depth scale that is none.
+            text, numpy's format for what is a picture, JPEG for what has to be exact, a depth scale that is none, tints
+            on another kind than rgb.
     """
     if (request.camera is None) == (request.view is None):
         raise InvalidInputError(
@@ -44,6 +48,16 @@ def question_of(request: PictureRequest) -> str:
             field="format",
             hint=f'Use "png", or ask for {", ".join(_ARRAYS)}.',
         )
+    if request.format == "jpeg" and kind in _EXACT:
+        raise InvalidInputError(
+            f'JPEG would change the values of "{kind}"', field="format", hint='Use "png", which keeps them.'
+        )
+    if kind != "rgb" and (request.tints or request.dimming):
+        raise InvalidInputError(
+            f'tints and dimming on a picture of kind "{kind}"',
+            field="tints" if request.tints else "dimming",
+            hint='They are for "rgb".',
+        )
     if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
         raise InvalidInputError(
             f"a depth scale of {request.depth_scale}",
@@ -57,32 +71,52 @@ def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None)
     """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked.
 
     Raises:
-        NotFoundError: the scene has no such view.
+        NotFoundError: the scene has no such view, or not a thing that is tinted.
     """
     posed = request.camera or view_of(index, request.view or "")
     kind, image_format = request.kind, request.format
-    if kind == "rgb":
-        return pictures.png_bytes(index.render(posed))
-    if kind == "things":
-        by_id = {thing.id: thing.name for thing in index.things.present}
-        return pictures.png_bytes(pictures.things_picture(index.render(posed), index.thing_map(posed), by_id))
     if kind in ("label_map", "thing_map"):
         ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)
         return _npy(ids) if image_format == "npy" else _png16(ids)
-    if kind in ("depth", "depth_picture"):
+    if kind == "depth":
         depth = index.depth(posed)
-        if kind == "depth_picture":
-            return pictures.png_bytes(_depth_picture(depth))
         return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
+    image = _image(index, posed, request, query)
+    return pictures.jpeg_bytes(image) if image_format == "jpeg" else pictures.png_bytes(image)
+
+
+def _image(index: SceneIndex, posed: PosedCamera, request: PictureRequest, query: TextQuery | None) -> pictures.U8:
+    """uint8 [H, W, 3], or [H, W] of a mask."""
+    if request.kind == "rgb":
+        rgb = index.render(posed)
+        return _tinted(index, posed, rgb, request) if request.tints or request.dimming else rgb
+    if request.kind == "things":
+        by_id = {thing.id: thing.name for thing in index.things.present}
+        return pictures.things_picture(index.render(posed), index.thing_map(posed), by_id)
+    if request.kind == "depth_picture":
+        return _depth_picture(index.depth(posed))
     assert query is not None
     (answer,) = index.answer(query)
     mask2d = index.mask2d(answer, posed)
-    if kind == "mask":
-        return pictures.png_bytes(mask2d.mask.astype(np.uint8) * 255)
-    if kind == "relevancy":
-        return pictures.png_bytes(pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy))
+    if request.kind == "mask":
+        return np.asarray(mask2d.mask.astype(np.uint8) * 255)
+    if request.kind == "relevancy":
+        return pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy)
     names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
-    return pictures.png_bytes(pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names))
+    return pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names)
+
+
+def _tinted(index: SceneIndex, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest) -> pictures.U8:
+    """The picture with the request's tints."""
+    things = index.things
+    for number, tint in enumerate(request.tints):
+        things.check_all(tint.things, field=f"tints[{number}].things")
+    ids = things.map(posed)
+    tinted = {thing_id for tint in request.tints for thing_id in tint.things}
+    if parts := [part.id for part in things.present_parts if part.id in tinted]:
+        drawn = things.part_map(posed)
+        ids = np.where(np.isin(drawn, parts), drawn, ids)
+    return pictures.tinted_picture(rgb, ids, request.tints, request.dimming)
 
 
 def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.queries import Tint
 
 U8 = NDArray[np.uint8]
 
@@ -31,6 +32,7 @@ _TURBO = np.array(
 _RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 200, 40))
 """Tints of an answer's labels, best first; the last serves all further ones."""
 _WIDEST_TAG = 1 / 3
+_JPEG_QUALITY = 80
 _GOLDEN = 0.618034
 """Turns of hue between neighbours: consecutive ids look unlike."""
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
@@ -105,6 +107,26 @@ def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, s
     return _tagged(tinted.round().astype(np.uint8), tags)
 
 
+def tinted_picture(rgb: U8, thing_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
+    """uint8 [H, W, 3]: each tint mixed over its things, and what no tint covers darker.
+
+    Args:
+        rgb: uint8 [H, W, 3], the view.
+        thing_ids: uint16 [H, W], 0 for none.
+        tints: the last one of a thing holds.
+        dimming: the share of brightness that the rest loses, 0..1.
+    """
+    size = 1 + max([int(thing_ids.max(initial=0)), *(number for tint in tints for number in tint.things)])
+    own, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
+    for tint in tints:
+        rows = list(tint.things)
+        own[rows] = 1.0 - tint.strength
+        added[rows] = 255.0 * tint.strength * np.array(tint.color, np.float32)
+    mixed = rgb * own[thing_ids]
+    mixed += added[thing_ids]
+    return np.asarray(mixed.round().astype(np.uint8))
+
+
 def _tagged(picture: U8, tags: Sequence[tuple[tuple[float, float], str]]) -> U8:
     """The picture with texts at places (x, y) in pixels."""
     image = Image.fromarray(picture)
@@ -131,6 +153,13 @@ def relevancy_picture(rgb: U8, relevancy: NDArray[np.float32], *, strength: floa
     grey = rgb @ np.array([0.299, 0.587, 0.114])
     mixed = turbo(relevancy) * strength + grey[..., None] * (1.0 - strength)
     return np.asarray(mixed.round().clip(0, 255), dtype=np.uint8)
+
+
+def jpeg_bytes(image: U8) -> bytes:
+    """A JPEG of uint8 [H, W, 3], RGB."""
+    file = BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(file, format="JPEG", quality=_JPEG_QUALITY)
+    return file.getvalue()
 
 
 def png_bytes(image: U8) -> bytes:

@@ -192,7 +192,7 @@ class SceneThings:
         self.check_all((thing_id,))
         return next(thing for thing in (*self.listed, *self.listed_parts) if thing.id == thing_id)
 
-    def check_all(self, thing_ids: Sequence[int]) -> None:
+    def check_all(self, thing_ids: Sequence[int], field: str = "things") -> None:
         """Raise unless there is a thing or a part with each of these ids, and something left of it.
 
         Raises:
@@ -203,7 +203,7 @@ class SceneThings:
             if thing_id not in here:
                 raise NotFoundError(
                     f"there is no thing {str(thing_id)[:40]} in this version of the scene",
-                    field=f"things[{number}]",
+                    field=f"{field}[{number}]",
                     hint="List the scene's things.",
                 )
 

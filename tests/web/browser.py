@@ -26,6 +26,9 @@ document.addEventListener("securitypolicyviolation", (event) =>
 """
 
 
+_NO_WEBGL = ("--disable-3d-apis", "--disable-gpu", "--no-sandbox")
+
+
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """The browser, or a skip where there is none."""
@@ -37,6 +40,15 @@ def chromium() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
         yield browser
         browser.close()
+
+
+@contextmanager
+def without_webgl(browser: Browser) -> Iterator[Browser]:
+    """A second browser like this one, without WebGL."""
+    path = shutil.which("chromium")
+    other = browser.browser_type.launch(executable_path=path, args=list(_NO_WEBGL))
+    yield other
+    other.close()
 
 
 @dataclass

@@ -1,87 +1,24 @@
-"""A question on the page: what it says, and what glows."""
+"""A question on the page: what it says, and how the camera moves. What glows: `test_glow.py`."""
 
 from __future__ import annotations
 
-import io
 import re
 from typing import Literal
-from urllib.parse import parse_qs
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, expect
 
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.queries import QueryRequest
 from tests.api.proxy import proxied
 from tests.web.browser import Visit, visiting
 from tests.web.conftest import Place
-from tests.web.table import looking
+from tests.web.glow import page_view
 
-# As the page has them: api/web/src/viewer/splatView.ts and poses.ts.
-_FOUND = np.array([1.0, 0.56, 0.06])
-_STRENGTH, _DIMMED = 0.75, 0.45
-_GLOWS = 0.4  # of a pixel; not a half, as the page's engine draws the rim of a Gaussian fainter than the server does
-_FIELD_OF_VIEW = np.radians(55.0)
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"  # of the tests' own: position and target
-
-
-def _canvas(page: Page) -> NDArray[np.float64]:
-    """The 3D picture that is shown, [H, W, 3] of 0..1."""
-    page.wait_for_timeout(1_500)  # software WebGL draws late
-    picture = Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB")
-    return np.asarray(picture, dtype=np.float64) / 255
-
-
-def _share(plain: NDArray[np.float64], shown: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[H, W]: how much of a pixel glows, 0..1: what best explains what is `shown` of what was `plain` before."""
-    dimmed = _DIMMED * plain
-    glow = (1 - _STRENGTH) * plain + _STRENGTH * _FOUND
-    way = glow - dimmed
-    return np.asarray(((shown - dimmed) * way).sum(axis=2) / (way**2).sum(axis=2))
-
-
-def _view(page: Page) -> NDArray[np.float64]:
-    """[6]: position and target of the page's camera, read from its address."""
-    view = parse_qs(page.url.partition("?")[2])["view"][0]
-    return np.array([float(number) for number in view.split("_")])
-
-
-def _camera(page: Page, width: int, height: int) -> PosedCamera:
-    """Where the page looks from, as the service takes it."""
-    numbers = _view(page)
-    focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
-    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2))
 
 
 def _wait_for(visit: Visit, what: str) -> None:
     expect(visit.page.locator("canvas")).to_have_attribute("data-shown", re.compile(what))
-
-
-def _without_tools(visit: Visit) -> None:
-    """Takes away what lies over the picture."""
-    visit.page.evaluate("document.querySelector('.viewer-tools').remove()")
-
-
-def test_the_pixels_that_glow_are_the_servers_mask(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
-        _wait_for(visit, "plain$")
-        _without_tools(visit)
-        plain = _canvas(visit.page)
-        visit.page.goto(f"{place.url}/#/scenes/{place.scene_id}?view={_VIEW}&q=mug")
-        visit.page.reload()
-        _wait_for(visit, "answer$")
-        _without_tools(visit)
-        shown = _share(plain, _canvas(visit.page)) > _GLOWS
-        height, width = shown.shape
-        posed = _camera(visit.page, width, height)
-        (answer,) = place.service.answers.query(
-            QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
-        )
-        mask = answer.masks[0].array()
-        iou = (mask & shown).sum() / (mask | shown).sum()
-        assert mask.sum() > 2_000 and iou >= 0.9, iou
 
 
 def test_a_text_is_answered_as_typing_stops(place: Place, browser: Browser) -> None:
@@ -131,7 +68,7 @@ def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         _wait_for(visit, "plain$")
         mouse = visit.page.mouse
-        distance = np.linalg.norm(_view(visit.page)[:3] - _view(visit.page)[3:])
+        distance = np.linalg.norm(page_view(visit.page)[:3] - page_view(visit.page)[3:])
 
         def dragged(button: Literal["left", "right"]) -> NDArray[np.float64]:
             before = visit.page.url
@@ -141,9 +78,9 @@ def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
             mouse.up(button=button)
             expect(visit.page).not_to_have_url(before)
             visit.page.wait_for_timeout(800)  # a slow machine may note the address in the middle of the way, too
-            return _view(visit.page)
+            return page_view(visit.page)
 
-        start = _view(visit.page)
+        start = page_view(visit.page)
         orbited = dragged("left")
         np.testing.assert_allclose(orbited[3:], start[3:], atol=1e-5)
         assert np.linalg.norm(orbited[:3] - start[:3]) > 0.1
@@ -154,7 +91,7 @@ def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
         before = visit.page.url
         mouse.wheel(0, -200)
         expect(visit.page).not_to_have_url(before)
-        zoomed = _view(visit.page)
+        zoomed = page_view(visit.page)
         assert np.linalg.norm(zoomed[:3] - zoomed[3:]) < 0.9 * distance
 
 
@@ -162,7 +99,7 @@ def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", **phone) as visit:
         _wait_for(visit, "plain$")
-        start, session = _view(visit.page), visit.page.context.new_cdp_session(visit.page)
+        start, session = page_view(visit.page), visit.page.context.new_cdp_session(visit.page)
 
         def touch(kind: str, *places: tuple[int, int]) -> None:
             points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(places)]
@@ -174,7 +111,7 @@ def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
         touch("touchEnd")
         expect(visit.page).not_to_have_url(re.compile(_VIEW))
         visit.page.wait_for_timeout(800)
-        pinched = _view(visit.page)
+        pinched = page_view(visit.page)
         ratio = np.linalg.norm(pinched[:3] - pinched[3:]) / np.linalg.norm(start[:3] - start[3:])
         assert 0.4 < ratio < 0.65  # the fingers are twice as far apart
 

@@ -49,7 +49,6 @@ export const texts = {
       "Drag to orbit, drag with the right button or two fingers to move, wheel or pinch to zoom. Keys: arrows orbit, Shift and arrows turn, W A S D move, E and Q rise and sink, plus and minus zoom, Home goes back to the first view.",
     help: "How to move",
     home: "First view",
-    noWebGL: "This browser has no WebGL 2, so the scene cannot be shown in 3D. Questions are answered all the same.",
     registered: (used: unknown, all: unknown) => `${String(used)} of ${String(all)} photos placed`,
     psnr: (value: number) => `${value.toFixed(1)} dB PSNR`,
     download: "Download PLY",
@@ -67,6 +66,9 @@ export const texts = {
       fair: "A fair scene: look before you rely on it.",
       poor: "A poor scene: it should be made anew.",
     },
+  },
+  serverView: {
+    note: "This browser has no WebGL 2, so the server draws the scene, picture by picture.",
   },
   job: {
     title: "Progress",

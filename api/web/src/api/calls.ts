@@ -6,6 +6,7 @@ import type {
   PickedThing,
   PosedCamera,
   QueryOut,
+  RenderIn,
   Scene,
   SceneList,
   SceneSummary,
@@ -102,9 +103,14 @@ export function undo(sceneId: string, version: string): Promise<SceneVersion> {
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:undo`, { version });
 }
 
-/** A picture of the scene from a free viewpoint, as PNG. */
-export async function renderPicture(sceneId: string, camera: PosedCamera, signal?: AbortSignal): Promise<Blob> {
-  const body = { kind: "rgb", camera };
+/** A picture of the scene from a free viewpoint, as JPEG. */
+export async function renderPicture(
+  sceneId: string,
+  camera: PosedCamera,
+  signal?: AbortSignal,
+  more: Partial<RenderIn> = {},
+): Promise<Blob> {
+  const body: Partial<RenderIn> = { kind: "rgb", camera, format: "jpeg", ...more };
   return (await post(`v1/scenes/${encodeURIComponent(sceneId)}:render`, body, signal)).blob();
 }
 

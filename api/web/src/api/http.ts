@@ -51,6 +51,13 @@ export function signOut(): void {
   signInReason.value = "missing";
 }
 
+// Another tab has signed in or out.
+window.addEventListener("storage", (event) => {
+  if (event.key !== STORED_KEY) return;
+  accessKey.value = event.newValue ?? "";
+  signInReason.value = event.newValue ? "" : "missing";
+});
+
 /** The headers that say who asks. */
 export function keyHeaders(): Record<string, string> {
   return accessKey.value ? { Authorization: `Bearer ${accessKey.value}` } : {};

@@ -5,10 +5,14 @@ import { parseRoute, sceneAddress } from "./addresses";
 test.each(["", "#", "#/"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
 
 test("a scene's address comes back", () => {
-  const more = { text: "where is the “mug” & ü?", version: "v/2", view: "1_2_3_4_5_6" };
+  const more = { text: "where is the “mug” & ü?", version: "v/2", view: "1_2_3_4_5_6", things: [3, 14] };
   expect(parseRoute(sceneAddress("a/b?c#d", more))).toEqual({ page: "scene", sceneId: "a/b?c#d", ...more });
   expect(sceneAddress("abc")).toBe("#/scenes/abc");
 });
+
+test.each(["#/scenes/a?things=", "#/scenes/a?things=x,-1,0,1.5", "#/scenes/a"])("%j selects nothing", (hash) =>
+  expect(parseRoute(hash)).toMatchObject({ things: [] }),
+);
 
 test.each(["#/scenes/", "#/scenes/a/b", "#/elsewhere"])("%j leads nowhere", (hash) =>
   expect(parseRoute(hash)).toEqual({ page: "unknown" }),

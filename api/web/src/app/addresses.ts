@@ -2,7 +2,7 @@
 export type Route =
   | { page: "scenes" }
   | { page: "new" }
-  | { page: "scene"; sceneId: string; text: string; version: string; view: string }
+  | { page: "scene"; sceneId: string; text: string; version: string; view: string; things: number[] }
   | { page: "unknown" };
 
 export function parseRoute(hash: string): Route {
@@ -18,16 +18,27 @@ export function parseRoute(hash: string): Route {
     text: parameters.get("q") ?? "",
     version: parameters.get("version") ?? "",
     view: parameters.get("view") ?? "",
+    things: (parameters.get("things") ?? "")
+      .split(",")
+      .map(Number)
+      .filter((id) => Number.isInteger(id) && id > 0),
   };
 }
 
-/** The address of a scene with what is asked, which version, and from where it is looked at; relative, begins with #. */
-export function sceneAddress(sceneId: string, more: { text?: string; version?: string; view?: string } = {}): string {
+/**
+ * The address of a scene with what is asked, which version, from where it is looked at, and the things that are selected;
+ * relative, begins with #.
+ */
+export function sceneAddress(
+  sceneId: string,
+  more: { text?: string; version?: string; view?: string; things?: readonly number[] } = {},
+): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
-  const tail = query.toString();
+  if (more.things?.length) query.set("things", more.things.join(","));
+  const tail = query.toString().replaceAll("%2C", ",");
   return `#/scenes/${encodeURIComponent(sceneId)}${tail ? `?${tail}` : ""}`;
 }
 

@@ -1,4 +1,4 @@
-import { useSignalEffect } from "@preact/signals";
+import { batch, useComputed, useSignalEffect } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { deleteScene } from "../api/calls";
@@ -10,7 +10,7 @@ import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
-import { lookAtBox, viewText } from "../viewer/poses";
+import { lookAtBox, parseView, viewText } from "../viewer/poses";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
 import { AssessmentNote } from "./AssessmentNote";
@@ -29,6 +29,18 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   const [first] = useState(route.value.page === "scene" ? route.value.view : "");
   const [changed, setChanged] = useState(false);
 
+  const note = () => {
+    const current = route.peek();
+    if (current.page !== "scene" || current.sceneId !== sceneId) return; // the person has left meanwhile
+    const more = {
+      text: state.text.peek().trim(),
+      version: state.askedVersion.peek(),
+      view: view.current ? viewText(view.current) : first,
+      things: state.selected.peek(),
+    };
+    replaceAddress(sceneAddress(sceneId, more));
+  };
+
   useEffect(() => {
     void state.refresh();
     return () => state.close();
@@ -38,16 +50,26 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   useSignalEffect(() => {
     const current = route.value;
     if (current.page !== "scene" || current.sceneId !== sceneId) return;
-    state.askedVersion.value = current.version;
+    batch(() => {
+      state.askedVersion.value = current.version;
+      state.selected.value = current.things;
+    });
+    if (current.text !== state.text.peek().trim()) void state.ask(current.text);
+    if (current.view) viewer.current?.flyTo((now) => parseView(current.view, now.up) ?? now);
   });
 
+  const ready = useComputed(() => state.scene.value?.state === "READY");
   // The version on show has come to be known, or is another one.
   useSignalEffect(() => {
     const version = state.version.value;
-    if (!version || state.scene.peek()?.state !== "READY") return;
+    if (!version || !ready.value) return;
     void state.loadThings();
-    const current = route.peek();
-    void state.ask(state.text.peek() || (current.page === "scene" ? current.text : ""));
+    void state.ask(state.text.peek());
+  });
+
+  useSignalEffect(() => {
+    const [things] = [state.things.value, state.selected.value];
+    if (things) note();
   });
 
   useEffect(() => {
@@ -68,15 +90,6 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       window.clearInterval(slow);
     };
   }, [state]);
-
-  const note = () => {
-    const more = {
-      text: state.text.value.trim(),
-      version: state.askedVersion.value,
-      view: view.current ? viewText(view.current) : "",
-    };
-    replaceAddress(sceneAddress(sceneId, more));
-  };
 
   const scene = state.scene.value;
   if (!scene)
@@ -126,7 +139,9 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         {!state.isCurrent.value && (
           <p class="note">
             {texts.scene.oldVersion}{" "}
-            <a href={sceneAddress(sceneId, { text: state.text.value })}>{texts.scene.toCurrent}</a>
+            <a href={sceneAddress(sceneId, { text: state.text.value, things: state.selected.value })}>
+              {texts.scene.toCurrent}
+            </a>
           </p>
         )}
         {changed && (

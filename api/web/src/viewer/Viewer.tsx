@@ -5,6 +5,8 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { scenePlyPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
 import type { SceneState } from "../scene/sceneState";
+import { ServerView } from "../serverView/ServerView";
+import { hasWebGL, useServerView } from "../serverView/useServerView";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { CameraMotion } from "./cameraMotion";
@@ -37,7 +39,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const loaded = useSignal(0); // Gaussians on show
   const [share, setShare] = useState<number | null>(0);
   const [error, setError] = useState<unknown>(null);
-  const [noWebGL, setNoWebGL] = useState(false);
+  const serverView = useSignal<ServerView | null>(null); // where the browser cannot draw
   const motion = useRef<CameraMotion | null>(null);
   const home = useRef<LookAt | null>(null);
   const latest = useRef(onView);
@@ -53,6 +55,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     let gone = false;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
       view?.setView(now);
+      serverView.peek()?.setView(now, resting);
       if (resting) latest.current(now);
     });
     motion.current = camera;
@@ -62,25 +65,42 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const resize = () => {
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
+      serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
+    };
+    const letServerDraw = () => {
+      setShare(null);
+      const drawn = new ServerView(element, state.sceneId, (shown, problem) => {
+        setError(problem);
+        if (shown) markShown(element, state.geometry.peek(), shown.found.length > 0, shown.hovered);
+      });
+      serverView.value = drawn;
+      drawn.setView(camera.view, true);
+      resize();
     };
     const observer = new ResizeObserver(resize);
     observer.observe(element);
-    // The engine is large: the page is there before it.
-    import("./splatView")
-      .then(({ SplatView }) => SplatView.create(element))
-      .then(
-        (made) => {
-          if (gone) {
-            made.destroy();
-            return;
-          }
-          view = made;
-          view.setView(camera.view);
-          resize();
-          splatView.value = made;
-        },
-        () => setNoWebGL(true),
-      );
+    if (hasWebGL())
+      // The engine is large: the page is there before it.
+      import("./splatView")
+        .then(({ SplatView, NoWebGLError }) =>
+          SplatView.create(element).catch((problem: unknown) => {
+            if (problem instanceof NoWebGLError) return null;
+            throw problem;
+          }),
+        )
+        .then(
+          (made) => {
+            if (gone) made?.destroy();
+            else if (made) {
+              view = made;
+              view.setView(camera.view);
+              resize();
+              splatView.value = made;
+            } else letServerDraw();
+          },
+          (problem: unknown) => setError(problem),
+        );
+    else letServerDraw();
     return () => {
       gone = true;
       observer.disconnect();
@@ -89,7 +109,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       camera.stop();
       handle.current = null;
       view?.destroy();
-      splatView.value = null;
+      serverView.peek()?.destroy();
+      splatView.value = serverView.value = null;
     };
   }, [state]); // eslint-disable-line react-hooks/exhaustive-deps
 
@@ -123,10 +144,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       statesOf(count, mask, owners, state.hovered.value, state.selected.value),
       mask !== null || state.selected.value.length > 0,
     );
-    if (!canvas.current) return;
-    canvas.current.dataset["shown"] = `${state.geometry.value} ${mask ? "answer" : "plain"}`;
-    canvas.current.dataset["hovered"] = String(state.hovered.value);
+    if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
   });
+  useServerView(serverView, state);
 
   return (
     <section class="viewer" aria-label={texts.scene.canvas}>
@@ -137,12 +157,12 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         aria-label={texts.scene.canvas}
         aria-describedby="canvas-help"
       />
-      {share !== null && error === null && !noWebGL && (
+      {share !== null && error === null && (
         <p class="viewer-note" role="status">
           {texts.scene.loading3d(Math.round(share * 100))}
         </p>
       )}
-      {noWebGL && <p class="viewer-note">{texts.scene.noWebGL}</p>}
+      {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
       {error !== null && (
         <div class="viewer-note">
           <ErrorNote error={error} />
@@ -159,6 +179,12 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       </div>
     </section>
   );
+}
+
+/** Says of a canvas what it shows, for who tests the page. */
+function markShown(canvas: HTMLCanvasElement, geometry: string, answered: boolean, hovered: number): void {
+  canvas.dataset["shown"] = `${geometry} ${answered ? "answer" : "plain"}`;
+  canvas.dataset["hovered"] = String(hovered);
 }
 
 async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {

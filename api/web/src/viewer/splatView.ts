@@ -16,18 +16,15 @@ import {
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
+import type { Tint } from "./glow";
+import { DIMMED, TINTS } from "./glow";
 import type { SplatColumns } from "./ply";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
 import { length, subtract } from "./vectors";
 
-/** How strongly a state's color covers a Gaussian's own, and what is left of the others' brightness meanwhile. */
-export const GLOW = { strength: 0.75, dimmed: 0.45 };
-
-/** Colors of the states found, hovered and selected: red, green, blue, 0..1. */
-const COLORS = { found: [1, 0.56, 0.06], hovered: [0.35, 0.85, 1], selected: [0.1, 0.55, 1] };
-
-const vec3 = (values: number[]): string => `vec3(${values.map((value) => value.toFixed(4)).join(", ")})`;
+const tinted = ({ color, strength }: Tint): string =>
+  `mix(color.rgb, vec3(${color.map((value) => value.toFixed(4)).join(", ")}), ${strength.toFixed(4)})`;
 
 /** The engine calls these three while it copies the splats into its work buffer; `loadSplatState` reads our stream. */
 const MODIFIER = `
@@ -36,15 +33,25 @@ void modifySplatCenter(inout vec3 center) {}
 void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {}
 void modifySplatColor(vec3 center, inout vec4 color) {
     uint state = uint(loadSplatState().r);
-    if (state == 1u) color.rgb = mix(color.rgb, ${vec3(COLORS.found)}, ${GLOW.strength.toFixed(3)});
-    else if (state == 2u) color.rgb = mix(color.rgb, ${vec3(COLORS.hovered)}, 0.55);
-    else if (state == 3u) color.rgb = mix(color.rgb, ${vec3(COLORS.selected)}, 0.65);
+    if (state == 1u) color.rgb = ${tinted(TINTS.found)};
+    else if (state == 2u) color.rgb = ${tinted(TINTS.hovered)};
+    else if (state == 3u) color.rgb = ${tinted(TINTS.selected)};
     else color.rgb *= uDimmed;
 }
 `;
 
-/** WebGL is not there, so that nothing can be drawn. */
+/** WebGL is not there, so that the browser can draw nothing. */
 export class NoWebGLError extends Error {}
+
+/**
+ * A Gaussian as it was trained and as the server draws it, exp(-d²/2): the engine's own fall-off is lower towards the rim,
+ * so that things would have a fainter outline and let more of what is behind them through.
+ */
+const FALL_OFF = `
+void modifySplatColor(vec2 gaussianUV, inout vec4 color) {
+    color.a = exp(-4.0 * dot(gaussianUV, gaussianUV)) * gaussianColor.a;
+}
+`;
 
 /** Draws one splat on a canvas, when something has changed and not before. */
 export class SplatView {
@@ -75,6 +82,7 @@ export class SplatView {
     this.#app.autoRender = false;
     this.#app.scene.gsplat.minPixelSize = 0;
     this.#app.scene.gsplat.minContribution = 0;
+    this.#app.scene.gsplat.material.getShaderChunks("glsl").set("gsplatModifyPS", FALL_OFF);
     this.#camera = new Entity("camera");
     this.#camera.addComponent("camera", {
       clearColor: new Color(0, 0, 0, 1),
@@ -110,7 +118,7 @@ export class SplatView {
     if (!texture || !this.#splat?.gsplat) return;
     (texture.lock() as Uint8Array).set(states);
     texture.unlock();
-    this.#splat.gsplat.setParameter("uDimmed", dimmed ? GLOW.dimmed : 1);
+    this.#splat.gsplat.setParameter("uDimmed", dimmed ? DIMMED : 1);
     this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.redraw();
   }

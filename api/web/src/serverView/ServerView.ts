@@ -1,0 +1,140 @@
+import { renderPicture } from "../api/calls";
+import { ApiError, isAbort } from "../api/http";
+import type { Tint } from "../api/types";
+import { DIMMED, TINTS } from "../viewer/glow";
+import type { LookAt } from "../viewer/poses";
+import { cameraOf } from "../viewer/poses";
+import { nextScale, pictureSize } from "./pace";
+
+const MOST_PIXELS = 1_000_000; // more is costly work to a server
+const RETRY_MS = 1_000;
+const SERVER_ERRORS = 500;
+const TOO_MANY = 429;
+
+/** What is shown: of which version, and which things are found, pointed at and selected. */
+export interface Shown {
+  version: string;
+  found: readonly number[];
+  /** Whether all that is not marked recedes. */
+  dimmed: boolean;
+  hovered: number;
+  selected: readonly number[];
+}
+
+/**
+ * Shows pictures that the server draws where the browser cannot: one request under way, and the newest view after it.
+ * While the camera moves, pictures are as large as they come quickly; at rest they have the canvas' own size.
+ */
+export class ServerView {
+  readonly #ended = new AbortController();
+  readonly #context: CanvasRenderingContext2D | null;
+  #view: LookAt | null = null;
+  #shown: Shown | null = null;
+  #size: [number, number] = [0, 0];
+  #resting = true;
+  #due = false;
+  #running = false;
+  #scale = 1;
+  #drawnScale = 0;
+
+  /** @param drawn called with what a picture shows and its scale once it is there, or with why there is none. */
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly sceneId: string,
+    private readonly drawn: (shown: Shown | null, error: unknown) => void,
+  ) {
+    this.#context = canvas.getContext("2d");
+  }
+
+  /** Looks from somewhere else; at rest the picture is drawn anew only if the last one was a small one. */
+  setView(view: LookAt, resting: boolean): void {
+    if (resting && view === this.#view && this.#drawnScale === 1 && !this.#due) {
+      this.#resting = true;
+      return;
+    }
+    [this.#view, this.#resting] = [view, resting];
+    this.#draw();
+  }
+
+  /** The canvas' size in pixels. */
+  setSize(width: number, height: number): void {
+    if (width < 1 || height < 1) return;
+    this.#size = [width, height];
+    this.#draw();
+  }
+
+  show(shown: Shown): void {
+    this.#shown = shown;
+    this.#draw();
+  }
+
+  destroy(): void {
+    this.#ended.abort();
+  }
+
+  #over(): boolean {
+    return this.#ended.signal.aborted;
+  }
+
+  #draw(): void {
+    this.#due = true;
+    if (!this.#running) void this.#run();
+  }
+
+  async #run(): Promise<void> {
+    this.#running = true;
+    while (this.#due && !this.#over()) {
+      const [view, shown, [width, height]] = [this.#view, this.#shown, this.#size];
+      if (!view || !shown || !width) break; // asked again as soon as that is known
+      this.#due = false;
+      const scale = this.#resting ? 1 : this.#scale;
+      try {
+        const begin = performance.now();
+        await this.#picture(view, shown, scale, width, height);
+        this.#scale = nextScale(scale, performance.now() - begin);
+        this.drawn(shown, null);
+      } catch (error) {
+        if (this.#over() || isAbort(error)) break;
+        this.drawn(null, error);
+        const lasting = error instanceof ApiError && error.status < SERVER_ERRORS && error.status !== TOO_MANY;
+        if (lasting) continue; // it would be refused again
+        await new Promise((resolve) => window.setTimeout(resolve, RETRY_MS));
+        this.#due = true;
+      }
+    }
+    this.#running = false;
+  }
+
+  async #picture(view: LookAt, shown: Shown, scale: number, width: number, height: number): Promise<void> {
+    const [w, h] = pictureSize(width, height, scale, MOST_PIXELS);
+    const more = {
+      format: "jpeg" as const,
+      version: shown.version,
+      tints: tintsOf(shown),
+      dimming: shown.dimmed ? 1 - DIMMED : 0,
+    };
+    const blob = await renderPicture(this.sceneId, cameraOf(view, w, h), this.#ended.signal, more);
+    const picture = await createImageBitmap(blob);
+    if (this.#over()) return;
+    const [full, high] = pictureSize(width, height, 1, MOST_PIXELS);
+    if (this.canvas.width !== full) this.canvas.width = full;
+    if (this.canvas.height !== high) this.canvas.height = high;
+    this.#context?.drawImage(picture, 0, 0, full, high);
+    picture.close();
+    this.#drawnScale = scale;
+    this.canvas.dataset["pictures"] = String(Number(this.canvas.dataset["pictures"] ?? 0) + 1);
+  }
+}
+
+/** Tints of the contract; the last one of a thing holds. */
+function tintsOf(shown: Shown): Tint[] {
+  const marked: [readonly number[], { color: readonly number[]; strength: number }][] = [
+    [shown.found, TINTS.found],
+    [shown.hovered ? [shown.hovered] : [], TINTS.hovered],
+    [shown.selected, TINTS.selected],
+  ];
+  return marked.flatMap(([things, { color, strength }]) => {
+    const [r = 0, g = 0, b = 0] = color;
+    return things.length ? [{ things: [...things], color: { r, g, b }, strength }] : [];
+  });
+}

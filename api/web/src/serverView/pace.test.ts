@@ -1,0 +1,28 @@
+import { expect, test } from "vitest";
+
+import { nextScale, pictureSize } from "./pace";
+
+test("pictures get smaller until they come quickly, and no smaller than a quarter", () => {
+  expect(nextScale(1, 300)).toBe(0.5);
+  expect(nextScale(0.5, 300)).toBe(0.25);
+  expect(nextScale(0.25, 300)).toBe(0.25);
+});
+
+test("pictures get larger only where the larger ones come quickly too", () => {
+  for (let milliseconds = 1; milliseconds < 400; milliseconds++)
+    for (const scale of [0.25, 0.5]) {
+      const larger = nextScale(scale, milliseconds);
+      if (larger > scale) expect(nextScale(larger, 4 * milliseconds)).toBeGreaterThanOrEqual(larger);
+    }
+  expect(nextScale(0.5, 20)).toBe(1);
+  expect(nextScale(1, 20)).toBe(1);
+});
+
+test("a picture has the shape of its place, and not more pixels than allowed", () => {
+  expect(pictureSize(640, 480, 1, 1_000_000)).toEqual([640, 480]);
+  expect(pictureSize(640, 480, 0.5, 1_000_000)).toEqual([320, 240]);
+  const [width, height] = pictureSize(4_000, 2_000, 1, 1_000_000);
+  expect(width * height).toBeLessThan(1_001_000);
+  expect(width / height).toBeCloseTo(2, 2);
+  expect(pictureSize(3, 1, 0.25, 100)).toEqual([1, 1]);
+});

@@ -1,0 +1,29 @@
+import type { Signal } from "@preact/signals";
+import { useSignalEffect } from "@preact/signals";
+
+import type { SceneState } from "../scene/sceneState";
+import type { ServerView } from "./ServerView";
+
+/** Whether this browser can draw a splat itself. */
+export function hasWebGL(): boolean {
+  return document.createElement("canvas").getContext("webgl2") !== null;
+}
+
+/** Keeps a view that the server draws up to date with what is found, pointed at and selected. */
+export function useServerView(view: Signal<ServerView | null>, state: SceneState): void {
+  useSignalEffect(() => {
+    const version = state.version.value;
+    const known = state.things.value?.map((thing) => thing.id);
+    if (!view.value || !version) return;
+    const answer = state.answer.value;
+    const found = answer && answer.verdict !== "absent" && answer.version === version ? answer.things : null;
+    const selected = state.selected.value.filter((id) => known?.includes(id));
+    view.value.show({
+      version,
+      found: found ?? [],
+      dimmed: found !== null || selected.length > 0,
+      hovered: known?.includes(state.hovered.value) ? state.hovered.value : 0,
+      selected,
+    });
+  });
+}

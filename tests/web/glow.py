@@ -1,0 +1,81 @@
+"""How well what glows on the page agrees with the server's mask of it.
+
+Two definitions meet here. The server's mask of a label or thing: the pixels of which it is the most probable thing,
+each Gaussian's whole membership blended front to back, where the scene covers at least half of the pixel. The page's
+glow: the Gaussians that are most probably of it are drawn in a color of their own; a pixel glows if these make up more
+than `GLOWS` of its color. Not half of it: where three things meet, or part of a pixel is of no thing, the most probable
+one has less.
+"""
+
+from __future__ import annotations
+
+import io
+from urllib.parse import parse_qs
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Page
+
+from fastsplat_contract.camera import Camera, PosedCamera
+from tests.web.table import looking
+
+GLOWS = 0.4
+_DIMMED = 0.45
+_FIELD_OF_VIEW = np.radians(55.0)
+# As the page has them: api/web/src/viewer/glow.ts and poses.ts.
+FOUND = ((1.0, 0.56, 0.06), 0.75)
+SELECTED = ((0.1, 0.55, 1.0), 0.65)
+
+
+def canvas_pixels(page: Page) -> NDArray[np.float64]:
+    """The 3D picture that is shown, without what lies over it: [H, W, 3] of 0..1."""
+    page.evaluate("""() => {
+      const sheet = new CSSStyleSheet();
+      sheet.replaceSync(".viewer-tools, .viewer-note { display: none }");
+      document.adoptedStyleSheets = [sheet];
+    }""")
+    page.wait_for_timeout(1_500)  # software WebGL draws late
+    picture = page.locator("canvas").screenshot()
+    page.evaluate("() => { document.adoptedStyleSheets = []; }")
+    return pixels_of(picture) / 255
+
+
+def pixels_of(content: bytes) -> NDArray[np.float64]:
+    """A picture file as [H, W, 3] of 0..255."""
+    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), dtype=np.float64)
+
+
+def glowing(
+    plain: NDArray[np.float64], shown: NDArray[np.float64], tint: tuple[tuple[float, ...], float] = FOUND
+) -> NDArray[np.bool_]:
+    """bool [H, W]: of which pixels more than `GLOWS` glows, as best explains what is `shown` of what was `plain`."""
+    color, strength = tint
+    dimmed = _DIMMED * plain
+    way = (1 - strength) * plain + strength * np.array(color) - dimmed
+    share = ((shown - dimmed) * way).sum(axis=2) / (way**2).sum(axis=2)
+    return np.asarray(share > GLOWS)
+
+
+def page_view(page: Page) -> NDArray[np.float64]:
+    """[6]: position and target of the page's camera, read from its address."""
+    view = parse_qs(page.url.partition("?")[2])["view"][0]
+    return np.array([float(number) for number in view.split("_")])
+
+
+def page_camera(page: Page, width: int, height: int, up: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> PosedCamera:
+    """Where the page looks from, as the service takes it.
+
+    Args:
+        page: of a scene, with a view in its address.
+        width, height: of the picture.
+        up: of the scene.
+    """
+    numbers = page_view(page)
+    focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
+    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2), up)
+
+
+def overlap(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
+    """Intersection over union."""
+    return float((one & other).sum() / (one | other).sum())

@@ -1,0 +1,48 @@
+"""What glows on the page is where the server says that it is; both definitions: `glow.py`."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, expect
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.queries import PictureRequest, QueryRequest
+from tests.web.browser import visiting
+from tests.web.conftest import Place
+from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, pixels_of
+
+_VIEWS = ("0.9_-2.6_1.9_0_0_0.2", "-1.7_-2.3_1.1_0_0_0.2", "0.2_-1.9_2.6_0_0_0.2")
+_NAMES = ("mug", "ball", "story book")
+
+
+def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
+    request = QueryRequest(place.scene_id, (name,), cameras=(posed,), outputs=frozenset({"mask2d"}))
+    (answer,) = place.service.answers.query(request)
+    return answer.masks[0].array()
+
+
+@pytest.mark.parametrize("view", _VIEWS)
+def test_the_pixels_that_glow_are_the_servers_mask(place: Place, browser: Browser, view: str) -> None:
+    ids = {thing.name: thing.id for thing in place.service.answers.list_things(place.scene_id).things}
+    address = f"{place.url}/#/scenes/{place.scene_id}?view={view}"
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={view}") as visit:
+        page, canvas = visit.page, visit.page.locator("canvas")
+        expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+        plain = canvas_pixels(page)
+        height, width, _ = plain.shape
+        posed = page_camera(page, width, height)
+        truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed))
+        assert np.abs(plain - pixels_of(truth) / 255).mean() < 0.01  # it is the same scene from the same place
+        for name in _NAMES:
+            mask = _mask(place, posed, name)
+            page.goto(f"{address}&q={name}")
+            expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
+            found = overlap(mask, glowing(plain, canvas_pixels(page)))
+            page.goto(f"{address}&things={ids[name]}")
+            expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+            selected = overlap(mask, glowing(plain, canvas_pixels(page), SELECTED))
+            assert mask.sum() > 2_000 and min(found, selected) >= 0.95, (name, found, selected)
