@@ -43,7 +43,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         look_again=None if record.result is None else from_plain(LookAgainResult, dict(record.result)),
         attempt=record.attempt,
         worker=worker,
-        seconds_left=left if left is not None and math.isfinite(left) else None,
+        seconds_left=left if left is not None and 0 <= left < math.inf else None,
         finish_requested=record.finish_requested,
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
