@@ -59,6 +59,11 @@ class Recorder:
         """Mean of the last 50 steps, or None before the first."""
         return sum(self._losses) / len(self._losses) if self._losses else None
 
+    @property
+    def preview_seconds(self) -> float:
+        """What pictures of the run have taken."""
+        return 0.0 if self._previews is None else self._previews.spent_s
+
     def start(self, state: SplatState, elapsed_s: float, progress: float) -> None:
         """Before the first step."""
         self._first = (state.iteration, elapsed_s)

@@ -197,6 +197,8 @@ def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: Trainin
         "pruned_gaussians": float(len(trained) - len(gaussians)),
         "sh_degree": float(gaussians.sh_degree),
     }
+    if recorder.preview_seconds:
+        quality["preview_seconds"] = recorder.preview_seconds
     if trainer.progress < 1:
         quality["stopped_at_share"] = trainer.progress
     if recorder.loss is not None:

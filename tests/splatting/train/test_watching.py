@@ -43,6 +43,7 @@ def test_a_run_shows_itself_from_its_first_step_and_stays_the_same(world, quick)
     assert first.view in {view.posed.name for view in world[0].views} - set(watched.held_out)
     pixels = cv2.imdecode(np.frombuffer(first.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert pixels.shape == (first.height, first.width, 3) and max(pixels.shape) <= 320 and pixels.std() > 1
+    assert 0 < watched.quality["preview_seconds"] < watched.quality["train_seconds"]
     for field in dataclasses.fields(alone.gaussians):
         assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
 
