@@ -36,6 +36,7 @@ from fastsplat.service.scene import Scene, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
+from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.operations import UpAxis
@@ -159,6 +160,7 @@ def train_scene(
     settings: Settings,
     progress: Progress = silent,
     checkpoint_dir: Path | None = None,
+    watch: TrainingWatch = UNWATCHED,
 ) -> TrainedSplats:
     """Trained Gaussians with their labels; those of the capture's splat, in its order, where it brought one.
 
@@ -167,13 +169,13 @@ def train_scene(
         labelling: one label map per view.
         settings: of all rooms, with the preset applied and the training planned.
         progress: hears of the stage "training"; may raise `CancelledError`.
-        checkpoint_dir: as for `train`.
+        checkpoint_dir, watch: as for `train`; a splat that was brought along is not trained, and shows nothing.
 
     Raises:
         FastSplatError: as `train` and `lift_labels`.
     """
     if capture.splat is None:
-        return train(capture, labelling, settings.training, progress, checkpoint_dir)
+        return train(capture, labelling, settings.training, progress, checkpoint_dir, watch=watch)
     return lift_labels(capture, labelling, settings.training, settings.splat_import, progress)
 
 
@@ -317,15 +319,17 @@ def scene_quality(
 ) -> dict[str, Any]:
     """What a scene's manifest says of how well it was made, ready for JSON.
 
-    What training measured, and: preset, tradeoffs, label_source, gaussians, held_out_views, images, registered,
-    unregistered, source, splat, warnings, mean_reprojection_error_px, stage_seconds; where metres were measured,
-    scale_source and scale_error_95 (half of the 95 % interval of a length, as a share of it).
+    What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
+    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
+    mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
+    95 % interval of a length, as a share of it).
     """
     report, scale = capture.report, capture.report.scale
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     return {
         **trained.quality,
         **measured,
+        "stopped_early": "stopped_at_share" in trained.quality,
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),
         "label_source": _label_source(labelling),

@@ -16,7 +16,7 @@ from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
-from fastsplat.service.store.job_repository import Claim, FencedError
+from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
 from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.version_repository import NewVersion
@@ -80,7 +80,7 @@ class ClaimedJob:
     """A job and the newest claim of this worker to it; its scene keeps at most `max_versions`.
 
     Methods that write raise `FencedError` once another worker has claimed the job, or it is over. All but `report` and
-    `poll_cancelled` wait for up to ten minutes while the database or the object store does not answer, then raise
+    `poll_requests` wait for up to ten minutes while the database or the object store does not answer, then raise
     `DatabaseError` or `ObjectStoreError`.
     """
 
@@ -94,6 +94,8 @@ class ClaimedJob:
         self.id = claim.operation.id
         self.run_id = claim.operation.run_id
         self.scene_id = claim.operation.scene_id
+        self._progress_files = dict(claim.operation.progress_files or {})
+        self._older_files: dict[str, str] = {}
 
     @property
     def starts(self) -> int:
@@ -145,26 +147,44 @@ class ClaimedJob:
             raise no_scene(self.scene_id)
         return current, version
 
-    def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> bool:
-        """Write progress. Returns whether the job is to be cancelled, as far as is known: does not wait.
+    def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
+        """Write progress. Returns what was asked of the job, as far as is known: does not wait.
 
         Where a stage was completed, `starts` is how many count from then on; else None.
         """
         return self._at_once(lambda: self._report(stages, starts))
+
+    def publish_file(self, kind: str, entry: Mapping[str, Any]) -> None:
+        """Make a file of the work folder's `progress` the one of its kind that is looked at from the next report on.
+
+        The one before stays for those who read it just then.
+        """
+        before = self._progress_files.get(kind)
+        try:
+            self._blobs.keep_progress_file(self.run_id, entry["file"])
+            if kind in self._older_files:
+                self._blobs.drop_progress_file(self.run_id, self._older_files.pop(kind))
+        except ObjectStoreError as error:
+            logger.warning("job %s: a %s is not shown: %s", self.id, kind, error.message)
+            return
+        number = 1 if before is None else before["info"]["number"] + 1
+        if before is not None:
+            self._older_files[kind] = before["file"]
+        self._progress_files[kind] = {"file": entry["file"], "info": {**entry["info"], "number": number}}
 
     @_patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
         """Write progress in which a stage was completed, and how many starts count from then on."""
         self._report(stages, starts)
 
-    def poll_cancelled(self) -> bool:
-        """Whether the job is to be cancelled, as far as is known: does not wait."""
+    def poll_requests(self) -> frozenset[JobRequest]:
+        """What was asked of the job, as far as is known: does not wait."""
         return self._at_once(lambda: self._jobs.check(self.claim))
 
     @_patient
     def is_cancelled(self) -> bool:
         """Whether the job is to be cancelled."""
-        return self._jobs.check(self.claim)
+        return "cancel" in self._jobs.check(self.claim)
 
     @_patient
     def claim_again(self) -> None:
@@ -259,7 +279,8 @@ class ClaimedJob:
 
         The upload of a job that failed or was cancelled stays for a retry, unless its scene was deleted.
         """
-        remove(self.folder)
+        with suppress(ObjectStoreError):
+            self._blobs.drop_job(self.run_id)
         if outcome.state != "failed":
             remove(self.log)
         with suppress(DatabaseError, ObjectStoreError):
@@ -271,16 +292,16 @@ class ClaimedJob:
             elif outcome.state != "done":
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
-    def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> bool:
-        cancelled = self._jobs.report(self.claim, stages, starts=starts)
+    def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> frozenset[JobRequest]:
+        requests = self._jobs.report(self.claim, stages, starts=starts, progress_files=self._progress_files)
         if starts is not None:
             self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
-        return cancelled
+        return requests
 
-    def _at_once(self, look: Callable[[], bool]) -> bool:
+    def _at_once(self, look: Callable[[], frozenset[JobRequest]]) -> frozenset[JobRequest]:
         # A database that restarts in the middle of a job costs some progress reports, not the job.
         try:
             return look()
         except DatabaseError as error:
             logger.warning("job %s: %s; will ask again", self.id, error.message)
-            return False
+            return frozenset()

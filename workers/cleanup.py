@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 
 from fastsplat.service.store import Store
-from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.blobs import Blobs
 
 
 def remove_unneeded(
@@ -24,7 +24,7 @@ def remove_unneeded(
     blobs = store.blobs
     jobs, uploads, scenes = blobs.ids("jobs"), blobs.ids("uploads"), blobs.ids("scenes")
     for run_id in store.jobs.over(jobs):
-        remove(blobs.job(run_id))
+        blobs.drop_job(run_id)
     for scene_id in store.jobs.unknown_scenes(scenes):
         blobs.drop_scene(scene_id)
     needed, used = store.jobs.uploads(time.time() - failed_upload_retention_s)

@@ -48,6 +48,11 @@ class Job:
         """Folder of a stage's finished result; if it exists, it is complete."""
         return self.folder / stage
 
+    @property
+    def finish_mark(self) -> Path:
+        """File that is there once the job is to end its training early, for all attempts."""
+        return self.folder / "finish"
+
     def to_line(self, stages: str) -> bytes:
         """The first line that a trainer reads; the database's URL is left out, as it may hold a password."""
         spec = {

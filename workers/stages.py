@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.placed_cameras import placed_of
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.time_budget import with_tradeoffs
+from fastsplat.service.planning.time_left import with_time_left
 from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
+from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
 from fastsplat.workers.look_again_stages import dictionary_rows, look, name
+from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import checkpoint_folder, intact, stage_seconds
 
@@ -26,13 +31,16 @@ _TRADEOFFS = "tradeoffs.json"
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
-    build_views(job.upload, folder, job_settings(job), progress, up=job.options.up)
+    files = ProgressFiles(job, "capture", progress)
+    capture = build_views(job.upload, folder, job_settings(job), files.progress, up=job.options.up)
+    files.placed(placed_of(capture))
 
 
 def _perception(job: Job, folder: Path, progress: Progress) -> None:
     capture = load_capture(job.result("capture"))
+    report = with_time_left(progress, perception_forecast(job, capture))
     labelled = label_views(
-        capture, job_settings(job), job.options.labels, progress, time_budget_s=job.options.time_budget_s
+        capture, job_settings(job), job.options.labels, report, time_budget_s=job.options.time_budget_s
     )
     save_labelling(labelled.labelling, folder)
     (folder / _TRADEOFFS).write_text(json.dumps(labelled.tradeoffs))
@@ -42,9 +50,11 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     started = time.monotonic()
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     plan = make_plan(job, capture, len(labelling.dictionary), started)
-    report = with_tradeoffs(progress, _tradeoffs(job))
+    report = with_time_left(progress, training_forecast(job, capture, len(labelling.dictionary), plan.settings))
+    files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
+    watch = TrainingWatch(files.preview, finish_requested(job))
     settings = job_settings(job).model_copy(update={"training": plan.settings})
-    save_trained(train_scene(capture, labelling, settings, report, checkpoint_folder(job)), folder)
+    save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
@@ -53,6 +63,7 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     seconds = {stage: stage_seconds(job, stage) for stage in STAGES if stage != "export"}
     quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, _tradeoffs(job), seconds))
     settings = job.settings.model_copy(update={"training": stored_plan(job).settings})
+    progress = with_time_left(progress, export_forecast(job, capture, len(labelling.dictionary)))
     scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_scene(scene, folder / "artefact")

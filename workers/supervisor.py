@@ -8,10 +8,11 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store import Store
-from fastsplat.service.store.job_repository import Claim, FencedError
+from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
 from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
@@ -102,8 +103,14 @@ class Supervisor:
             if isinstance(event, Failed):
                 return failed(event.error)
             completed = event is not None and self._progress.update(event)
-            if self._is_cancelled(report=isinstance(event, Done), completed=completed):
+            files = event.files if isinstance(event, ProgressEvent) else {}
+            for kind, entry in files.items():
+                self._job.publish_file(kind, entry)
+            requests = self._requests(report=isinstance(event, Done) or bool(files), completed=completed)
+            if "cancel" in requests:
                 return CANCELLED
+            if "finish" in requests:
+                trainer.ask_to_finish()
         return DONE
 
     def finish(self, outcome: JobOutcome) -> None:
@@ -186,8 +193,8 @@ class Supervisor:
                 self._progress.complete(stage)
             self._job.note_completed(self._progress.rows, starts)
 
-    def _is_cancelled(self, *, report: bool, completed: bool) -> bool:
-        """Look whether the job is to be cancelled, now and then; writes the progress if that is due, or if `report`.
+    def _requests(self, *, report: bool, completed: bool) -> frozenset[JobRequest]:
+        """Look what was asked of the job, now and then; writes the progress if that is due, or if `report`.
 
         Once a stage is `completed`, earlier starts do not count any more.
         """
@@ -196,9 +203,9 @@ class Supervisor:
             self._written_at = self._checked_at = now
             return self._job.report(self._progress.rows, starts=1 if completed else None)
         if now - self._checked_at < jobs.poll_interval_s:
-            return False
+            return frozenset()
         self._checked_at = now
-        return self._job.poll_cancelled()
+        return self._job.poll_requests()
 
     def _succeed(self) -> JobOutcome:
         """Publish the scene and make it READY; returns how the job ended after all."""

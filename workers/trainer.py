@@ -71,7 +71,8 @@ def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
 
 
 def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
-    """Pass on ten events a second, and each stage's first and last; metrics of events between them join the next."""
+    """Pass on ten events a second, those with files, and each stage's first and last; metrics of events between them
+    join the next."""
     sent_at, sent_stage = 0.0, ""
     metrics: dict[str, float] = {}
 
@@ -79,7 +80,7 @@ def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]
         nonlocal sent_at, sent_stage
         now = time.monotonic()
         metrics.update(event.metrics)
-        if now - sent_at >= _PROGRESS_S or event.stage != sent_stage or event.fraction >= 1:
+        if now - sent_at >= _PROGRESS_S or event.stage != sent_stage or event.fraction >= 1 or event.files:
             sent_at, sent_stage = now, event.stage
             send(replace(event, metrics=dict(metrics)))
             metrics.clear()

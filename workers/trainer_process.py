@@ -31,6 +31,7 @@ class TrainerProcess:
         self._process = _forker.submit(_start, job, log).result()
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._ended_at: float | None = None
+        self._finish_mark = job.finish_mark
         threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # died already: its exit status tells
@@ -61,6 +62,14 @@ class TrainerProcess:
             self._events.put(None)
             raise EOFError
         return event
+
+    def ask_to_finish(self) -> None:
+        """Have this trainer, and those of later attempts, end the training early; does nothing when called again.
+
+        A disk that is full makes nothing worse: it is asked again with the next look at the job.
+        """
+        with contextlib.suppress(OSError):
+            self._finish_mark.touch()
 
     def status(self) -> str:
         """How the process ended, in words; to be called once `next` has raised EOFError."""

@@ -61,6 +61,12 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
     "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
     "CancelOperation": (_EDIT, ("POST /v1/operations/{operation_id}:cancel",)),
+    "FinishOperation": (_EDIT, ("POST /v1/operations/{operation_id}:finish",)),
+    "GetPreview": (
+        _READ,
+        ("GET /v1/operations/{operation_id}/preview", "GET /v1/operations/{operation_id}/preview.jpg"),
+    ),
+    "GetPlacedCameras": (_READ, ("GET /v1/operations/{operation_id}/cameras",)),
     "RetryOperation": (_EDIT, ("POST /v1/operations/{operation_id}:retry",)),
     "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
     "StreamQuery": (_WATCH, ()),

@@ -11,6 +11,7 @@ from grpc import aio
 
 from fastsplat.api.access.caller import caller_role
 from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.grpc.job_rpcs import JobServicer
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
@@ -26,12 +27,11 @@ from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryO
 from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
 M = TypeVar("M")
 
 
-class SceneServicer(pb_grpc.SceneServiceServicer):
+class SceneServicer(JobServicer):
     """`fastsplat.v1.SceneService` over the service layer; the contract is in the proto."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:

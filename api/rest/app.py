@@ -23,6 +23,7 @@ from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.health import health_routes
+from fastsplat.api.rest.job_watching_routes import job_watching_routes
 from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.known_name_routes import known_name_routes
 from fastsplat.api.rest.middleware import OuterLayer
@@ -47,7 +48,7 @@ _TAGS = (
     {"name": "server", "description": "What this server can do."},
     {"name": "scenes", "description": "Captures come in, scenes are looked at, edited and deleted."},
     {"name": "uploads", "description": "Large files in pieces, by tus 1.0.0."},
-    {"name": "operations", "description": "The jobs that train scenes: look, wait, watch, cancel, retry."},
+    {"name": "operations", "description": "The jobs that train scenes: look, wait, watch, cancel, end early, retry."},
     {"name": "queries", "description": "Questions in plain words; pictures and files of finished scenes."},
     {"name": "keys", "description": "Who may call about the project: for its admins, and operators."},
     {"name": "known names", "description": "What people named in the project's scenes, to be suggested in others."},
@@ -133,6 +134,7 @@ def create_app(
         tus_routes(service, threads, settings.capture.max_upload_bytes, settings.root_path), tags=["uploads"]
     )
     app.include_router(operation_routes(service, threads), tags=["operations"])
+    app.include_router(job_watching_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(known_name_routes(service, threads), tags=["known names"])

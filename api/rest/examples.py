@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.paging import write_page_token
@@ -21,7 +22,7 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKe
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.operations import Operation, OperationList, StageProgress
+from fastsplat_contract.operations import OperationList
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
@@ -113,19 +114,7 @@ _VIEW_MASK = ViewMask(
     png=None,
     area=int(_MASK.sum()),
 )
-_OPERATION = Operation(
-    id=IDS["operation_id"],
-    scene_id=IDS["scene_id"],
-    state="RUNNING",
-    done=False,
-    created_at=_POSTED,
-    updated_at=_DONE,
-    stages=(
-        StageProgress("capture", 1.0, "60 of 60 images registered", 41.5, {"registered": 60.0}),
-        StageProgress("perception", 0.5, "30 of 60 images labelled", 22.0, {}),
-    ),
-    error=None,
-)
+_OPERATION = running_operation(IDS["operation_id"], IDS["scene_id"], _POSTED, _DONE)
 _SUMMARY = SceneSummary(
     id=IDS["scene_id"],
     name="my table",
@@ -193,6 +182,7 @@ ANSWERS: Mapping[str, Any] = {
         ServerInfo("0.1.0", ":8001"),
         _OPERATION,
         OperationList((_OPERATION,), _TOKEN),
+        *JOB_WATCHING_ANSWERS,
         Scene(
             **vars(_SUMMARY),
             camera_count=1,

@@ -14,6 +14,7 @@ ones are here; all of them are in `fastsplat_contract`.
 
 from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
+from fastsplat_client.job_calls import Placed
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
 from fastsplat_contract.assessments import Assessment, Finding
@@ -85,6 +86,7 @@ __all__ = [
     "PermissionDeniedError",
     "PickedThing",
     "PictureRequest",
+    "Placed",
     "Pose",
     "PoseAnswer",
     "PosedCamera",

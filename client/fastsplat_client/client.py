@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
+from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
@@ -55,7 +56,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ThingCalls):
+class Client(ThingCalls, JobCalls):
     """One server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.

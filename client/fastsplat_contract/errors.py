@@ -160,7 +160,7 @@ class ConflictError(FastSplatError):
 
 
 class NotReadyError(FastSplatError):
-    """The scene exists but its training has not finished, or has failed."""
+    """Not now: a scene whose training has not finished, or has failed; a job that does not train right now."""
 
     kind = Kind.FAILED_PRECONDITION
     reason = "NOT_READY"

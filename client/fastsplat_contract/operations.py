@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.wire import Many, Request, Response, travels
 
@@ -105,6 +106,27 @@ class Operation(Response):
     ] = "create_scene"
     look_again: Annotated[
         LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
+    ] = None
+    attempt: Annotated[int, Field(description="how often it was begun; more than once if workers or trainers died")] = 0
+    worker: Annotated[
+        WorkerState | None,
+        Field(
+            description="none: no worker of the server runs; waiting: it waits for its turn; working; silent: its "
+            "worker has not been heard from for long, and another will go on with it; absent once it is done"
+        ),
+    ] = None
+    seconds_left: Annotated[
+        float | None,
+        Field(description="until the whole job is done, as estimated with its last progress; absent while unknown"),
+    ] = None
+    finish_requested: Annotated[
+        bool, Field(description="whether its training was asked to stop early and keep what is there")
+    ] = False
+    preview: Annotated[
+        PreviewInfo | None, Field(description="the newest picture of its training; absent if there is none (any more)")
+    ] = None
+    placed: Annotated[
+        PlacedInfo | None, Field(description="the cameras that can be looked at; absent if there are none (any more)")
     ] = None
 
 

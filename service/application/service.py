@@ -22,7 +22,8 @@ from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
-from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
+from fastsplat.service.application.running_jobs import RunningJobs
+from fastsplat.service.application.stored import label_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
 from fastsplat.service.application.validation_slots import ValidationSlots
@@ -71,6 +72,8 @@ class SceneService:
         """What people named in the project's scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
         """Who may call about this project."""
+        self.jobs = RunningJobs(self._store, settings)
+        """What jobs show of their scenes while they run."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.resumable = ResumableUploads(
             store.blobs,
@@ -94,6 +97,7 @@ class SceneService:
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.known_names = KnownNames(other._store, self._settings)
+        other.jobs = RunningJobs(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 
@@ -147,7 +151,7 @@ class SceneService:
             earlier = self._store.scenes.find_request(request_id, digest, self.project)
             if earlier is not None:
                 remove(upload.folder)
-                return operation_of(earlier)
+                return self.jobs.operation(earlier)
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._settings.capture)
                 if options.labels and not validated.has_labels:
@@ -172,7 +176,7 @@ class SceneService:
             )
             if not new:
                 self._store.blobs.drop_upload(upload.id)
-            return operation_of(record)
+            return self.jobs.operation(record)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
         """Queue a job that searches a finished scene for more names. Durable once this returns.
@@ -188,9 +192,9 @@ class SceneService:
         job = look_again_job(scene_id, request, self.project, self._settings)
         earlier = self._store.scenes.find_request(job.request_id, job.request_digest, self.project)
         if earlier is not None:
-            return operation_of(earlier)
+            return self.jobs.operation(earlier)
         self._quotas.check_retry(self.project)
-        return operation_of(self._store.scenes.add_job(job))
+        return self.jobs.operation(self._store.scenes.add_job(job))
 
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.
@@ -198,7 +202,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return operation_of(self._store.scenes.operation(operation_id))
+        return self.jobs.operation(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:
         """Ask a job to stop: a queued one is CANCELLED on return, a running one once its worker has looked again.
@@ -208,7 +212,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return operation_of(self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id)))
+        return self.jobs.operation(self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id)))
 
     def retry_operation(self, operation_id: str) -> Operation:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
@@ -226,7 +230,7 @@ class SceneService:
                 raise no_upload(operation_id)
             self._quotas.check_retry(self.project)
         ended_since = time.time() - self._settings.uploads.failed_retention_s
-        return operation_of(self._store.jobs.retry(operation_id, ended_since))
+        return self.jobs.operation(self._store.jobs.retry(operation_id, ended_since))
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
@@ -238,7 +242,7 @@ class SceneService:
         """
         size = check_page_size(page_size, self._settings.store)
         records = self._store.scenes.list_operations(size + 1, read_page_token(page_token), state)
-        return OperationList(tuple(operation_of(record) for record in records[:size]), _next(records, size))
+        return OperationList(tuple(self.jobs.operation(record) for record in records[:size]), _next(records, size))
 
     def get_scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality; of very many labels and cameras the first.
@@ -300,7 +304,7 @@ class SceneService:
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             self._store.blobs.drop_upload(operation.upload_id)
-            remove(self._store.blobs.job(operation.run_id))
+            self._store.blobs.drop_job(operation.run_id)
             remove(self._store.blobs.log(operation.id))
 
 

@@ -11,26 +11,43 @@ from typing import Any
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import OperationRecord, SceneRecord
+from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
 from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
 
+_SECONDS_LEFT = "job_seconds_left"
+"""The metric of a stage that speaks of the whole job."""
 
-def operation_of(record: OperationRecord) -> Operation:
-    """What a caller sees of an operation row; a metric that is no finite number is left out."""
-    error = record.error
+
+def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
+    """What a caller sees of an operation row; a metric that is no finite number is left out.
+
+    Args:
+        record: the row.
+        worker: who works on it; None once it is done.
+    """
+    error, done = record.error, record.state in FINAL_STATES
+    files = {} if done or record.progress_files is None else record.progress_files
+    left = record.stages[-1]["metrics"].get(_SECONDS_LEFT) if record.stages and worker == "working" else None
     return Operation(
         id=record.id,
         scene_id=record.scene_id,
         state=record.state,
-        done=record.state in FINAL_STATES,
+        done=done,
         created_at=_time(record.created_at),
         updated_at=_time(record.updated_at),
         stages=tuple(_stage_of(stage) for stage in record.stages),
         error=None if error is None else OperationError(**error),
         kind="create_scene" if record.look_again is None else "look_again",
         look_again=None if record.result is None else from_plain(LookAgainResult, dict(record.result)),
+        attempt=record.attempt,
+        worker=worker,
+        seconds_left=left if left is not None and 0 <= left < math.inf else None,
+        finish_requested=record.finish_requested,
+        preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
+        placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
     )
 
 
@@ -69,7 +86,7 @@ def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
 
 
 def _stage_of(row: Mapping[str, Any]) -> StageProgress:
-    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value)}
+    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != _SECONDS_LEFT}
     return StageProgress(**{**row, "metrics": metrics})
 
 

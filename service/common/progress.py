@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -14,13 +15,16 @@ class ProgressEvent:
         stage: one of `STAGES` or `LOOK_AGAIN_STAGES`.
         fraction: share of this stage that is done, 0..1.
         message: a short line for people, e.g. "matching image pairs 120/276".
-        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left).
+        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left; and
+            job_seconds_left, until the whole job is done).
+        files: what can be looked at from now on, by kind, see `OperationRecord.progress_files`.
     """
 
     stage: str
     fraction: float
     message: str
     metrics: Mapping[str, float] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 STAGES = ("capture", "perception", "training", "export")

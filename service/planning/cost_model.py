@@ -166,6 +166,19 @@ def fit_training(
     return TrainingPlan(reduced, seconds, parts, steps, _tradeoffs(settings, reduced, scene, time_budget_s, seconds))
 
 
+def run_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
+    """Seconds that a whole run of `settings` takes on a machine: loading, optimization, measuring and writing."""
+    optimize = settings.iterations / (steps_per_second(settings, scene) * speed.steps)
+    if settings.time_budget_s is not None:
+        optimize = min(optimize, settings.time_budget_s)
+    return load_seconds(scene) / speed.serial + optimize + finish_seconds(settings, scene, speed)
+
+
+def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
+    """Seconds of a run after its last step, on a machine."""
+    return measure_seconds(settings, scene) / speed.steps + write_seconds(settings) / speed.serial
+
+
 def step_seconds(pixels: int, gaussians: int, channels: int) -> float:
     """One optimization step on the reference machine.
 

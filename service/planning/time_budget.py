@@ -15,6 +15,7 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import (
+    Speed,
     export_seconds,
     fit_training,
     scene_size,
@@ -102,9 +103,14 @@ def plan_training(
         time_budget_s,
         speed=speed,
         spent_s=spent_s + time.monotonic() - begun,
-        tail_s=(export_seconds(labels) + _things_seconds(capture, settings)) / speed.serial,
+        tail_s=whole_export_seconds(capture, settings, labels, speed),
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)
+
+
+def whole_export_seconds(capture: Capture, settings: Settings, labels: int, speed: Speed) -> float:
+    """Seconds of the export stage on a machine, the discovery of things among them."""
+    return (export_seconds(labels) + _things_seconds(capture, settings)) / speed.serial
 
 
 def _things_seconds(capture: Capture, settings: Settings) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -19,6 +20,9 @@ from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.strategy import DensificationStrategy
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import TrainingDivergedError
+
+_LEAST_STEPS = 250
+"""A training that is to end early has as many steps as any plan leaves it (`service.planning.cost_model`)."""
 
 
 class Trainer:
@@ -36,9 +40,11 @@ class Trainer:
         settings: the run's.
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
+        finish: whether to end the run early; asked once it has 250 steps.
 
     Attributes:
         state, views, elapsed_s: as they are at present.
+        progress: 0..1; below 1 after `run` if it ended early.
     """
 
     def __init__(
@@ -52,14 +58,17 @@ class Trainer:
         settings: TrainingSettings,
         extent: float,
         elapsed_s: float = 0.0,
+        finish: Callable[[], bool] = lambda: False,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
         self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
         self._settings, self._extent = settings, extent
+        self._finish = finish
         self._device = state.parameters["means"].device
+        self.progress = 0.0
 
     def run(self) -> None:
-        """Steps until progress is 1.
+        """Steps until progress is 1, or the run is to end early.
 
         Raises:
             TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
@@ -67,7 +76,7 @@ class Trainer:
         begun = time.monotonic() - self.elapsed_s
         progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
         self._recorder.start(self.state, self.elapsed_s, progress)
-        while progress < 1:
+        while progress < 1 and not (self.state.iteration >= _LEAST_STEPS and self._finish()):
             self.views = self._supervision.fuse_if_due(progress, self.state, self.views)
             loss, radii = self._step(progress)
             self.elapsed_s = time.monotonic() - begun
@@ -75,6 +84,7 @@ class Trainer:
             step = Step(before, progress, self.elapsed_s, loss, radii)
             self._strategy.step_post_backward(self.state, step)
             self._recorder.after_step(self.state, step)
+        self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)
         self.views = self._supervision.fuse_if_due(1.0, self.state, self.views)
 

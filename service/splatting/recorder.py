@@ -10,8 +10,9 @@ from collections.abc import Callable
 from torch import Tensor
 
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.splatting.previews import Previews
 from fastsplat.service.splatting.quality import measure_views, psnr
-from fastsplat.service.splatting.schedule import event_due
+from fastsplat.service.splatting.schedule import event_due, sh_degree
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.torch_runtime import release_free_memory
@@ -25,8 +26,7 @@ _MEAN_OF = 50
 class Recorder:
     """Reports a run and has its checkpoints saved; changes nothing of it.
 
-    The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`. What else wants to
-    follow a run, to publish previews for instance, needs the same three moments: `after_step` sees the whole state.
+    The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`.
 
     Args:
         settings: the run's.
@@ -35,6 +35,7 @@ class Recorder:
         held_out: views whose PSNR is measured; without any, that of training images is.
         random_points: start points that were placed at random.
         save: writes a checkpoint of a state after so many seconds; None for no checkpoints.
+        previews: takes pictures of the run; None for none.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class Recorder:
         held_out: tuple[TrainingView, ...],
         random_points: int,
         save: Callable[[SplatState, float], None] | None,
+        previews: Previews | None = None,
     ) -> None:
         self._settings, self._progress, self._held_out, self._save = settings, progress, held_out, save
-        self._random_points = random_points
+        self._random_points, self._previews = random_points, previews
         self._losses: deque[float] = deque(maxlen=_MEAN_OF)
         self._psnr, self._speed = math.nan, 0.0
         self._first = (0, 0.0)
@@ -56,6 +58,11 @@ class Recorder:
     def loss(self) -> float | None:
         """Mean of the last 50 steps, or None before the first."""
         return sum(self._losses) / len(self._losses) if self._losses else None
+
+    @property
+    def preview_seconds(self) -> float:
+        """What pictures of the run have taken."""
+        return 0.0 if self._previews is None else self._previews.spent_s
 
     def start(self, state: SplatState, elapsed_s: float, progress: float) -> None:
         """Before the first step."""
@@ -82,6 +89,14 @@ class Recorder:
             self._speed = (state.iteration - iteration) / max(step.elapsed_s - elapsed_s, 1e-9)
             self.report(state, step.elapsed_s, step.progress)
             self._reported = now
+        if self._previews is not None:
+            self._previews.after_step(
+                state.parameters,
+                step=state.iteration,
+                elapsed_s=step.elapsed_s,
+                degree=sh_degree(step.progress, settings),
+                psnr=self._psnr,
+            )
         if self._save and now - self._saved >= settings.checkpoint_every_s:
             self._save(state, step.elapsed_s)
             self._saved = now

@@ -26,6 +26,7 @@ from fastsplat.service.splatting.gaussians import activate_opacities, color_para
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
+from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
 from fastsplat.service.splatting.raster import Backend, device_of
@@ -55,8 +56,9 @@ def train(
     checkpoint_dir: Path | None = None,
     *,
     strategy: DensificationStrategy | None = None,
+    watch: TrainingWatch = UNWATCHED,
 ) -> TrainedSplats:
-    """Trains a scene until `settings.iterations` or `settings.time_budget_s`, whichever comes first.
+    """Trains a scene until `settings.iterations`, `settings.time_budget_s` or `watch.finish`, whichever comes first.
 
     Args:
         capture: views with poses, and points (few or none are made up for by random ones).
@@ -67,6 +69,7 @@ def train(
         checkpoint_dir: where the run's state is kept; a checkpoint there is continued, to the bit when the run is
             bounded by iterations alone.
         strategy: decides over number and places of the Gaussians; by default `RelocationStrategy`.
+        watch: is shown pictures of the training, and may end it once it has 250 steps; by default nobody.
 
     Raises:
         InvalidInputError: no views, points that are not finite, images that contradict their cameras.
@@ -97,7 +100,15 @@ def train(
             tensors = state.tensors() | run.supervision.tensors(trainer.views)
             write_checkpoint(Checkpoint(state.iteration, elapsed_s, tensors), checkpoint_dir, fingerprint)
 
-        recorder = Recorder(settings, progress, run.held_out, run.start.random, save if checkpoint_dir else None)
+        middle = views[len(views) // 2]
+        recorder = Recorder(
+            settings,
+            progress,
+            run.held_out,
+            run.start.random,
+            save if checkpoint_dir else None,
+            Previews(middle.to(device), settings.backend, watch.show) if watch.show else None,
+        )
         trainer = Trainer(
             state,
             tuple(view.to(device) for view in views),
@@ -107,8 +118,9 @@ def train(
             settings=settings,
             extent=run.extent,
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
+            finish=watch.finish,
         )
-        del views  # the trainer replaces its own at the consensus
+        del views, middle  # the trainer replaces its own at the consensus
         trainer.run()
         trained = _finished(run, trainer, recorder, settings)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
@@ -187,6 +199,10 @@ def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: Trainin
     }
     if settings.time_budget_s is not None:
         quality["time_budget_s"] = settings.time_budget_s
+    if recorder.preview_seconds:
+        quality["preview_seconds"] = recorder.preview_seconds
+    if trainer.progress < 1:
+        quality["stopped_at_share"] = trainer.progress
     if recorder.loss is not None:
         quality["loss"] = recorder.loss
     evidence = None

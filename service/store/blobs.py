@@ -1,7 +1,7 @@
 """Folders under the data directory, and writes that survive a power cut.
 
 uploads/<upload id>     what a client sent, until its job has succeeded; a while longer if it failed or was cancelled
-jobs/<run id>           a running job's stage results and checkpoints
+jobs/<run id>           a running job's stage results and checkpoints, and in progress/ what can be looked at meanwhile
 scenes/<id>/<version>   finished artefacts, never changed once there
 logs/                   stderr of the trainers
 locks/<scene id>        held while a scene is edited
@@ -47,6 +47,28 @@ class Blobs:
     def job(self, run_id: str) -> Path:
         """Work folder of one run of a job."""
         return self._folder("jobs", run_id)
+
+    def progress_file(self, run_id: str, name: str) -> Path:
+        """A small file of a running job, on this machine, that can be looked at; see `OperationRecord`."""
+        return self._folder("jobs", run_id, "progress", name)
+
+    def keep_progress_file(self, run_id: str, name: str) -> None:
+        """Make such a file, which is complete, visible everywhere."""
+
+    def read_progress_file(self, run_id: str, name: str) -> bytes | None:
+        """Such a file's bytes, wherever the job runs; None if it is not there (any more)."""
+        try:
+            return self.progress_file(run_id, name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def drop_progress_file(self, run_id: str, name: str) -> None:
+        """Remove such a file, if it is there."""
+        remove(self.progress_file(run_id, name))
+
+    def drop_job(self, run_id: str) -> None:
+        """Remove a job's work folder, whatever of it is still there."""
+        remove(self.job(run_id))
 
     def log(self, operation_id: str) -> Path:
         """What the job's trainers wrote on stderr."""

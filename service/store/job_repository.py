@@ -7,7 +7,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
@@ -21,6 +21,11 @@ from fastsplat_contract.errors import NotFoundError
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
 _RETRIED = ("FAILED", "CANCELLED")
+_REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
+
+
+JobRequest = Literal["cancel", "finish"]
+"""What was asked of a job that runs: to stop, or to end its training early and to keep what is there."""
 
 
 class FencedError(Exception):
@@ -128,13 +133,21 @@ class JobRepository:
             values = {"starts": operations.c.starts - 1, "updated_at": time.time()}
             connection.execute(_fenced(claim).values(values))
 
-    def report(self, claim: Claim, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> bool:
-        """Write progress. Returns whether the job is to be cancelled.
+    def report(
+        self,
+        claim: Claim,
+        stages: Sequence[Mapping[str, Any]],
+        *,
+        starts: int | None = None,
+        progress_files: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> frozenset[JobRequest]:
+        """Write progress. Returns what was asked of the job.
 
         Args:
             claim: of which job.
             stages: one row a stage.
             starts: how many starts count from now on, as a stage was completed; None: as before.
+            progress_files: see `OperationRecord`; None: as before.
 
         Raises:
             FencedError: the claim is no longer the newest, or the operation is over.
@@ -143,26 +156,28 @@ class JobRepository:
             values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
             if starts is not None:
                 values["starts"] = starts
+            if progress_files is not None:
+                values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
             _execute_fenced(connection, claim, _fenced(claim).values(values))
-            query = select(operations.c.cancel_requested).where(operations.c.id == claim.operation.id)
-            return bool(connection.scalar(query))
+            requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
+            return _requests(tuple(requested))
 
-    def check(self, claim: Claim) -> bool:
-        """Look without writing. Returns whether the job is to be cancelled.
+    def check(self, claim: Claim) -> frozenset[JobRequest]:
+        """Look without writing. Returns what was asked of the job.
 
         Raises:
             FencedError: as `report`.
         """
-        query = select(operations.c.cancel_requested).where(
+        query = select(*_REQUESTED).where(
             operations.c.id == claim.operation.id,
             operations.c.attempt == claim.attempt,
             operations.c.state == "RUNNING",
         )
         with self._reading() as connection:
-            cancel_requested = connection.scalar(query)
-        if cancel_requested is None:
+            requested = connection.execute(query).first()
+        if requested is None:
             raise FencedError(claim.operation.id)
-        return bool(cancel_requested)
+        return _requests(tuple(requested))
 
     def succeed(self, claim: Claim, summary: SceneSummary) -> None:
         """Make the scene READY and end the operation as SUCCEEDED, both at once.
@@ -241,7 +256,8 @@ class JobRepository:
                     raise no_upload(operation_id)
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
-                "enqueued": False, "options": {**record.options, "retries": record.retries + 1},
+                "finish_requested": False, "progress_files": None, "enqueued": False,
+                "options": {**record.options, "retries": record.retries + 1},
                 "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))
@@ -326,6 +342,11 @@ def no_upload(operation_id: str) -> NotFoundError:
         field="operation",
         hint="Post the capture again. How long uploads of failed jobs are kept: FASTSPLAT_UPLOADS__FAILED_RETENTION_S.",
     )
+
+
+def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
+    names: tuple[JobRequest, ...] = ("cancel", "finish")
+    return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
 
 
 def _fenced(claim: Claim) -> Update:

@@ -7,6 +7,7 @@ objects that nothing names, which `remove_partial` removes. Keys, below the URL:
     <kind>/<id>/...  kind is `uploads` or `scenes`; scenes have one folder a version
     .../manifest.json                 written last
     .../parts-<random>/<file name>    written before
+    jobs/<run id>/<file name>         what can be looked at while a job runs: a file each, never changed
 
 Readers copy a folder into the data directory once, check every digest, and use it from there; what is there is whole.
 Credentials come from where the store's own tools look: AWS_ACCESS_KEY_ID and so on.
@@ -51,7 +52,7 @@ class ObjectStoreBlobs(Blobs):
     def ids(self, kind: str) -> tuple[str, ...]:
         """See `Blobs`."""
         here = set(super().ids(kind))
-        if kind in ("uploads", "scenes"):
+        if kind in ("uploads", "scenes", "jobs"):
             here |= {PurePosixPath(name).name for name in self._list(self._key(kind))}
         return tuple(sorted(here))
 
@@ -76,6 +77,30 @@ class ObjectStoreBlobs(Blobs):
         if self.upload(upload_id).is_dir():
             return super().upload_age(upload_id)
         return self._age(self._key("uploads", upload_id))
+
+    def keep_progress_file(self, run_id: str, name: str) -> None:
+        """See `Blobs`."""
+        with _store_errors(absence=()):
+            self.files.put_file(str(self.progress_file(run_id, name)), self._key("jobs", run_id, name))
+
+    def read_progress_file(self, run_id: str, name: str) -> bytes | None:
+        """See `Blobs`."""
+        with _store_errors():
+            try:
+                content: bytes = self.files.cat_file(self._key("jobs", run_id, name))
+            except FileNotFoundError:
+                return None
+        return content
+
+    def drop_progress_file(self, run_id: str, name: str) -> None:
+        """See `Blobs`."""
+        super().drop_progress_file(run_id, name)
+        self._drop(self._key("jobs", run_id, name))
+
+    def drop_job(self, run_id: str) -> None:
+        """See `Blobs`."""
+        super().drop_job(run_id)
+        self._drop(self._key("jobs", run_id))
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
         """See `Blobs`; one that is there already stays, and `source` is gone either way."""

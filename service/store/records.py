@@ -38,6 +38,9 @@ class SceneRecord:
 class OperationRecord:
     """One job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token.
 
+    `progress_files` has what can be looked at while the job runs, by kind ("preview", "placed"): the "file" (see
+    `Blobs.progress_file`), and "info", a `PreviewInfo` or `PlacedInfo` as JSON.
+
     Higher priorities run first. A job that looks again at a scene has no upload; `options` say what it looks for.
     """
 
@@ -56,6 +59,8 @@ class OperationRecord:
     cancel_requested: bool
     priority: int
     project: str = DEFAULT_PROJECT
+    finish_requested: bool = False
+    progress_files: Mapping[str, Mapping[str, Any]] | None = None
 
     @property
     def retries(self) -> int:

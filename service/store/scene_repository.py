@@ -14,7 +14,7 @@ from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
-from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.scenes import SceneState
 
@@ -190,6 +190,22 @@ class SceneRepository:
             _stop(connection, before)
             return self._operation(connection, operation_id)
 
+    def finish(self, operation_id: str) -> OperationRecord:
+        """Have an operation end its training early, and make its scene of what is there; asked again it stays so.
+
+        Raises:
+            NotFoundError: there is none of that id.
+            NotReadyError: it does not train: its first step is not done, or its last one is.
+        """
+        with self._writing() as connection:
+            before = self._operation(connection, operation_id)
+            if before.state == "RUNNING" and before.finish_requested:
+                return before
+            _check_trains(before)
+            running = update(operations).where(operations.c.id == operation_id, operations.c.state == "RUNNING")
+            connection.execute(running.values(finish_requested=True))
+            return self._operation(connection, operation_id)
+
     def delete_scene(self, scene_id: str) -> OperationRecord:
         """Delete a scene and stop its operations; their request ids become free again.
 
@@ -252,6 +268,25 @@ def _stop(connection: Connection, operation: OperationRecord) -> None:
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
     connection.execute(running.values(cancel_requested=True, updated_at=now))
+
+
+def _check_trains(operation: OperationRecord) -> None:
+    if operation.state not in ("QUEUED", "RUNNING"):
+        raise NotReadyError(
+            f"operation {operation.id!r} is {operation.state}: there is no training to end",
+            field="operation",
+        )
+    training = next((row for row in operation.stages if row["stage"] == "training"), None)
+    if training is None or not training["metrics"].get("iteration"):
+        raise NotReadyError(
+            f"operation {operation.id!r} has not begun to train",
+            field="operation",
+            hint="Ask again once its stage training has steps behind it; or cancel the operation.",
+        )
+    if training["fraction"] >= 1:
+        raise NotReadyError(
+            f"the training of operation {operation.id!r} is done already", field="operation", hint="Wait for its end."
+        )
 
 
 def as_operation(row: RowMapping) -> OperationRecord:

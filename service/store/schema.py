@@ -15,6 +15,7 @@ from sqlalchemy import (
     String,
     Table,
     UniqueConstraint,
+    false,
 )
 
 from fastsplat.service.store.records import DEFAULT_PROJECT
@@ -73,6 +74,10 @@ operations = Table(
     Column("starts", Integer, nullable=False, default=0),
     Column("enqueued", Boolean, nullable=False, default=False),
     Column("cancel_requested", Boolean, nullable=False, default=False),
+    # Its training is to end early, and what is there to be kept.
+    Column("finish_requested", Boolean, nullable=False, default=False, server_default=false()),
+    # What can be looked at while it runs, by kind; the bytes are in `Blobs.progress_file`.
+    Column("progress_files", JSON(none_as_null=True), nullable=True),
     # Higher ones first.
     Column("priority", Integer, nullable=False, default=0, server_default="0"),
     _project(),

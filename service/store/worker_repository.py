@@ -49,6 +49,12 @@ class WorkerRepository:
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
+    def any_alive(self, timeout_s: float) -> bool:
+        """Whether any worker has had a heartbeat in the last `timeout_s` seconds."""
+        query = select(workers.c.executor_id).where(workers.c.heartbeat_at >= time.time() - timeout_s).limit(1)
+        with self._reading() as connection:
+            return connection.execute(query).first() is not None
+
     def mark_stopped(self, executor_id: str) -> None:
         """Say that a worker stops by itself, so that its jobs are recovered without waiting for the timeout."""
         with self._writing() as connection:

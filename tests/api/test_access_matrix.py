@@ -26,6 +26,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+from tests.api.training_job import add_training_job
 
 _SERVICE = "/fastsplat.v1.SceneService/"
 _ROUTES = [
@@ -64,6 +65,17 @@ _REQUESTS: dict[str, dict[str, Any]] = {
 }
 """What a route needs beside its path to be more than bad input."""
 
+_OF_TRAINING = {
+    "FinishOperation",
+    "GetPreview",
+    "GetPlacedCameras",
+    "POST /v1/operations/{operation_id}:finish",
+    "GET /v1/operations/{operation_id}/preview",
+    "GET /v1/operations/{operation_id}/preview.jpg",
+    "GET /v1/operations/{operation_id}/cameras",
+}
+"""Calls and routes that speak of a job while it trains."""
+
 
 @dataclass(frozen=True)
 class _Place:
@@ -74,6 +86,13 @@ class _Place:
     service: SceneService
     settings: Settings
     shared: dict[str, str]
+
+    def ids_for(self, name: str, *, own: bool) -> dict[str, str]:
+        """As `ids`; a call about a job that trains has such a one."""
+        ids = self.ids(own=own)
+        if name not in _OF_TRAINING:
+            return ids
+        return {**ids, "operation_id": add_training_job(self.service).operation.id}
 
     def ids(self, *, own: bool) -> dict[str, str]:
         """The ids of a scene, its operation and an upload; with `own`, of new ones that the call may change."""
@@ -154,7 +173,7 @@ def test_what_nobody_decided_needs_an_operator() -> None:
 def test_every_route_by_every_caller(place: _Place, context: Any, method: str, caller: str) -> None:
     name = route_name(context, method)
     rule = rule_of(name)
-    ids = place.ids(own=_changes(rule))
+    ids = place.ids_for(name, own=_changes(rule))
 
     def ask(by: str, **values: str) -> httpx.Response:
         path = {"/web": "/web/icon.svg", "/docs-files": "/docs-files/swagger-ui.css"}.get(context.path, context.path)
@@ -188,7 +207,7 @@ def test_every_route_by_every_caller(place: _Place, context: Any, method: str, c
 @pytest.mark.parametrize(("name", "method"), _RPCS, ids=lambda value: value if isinstance(value, str) else "")
 def test_every_rpc_by_every_caller(place: _Place, name: str, method: Any, caller: str) -> None:
     rule = rule_of(_SERVICE + name)
-    ids = place.ids(own=_changes(rule))
+    ids = place.ids_for(name, own=_changes(rule))
     error = _call(place, name, method, caller, ids)
     reason = _refusal(rule, caller)
     message = message_factory.GetMessageClass(method.input_type).DESCRIPTOR

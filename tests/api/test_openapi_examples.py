@@ -20,6 +20,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, served
+from tests.api.training_job import add_training_job
 
 _DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
 _OPERATIONS = {
@@ -29,6 +30,7 @@ _OPERATIONS = {
 }
 _TUS = {"create_upload", "append_to_upload", "get_upload", "delete_upload"}
 """Those need headers of tus, which its own specification describes; see test_api_tus."""
+_OF_TRAINING = {"finish_operation", "get_preview", "get_preview_picture", "get_placed_cameras"}
 _WITHOUT_CONTENT = {"application/offset+octet-stream"}
 
 
@@ -74,13 +76,16 @@ class _Place:
         self.service = service
         self._settings = settings
 
-    def ids(self) -> dict[str, str]:
-        """Ids of new things, as a call may change them: a scene that was edited once, and its job."""
+    def ids(self, *, training: bool = False) -> dict[str, str]:
+        """Ids of new things, as a call may change them: a scene that was edited once, and its job; or a job that
+        trains."""
         scene_id = add_scene(self.service, self._settings)
         color = {"r": 0, "g": 1, "b": 0}
         edit = {"edits": [{"action": "recolor", "label": "mug", "color": color}]}
         made = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
         operation_id = self.service.get_scene(scene_id).operation_id
+        if training:
+            operation_id = add_training_job(self.service).operation.id
         key_id = self.service.admin.keys.create("a key", "reader")[0].id
         return {
             "scene_id": scene_id,
@@ -116,7 +121,7 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
     contents = operation.get("requestBody", {}).get("content", {})
     bodies = [body for content in contents.values() for body in _examples(content)] or [None]
     for body in bodies:
-        response = _sent(place, name, body, place.ids())
+        response = _sent(place, name, body, place.ids(training=name in _OF_TRAINING))
         assert response.is_success, (body, response.text)
         described = operation["responses"][str(response.status_code)].get("content", {})
         media_type = response.headers.get("content-type", "").partition(";")[0]

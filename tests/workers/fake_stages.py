@@ -4,6 +4,7 @@
 "capture:kill" and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker,
 "capture:kill_worker_until 3" does so in the first three attempts, "capture:kill_in 2" and "capture:kill_worker_in 2"
 kill in the second attempt only, "perception:fail" raises a typed error,
+"training:until_finish" shows picture after picture until the job is to end early,
 "export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
 "capture:environment" notes what the trainer's environment and niceness are, and "capture:child" leaves a grandchild
 process whose id it writes into the data folder.
@@ -11,6 +12,7 @@ process whose id it writes into the data folder.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -66,6 +68,8 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             Path("/dev/full").write_bytes(b"more than there is room for")
         elif name == "write":
             (job.folder / "large.bin").write_bytes(bytes(int(value) << 20))
+        elif name == "until_finish":
+            _show_until_finish(job, stage, progress)
         elif name == "fail":
             raise ReconstructionError("the images show two places", hint="Post them as two scenes.", field="images")
         elif name == "defect":
@@ -74,6 +78,21 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
             (job.settings.data_dir / "grandchild.txt").write_text(str(child.pid))
     progress(ProgressEvent(stage, 1.0, "finished"))
+
+
+def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
+    folder = job.folder / "progress"
+    folder.mkdir(exist_ok=True)
+    for number in itertools.count(1):
+        name = f"preview-{job.attempt}-{number}.jpg"
+        (folder / f".{name}").write_bytes(f"attempt {job.attempt} picture {number}".encode())
+        (folder / f".{name}").rename(folder / name)
+        info = {"step": number, "seconds": 0.1, "gaussians": 5, "psnr": None, "view": "a", "width": 8, "height": 6}
+        metrics = {"iteration": float(number), "job_seconds_left": 100.0}
+        progress(ProgressEvent(stage, 0.5, "training", metrics, {"preview": {"file": name, "info": info}}))
+        if job.finish_mark.exists():
+            return
+        time.sleep(0.2)
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
@@ -111,7 +130,12 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
             for n, e in enumerate(scene.dictionary.entries, start=1)
         ],
         "cameras": [camera_to_json(posed)],
-        "quality": {"psnr": 30.0, "steps": steps, "stage_seconds": {"capture": 0.0}},
+        "quality": {
+            "psnr": 30.0,
+            "steps": steps,
+            "stopped_early": job.finish_mark.exists(),
+            "stage_seconds": {"capture": 0.0},
+        },
     }
     (folder / "summary.json").write_text(json.dumps(summary))
 

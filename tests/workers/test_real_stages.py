@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -103,6 +105,45 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             (tmp_path / "mug.ply").write_bytes(service.answers.mask_ply(info.id, "mug"))
             assert len(read_ply(service.answers.scene_ply(info.id)[0])) == info.gaussians
             assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
+    finally:
+        worker.terminate()
+        assert worker.wait(timeout=60) == 0
+
+
+def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(tabletop, settings):
+    endless = settings.training.model_copy(update={"iterations": 1_000_000})
+    settings = settings.model_copy(update={"training": endless})
+    worker = _work(settings)
+    try:
+        with open_service(settings) as service:
+            with service.new_upload() as upload:
+                for path in sorted(tabletop.rglob("*")):
+                    if path.is_file():
+                        with path.open("rb") as file:
+                            upload.write(path.relative_to(tabletop).as_posix(), file)
+                operation = service.create_scene(upload, "table", "", SceneOptions(max_gaussians=6000))
+            deadline = time.monotonic() + 200
+            while (now := service.get_operation(operation.id)).preview is None or now.preview.step < 100:
+                assert time.monotonic() < deadline and not now.done, now
+                time.sleep(0.2)
+            picture = cv2.imdecode(
+                np.frombuffer(service.jobs.preview(operation.id).picture, np.uint8), cv2.IMREAD_COLOR
+            )
+            assert picture.shape == (now.preview.height, now.preview.width, 3) == (90, 120, 3)
+            placed = service.jobs.placed_cameras(operation.id)
+            assert placed.info.complete and placed.info.placed == len(placed.cameras) == _VIEWS
+            assert 0 < len(placed.points) // 12 == len(placed.colors) // 3 <= 5_000
+            assert now.seconds_left is not None and now.seconds_left > 60  # a million steps are not done soon
+
+            service.jobs.finish(operation.id)
+            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+                assert time.monotonic() < deadline, now
+                time.sleep(0.2)
+            assert now.state == "SUCCEEDED", now.error
+            quality = service.get_scene(operation.scene_id).quality
+            assert quality["stopped_early"] and 250 <= quality["iterations"] < 1_000_000
+            assert 0 < quality["stopped_at_share"] < 1 and quality["preview_seconds"] < quality["train_seconds"]
+            assert quality["psnr"] > 12
     finally:
         worker.terminate()
         assert worker.wait(timeout=60) == 0

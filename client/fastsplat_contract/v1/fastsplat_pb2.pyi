@@ -228,6 +228,28 @@ OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
 OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
+class _WorkerState:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _WorkerStateEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_WorkerState.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    WORKER_STATE_UNSPECIFIED: _WorkerState.ValueType  # 0
+    WORKER_STATE_NONE: _WorkerState.ValueType  # 1
+    WORKER_STATE_WAITING: _WorkerState.ValueType  # 2
+    WORKER_STATE_WORKING: _WorkerState.ValueType  # 3
+    WORKER_STATE_SILENT: _WorkerState.ValueType  # 4
+
+class WorkerState(_WorkerState, metaclass=_WorkerStateEnumTypeWrapper):
+    """Who works on a job that is not done."""
+
+WORKER_STATE_UNSPECIFIED: WorkerState.ValueType  # 0
+WORKER_STATE_NONE: WorkerState.ValueType  # 1
+WORKER_STATE_WAITING: WorkerState.ValueType  # 2
+WORKER_STATE_WORKING: WorkerState.ValueType  # 3
+WORKER_STATE_SILENT: WorkerState.ValueType  # 4
+Global___WorkerState: _TypeAlias = WorkerState  # noqa: Y015
+
 class _Convention:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -2054,6 +2076,63 @@ class WatchOperationRequest(_message.Message):
 Global___WatchOperationRequest: _TypeAlias = WatchOperationRequest  # noqa: Y015
 
 @_typing.final
+class FinishOperationRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
+    operation_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        operation_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FinishOperationRequest: _TypeAlias = FinishOperationRequest  # noqa: Y015
+
+@_typing.final
+class GetPreviewRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
+    operation_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        operation_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetPreviewRequest: _TypeAlias = GetPreviewRequest  # noqa: Y015
+
+@_typing.final
+class GetPlacedCamerasRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
+    operation_id: _builtins.str
+    def __init__(
+        self,
+        *,
+        operation_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetPlacedCamerasRequest: _TypeAlias = GetPlacedCamerasRequest  # noqa: Y015
+
+@_typing.final
 class Operation(_message.Message):
     """One job (AIP-151), durable from the moment it is returned."""
 
@@ -2069,6 +2148,12 @@ class Operation(_message.Message):
     ERROR_FIELD_NUMBER: _builtins.int
     KIND_FIELD_NUMBER: _builtins.int
     LOOK_AGAIN_FIELD_NUMBER: _builtins.int
+    ATTEMPT_FIELD_NUMBER: _builtins.int
+    WORKER_FIELD_NUMBER: _builtins.int
+    SECONDS_LEFT_FIELD_NUMBER: _builtins.int
+    FINISH_REQUESTED_FIELD_NUMBER: _builtins.int
+    PREVIEW_FIELD_NUMBER: _builtins.int
+    PLACED_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
@@ -2076,6 +2161,16 @@ class Operation(_message.Message):
     """whether the state is final"""
     kind: Global___OperationKind.ValueType
     """create_scene: makes its scene; look_again: makes a version of its scene"""
+    attempt: _builtins.int
+    """how often it was begun; more than once if workers or trainers died"""
+    worker: Global___WorkerState.ValueType
+    """none: no worker of the server runs; waiting: it waits for its turn; working; silent: its worker has not been heard
+    from for long, and another will go on with it; absent once it is done
+    """
+    seconds_left: _builtins.float
+    """until the whole job is done, as estimated with its last progress; absent while unknown"""
+    finish_requested: _builtins.bool
+    """whether its training was asked to stop early and keep what is there"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -2092,6 +2187,14 @@ class Operation(_message.Message):
     def look_again(self) -> Global___LookAgainResult:
         """what looking again found; absent unless it has succeeded"""
 
+    @_builtins.property
+    def preview(self) -> Global___PreviewInfo:
+        """the newest picture of its training; absent if there is none (any more)"""
+
+    @_builtins.property
+    def placed(self) -> Global___PlacedInfo:
+        """the cameras that can be looked at; absent if there are none (any more)"""
+
     def __init__(
         self,
         *,
@@ -2105,14 +2208,177 @@ class Operation(_message.Message):
         error: Global___OperationError | None = ...,
         kind: Global___OperationKind.ValueType = ...,
         look_again: Global___LookAgainResult | None = ...,
+        attempt: _builtins.int = ...,
+        worker: Global___WorkerState.ValueType | None = ...,
+        seconds_left: _builtins.float | None = ...,
+        finish_requested: _builtins.bool = ...,
+        preview: Global___PreviewInfo | None = ...,
+        placed: Global___PlacedInfo | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "error", b"error", "look_again", b"look_again", "updated_at", b"updated_at"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "done", b"done", "error", b"error", "id", b"id", "kind", b"kind", "look_again", b"look_again", "scene_id", b"scene_id", "stages", b"stages", "state", b"state", "updated_at", b"updated_at"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__seconds_left: _TypeAlias = _typing.Literal["seconds_left"]  # noqa: Y015
+    _WhichOneofArgType__seconds_left: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left"]  # noqa: Y015
+    _WhichOneofReturnType__worker: _TypeAlias = _typing.Literal["worker"]  # noqa: Y015
+    _WhichOneofArgType__worker: _TypeAlias = _typing.Literal["_worker", b"_worker"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__seconds_left) -> _WhichOneofReturnType__seconds_left | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__worker) -> _WhichOneofReturnType__worker | None: ...
+
+Global___Operation: _TypeAlias = Operation  # noqa: Y015
+
+@_typing.final
+class PreviewInfo(_message.Message):
+    """The newest small picture of a scene that is being trained: one of its training views, rendered."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NUMBER_FIELD_NUMBER: _builtins.int
+    STEP_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
+    PSNR_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    WIDTH_FIELD_NUMBER: _builtins.int
+    HEIGHT_FIELD_NUMBER: _builtins.int
+    number: _builtins.int
+    """counts up with each new picture of the job"""
+    step: _builtins.int
+    """optimization steps behind it"""
+    seconds: _builtins.float
+    """seconds of optimization behind it"""
+    gaussians: _builtins.int
+    """in the scene by then"""
+    psnr: _builtins.float
+    """dB, as measured last; absent before the first time"""
+    view: _builtins.str
+    """name of the view"""
+    width: _builtins.int
+    """pixels"""
+    height: _builtins.int
+    """pixels"""
+    def __init__(
+        self,
+        *,
+        number: _builtins.int = ...,
+        step: _builtins.int = ...,
+        seconds: _builtins.float = ...,
+        gaussians: _builtins.int = ...,
+        psnr: _builtins.float | None = ...,
+        view: _builtins.str = ...,
+        width: _builtins.int = ...,
+        height: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "psnr", b"psnr"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "gaussians", b"gaussians", "height", b"height", "number", b"number", "psnr", b"psnr", "seconds", b"seconds", "step", b"step", "view", b"view", "width", b"width"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__psnr: _TypeAlias = _typing.Literal["psnr"]  # noqa: Y015
+    _WhichOneofArgType__psnr: _TypeAlias = _typing.Literal["_psnr", b"_psnr"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr) -> _WhichOneofReturnType__psnr | None: ...
+
+Global___PreviewInfo: _TypeAlias = PreviewInfo  # noqa: Y015
+
+@_typing.final
+class Preview(_message.Message):
+    """A small picture of a scene that is being trained."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    INFO_FIELD_NUMBER: _builtins.int
+    PICTURE_FIELD_NUMBER: _builtins.int
+    picture: _builtins.bytes
+    """JPEG"""
+    @_builtins.property
+    def info(self) -> Global___PreviewInfo: ...
+    def __init__(
+        self,
+        *,
+        info: Global___PreviewInfo | None = ...,
+        picture: _builtins.bytes = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["info", b"info"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["info", b"info", "picture", b"picture"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___Operation: _TypeAlias = Operation  # noqa: Y015
+Global___Preview: _TypeAlias = Preview  # noqa: Y015
+
+@_typing.final
+class PlacedInfo(_message.Message):
+    """How many photos have a camera, as far as a job has come."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NUMBER_FIELD_NUMBER: _builtins.int
+    PLACED_FIELD_NUMBER: _builtins.int
+    IMAGES_FIELD_NUMBER: _builtins.int
+    COMPLETE_FIELD_NUMBER: _builtins.int
+    number: _builtins.int
+    """counts up with each change"""
+    placed: _builtins.int
+    """images with a camera"""
+    images: _builtins.int
+    """images in the upload"""
+    complete: _builtins.bool
+    """whether no more will be placed; until then the world is another one with each change: axes, origin and unit are
+    those of the moment
+    """
+    def __init__(
+        self,
+        *,
+        number: _builtins.int = ...,
+        placed: _builtins.int = ...,
+        images: _builtins.int = ...,
+        complete: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["complete", b"complete", "images", b"images", "number", b"number", "placed", b"placed"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PlacedInfo: _TypeAlias = PlacedInfo  # noqa: Y015
+
+@_typing.final
+class PlacedCameras(_message.Message):
+    """The cameras that a job has placed so far, and some of the points that it knows."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    INFO_FIELD_NUMBER: _builtins.int
+    CAMERAS_FIELD_NUMBER: _builtins.int
+    POINTS_FIELD_NUMBER: _builtins.int
+    COLORS_FIELD_NUMBER: _builtins.int
+    points: _builtins.bytes
+    """at most 5000 points: x, y, z each, little-endian float32, scene units"""
+    colors: _builtins.bytes
+    """red, green, blue of each of these points, a byte each"""
+    @_builtins.property
+    def info(self) -> Global___PlacedInfo: ...
+    @_builtins.property
+    def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___PosedCamera]:
+        """at most 1000 of them, evenly chosen"""
+
+    def __init__(
+        self,
+        *,
+        info: Global___PlacedInfo | None = ...,
+        cameras: _abc.Iterable[Global___PosedCamera] | None = ...,
+        points: _builtins.bytes = ...,
+        colors: _builtins.bytes = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["info", b"info"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cameras", b"cameras", "colors", b"colors", "info", b"info", "points", b"points"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PlacedCameras: _TypeAlias = PlacedCameras  # noqa: Y015
 
 @_typing.final
 class LookAgainRequest(_message.Message):

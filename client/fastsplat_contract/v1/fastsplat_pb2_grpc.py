@@ -115,6 +115,21 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.FinishOperation = channel.unary_unary(
+                '/fastsplat.v1.SceneService/FinishOperation',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.FinishOperationRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
+        self.GetPreview = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetPreview',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPreviewRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Preview.FromString,
+                _registered_method=True)
+        self.GetPlacedCameras = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetPlacedCameras',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPlacedCamerasRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PlacedCameras.FromString,
+                _registered_method=True)
         self.WaitOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/WaitOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.SerializeToString,
@@ -306,6 +321,28 @@ class SceneServiceServicer:
 
     def RetryOperation(self, request, context):
         """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def FinishOperation(self, request, context):
+        """Asks a job to end its training early, and to make the scene of what is there; asked again it changes nothing.
+        FAILED_PRECONDITION unless it trains right now.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetPreview(self, request, context):
+        """The newest picture of a scene that is being trained.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetPlacedCameras(self, request, context):
+        """The cameras that a job has placed so far, with some points.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -506,6 +543,21 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.RetryOperation,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'FinishOperation': grpc.unary_unary_rpc_method_handler(
+                    servicer.FinishOperation,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.FinishOperationRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'GetPreview': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetPreview,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPreviewRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Preview.SerializeToString,
+            ),
+            'GetPlacedCameras': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetPlacedCameras,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPlacedCamerasRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PlacedCameras.SerializeToString,
             ),
             'WaitOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.WaitOperation,
@@ -1020,6 +1072,87 @@ class SceneService:
             '/fastsplat.v1.SceneService/RetryOperation',
             fastsplat_dot_v1_dot_fastsplat__pb2.RetryOperationRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def FinishOperation(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/FinishOperation',
+            fastsplat_dot_v1_dot_fastsplat__pb2.FinishOperationRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetPreview(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetPreview',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetPreviewRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Preview.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetPlacedCameras(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetPlacedCameras',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetPlacedCamerasRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.PlacedCameras.FromString,
             options,
             channel_credentials,
             insecure,

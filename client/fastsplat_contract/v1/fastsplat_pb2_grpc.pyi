@@ -78,6 +78,14 @@ class SceneServiceStub:
     CancelOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]
     RetryOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RetryOperationRequest, _fastsplat_pb2.Operation]
     """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
+    FinishOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.FinishOperationRequest, _fastsplat_pb2.Operation]
+    """Asks a job to end its training early, and to make the scene of what is there; asked again it changes nothing.
+    FAILED_PRECONDITION unless it trains right now.
+    """
+    GetPreview: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPreviewRequest, _fastsplat_pb2.Preview]
+    """The newest picture of a scene that is being trained."""
+    GetPlacedCameras: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPlacedCamerasRequest, _fastsplat_pb2.PlacedCameras]
+    """The cameras that a job has placed so far, with some points."""
     WaitOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]
@@ -150,6 +158,14 @@ class SceneServiceAsyncStub(SceneServiceStub):
     CancelOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CancelOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     RetryOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RetryOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
+    FinishOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.FinishOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Asks a job to end its training early, and to make the scene of what is there; asked again it changes nothing.
+    FAILED_PRECONDITION unless it trains right now.
+    """
+    GetPreview: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPreviewRequest, _fastsplat_pb2.Preview]  # type: ignore[assignment]
+    """The newest picture of a scene that is being trained."""
+    GetPlacedCameras: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPlacedCamerasRequest, _fastsplat_pb2.PlacedCameras]  # type: ignore[assignment]
+    """The cameras that a job has placed so far, with some points."""
     WaitOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
@@ -315,6 +331,32 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
         """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is."""
+
+    @_abc_1.abstractmethod
+    def FinishOperation(
+        self,
+        request: _fastsplat_pb2.FinishOperationRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Asks a job to end its training early, and to make the scene of what is there; asked again it changes nothing.
+        FAILED_PRECONDITION unless it trains right now.
+        """
+
+    @_abc_1.abstractmethod
+    def GetPreview(
+        self,
+        request: _fastsplat_pb2.GetPreviewRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Preview, _abc.Awaitable[_fastsplat_pb2.Preview]]:
+        """The newest picture of a scene that is being trained."""
+
+    @_abc_1.abstractmethod
+    def GetPlacedCameras(
+        self,
+        request: _fastsplat_pb2.GetPlacedCamerasRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.PlacedCameras, _abc.Awaitable[_fastsplat_pb2.PlacedCameras]]:
+        """The cameras that a job has placed so far, with some points."""
 
     @_abc_1.abstractmethod
     def WaitOperation(

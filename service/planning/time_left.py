@@ -1,0 +1,67 @@
+"""How long a job still takes: what its stage says of itself, and what the cost model says of the stages after it.
+
+How long poses take to find cannot be predicted, nor what perception costs before it has looked at some views; then
+nothing is said.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from fastsplat.service.common.progress import Progress, ProgressEvent
+
+_LEAST_FRACTION, _LEAST_SECONDS = 0.05, 1.0
+"""Before that, the rate of a stage says nothing."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is known of a job when one of its stages begins.
+
+    Attributes:
+        later_s: seconds of all stages after this one; None: unknown.
+        own_s: seconds of this stage; None: its rate will tell.
+        tail_s: seconds of this stage after the work whose end it predicts itself by the metric seconds_left.
+        bound_s: seconds in which this stage and all after it are planned to end; None: no bound.
+    """
+
+    later_s: float | None
+    own_s: float | None = None
+    tail_s: float = 0.0
+    bound_s: float | None = None
+
+    def seconds_left(self, event: ProgressEvent, elapsed_s: float) -> float | None:
+        """Seconds until the whole job is done, `elapsed_s` seconds after the stage began; None: unknown."""
+        own = self._own(event, elapsed_s)
+        known = None if own is None or self.later_s is None else own + self.later_s
+        if self.bound_s is None or elapsed_s >= self.bound_s:
+            return known
+        left = self.bound_s - elapsed_s
+        return left if known is None else min(known, left)
+
+    def _own(self, event: ProgressEvent, elapsed_s: float) -> float | None:
+        if "seconds_left" in event.metrics:
+            return event.metrics["seconds_left"] + self.tail_s
+        if self.own_s is not None:
+            return self.own_s - elapsed_s if elapsed_s < self.own_s else None
+        if event.fraction >= 1:
+            return 0.0
+        if event.fraction < _LEAST_FRACTION or elapsed_s < _LEAST_SECONDS:
+            return None
+        return elapsed_s * (1 - event.fraction) / event.fraction
+
+
+def with_time_left(progress: Progress, forecast: Forecast, clock: Callable[[], float] = time.monotonic) -> Progress:
+    """A `Progress` of a stage that begins now, whose events say how long the whole job still takes, where that is
+    known, as the metric job_seconds_left; -1 where it is not known any more."""
+    started = clock()
+
+    def tell(event: ProgressEvent) -> None:
+        left = forecast.seconds_left(event, clock() - started)
+        progress(
+            replace(event, metrics={**event.metrics, "job_seconds_left": -1.0 if left is None else round(left, 1)})
+        )
+
+    return tell

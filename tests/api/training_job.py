@@ -1,0 +1,67 @@
+"""A job that trains, as its worker reports it, without a worker."""
+
+from __future__ import annotations
+
+import uuid
+from io import BytesIO
+
+import numpy as np
+from PIL import Image
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.placed_cameras import PlacedViews, placed_to_json
+from fastsplat.service.store.job_repository import Claim
+from fastsplat.service.store.records import NewJob
+from fastsplat_contract.camera import Camera, PosedCamera
+
+
+def add_training_job(service: SceneService, name: str = "") -> Claim:
+    """A claimed job with 300 steps of training, a picture and two of three cameras."""
+    job = NewJob(uuid.uuid4().hex, uuid.uuid4().hex, name, "", "", "none", {"labels": []})
+    service._store.scenes.create(job)
+    claim = service._store.jobs.claim(job.operation_id)
+    assert claim is not None
+    show_training(service, claim, 1)
+    return claim
+
+
+def show_training(service: SceneService, claim: Claim, number: int) -> None:
+    """What the worker reports when it has so many pictures: each is as blue as its number, and 32 by 24 pixels."""
+    store, run_id = service._store, claim.operation.run_id
+    preview, placed = f"preview-1-{number}.jpg", "placed-1-1.json"
+    for file, content in ((preview, picture(number)), (placed, placed_to_json(_placed()))):
+        path = store.blobs.progress_file(run_id, file)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        store.blobs.keep_progress_file(run_id, file)
+    info = {
+        "number": number, "step": 300 * number, "seconds": 4.0 * number, "gaussians": 1_000, "psnr": 20.0 + number,
+        "view": "a.png", "width": 32, "height": 24,
+    }  # fmt: skip
+    files = {
+        "preview": {"file": preview, "info": info},
+        "placed": {"file": placed, "info": {"number": 1, "placed": 2, "images": 3, "complete": True}},
+    }
+    capture = {"stage": "capture", "fraction": 1.0, "message": "done", "seconds": 12.0, "metrics": {}}
+    metrics = {"iteration": 300.0 * number, "job_seconds_left": 200.0 - number}
+    training = {"stage": "training", "fraction": 0.25, "message": "", "seconds": 4.0, "metrics": metrics}
+    store.jobs.report(claim, [capture, training], progress_files=files)
+
+
+def picture(number: int) -> bytes:
+    """The picture of that number, as JPEG."""
+    pixels = np.zeros((24, 32, 3), np.uint8)
+    pixels[..., 2] = 20 * number
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "jpeg")
+    return file.getvalue()
+
+
+def _placed() -> PlacedViews:
+    poses = [np.eye(4), np.eye(4)]
+    poses[1][0, 3] = 1.0
+    camera = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
+    cameras = tuple(PosedCamera(camera, pose, f"{n}.png") for n, pose in enumerate(poses))
+    points = np.random.default_rng(0).normal(0, 0.4, (200, 3)).astype(np.float32) + np.float32([0.5, 0, 2])
+    colors = np.random.default_rng(1).integers(40, 255, (200, 3), dtype=np.uint8)
+    return PlacedViews(cameras, points, colors, placed=2, images=3, complete=True)

@@ -1,0 +1,74 @@
+"""What can be looked at while a job runs: small files in its work folder, each announced by a progress event.
+
+The supervisor makes them visible to the API, wherever that runs, and names them in the operation's row; they go with
+the work folder. A file's name has the attempt in it, and none is written twice.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from fastsplat.service.capture.placed_cameras import PlacedViews, placed_to_json
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.splatting.previews import TrainingPreview
+from fastsplat.workers.protocol import Job
+
+_LOOK_EVERY_S = 0.5
+
+
+class ProgressFiles:
+    """Publishes what a stage of a job shows. What `progress` raises ends the stage."""
+
+    def __init__(self, job: Job, stage: str, progress: Progress) -> None:
+        self._job, self._stage, self._progress = job, stage, progress
+        self._last = ProgressEvent(stage, 0.0, "")
+        self._numbers = itertools.count(1)
+
+    def progress(self, event: ProgressEvent) -> None:
+        """Passes an event on; files are announced with the last one's figures."""
+        self._last = event
+        self._progress(event)
+
+    def preview(self, preview: TrainingPreview) -> None:
+        """Publishes a picture of the training."""
+        info = {name: value for name, value in asdict(preview).items() if name != "jpeg"}
+        self._publish("preview", ".jpg", preview.jpeg, info)
+
+    def placed(self, placed: PlacedViews) -> None:
+        """Publishes the cameras that are placed."""
+        info = {"placed": placed.placed, "images": placed.images, "complete": placed.complete}
+        self._publish("placed", ".json", placed_to_json(placed), info)
+
+    def _publish(self, kind: str, ending: str, content: bytes, info: Mapping[str, Any]) -> None:
+        name = f"{kind}-{self._job.attempt}-{next(self._numbers)}{ending}"
+        folder = self._job.folder / "progress"
+        unfinished = folder / f".{name}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            unfinished.write_bytes(content)  # not flushed to the disk: after a power cut there is another one soon
+            os.replace(unfinished, folder / name)
+        except OSError as error:  # a picture less is no reason to end a job
+            print(f"{name} is not shown: {error}", file=sys.stderr, flush=True)
+            return
+        last = self._last
+        self._progress(ProgressEvent(last.stage, last.fraction, last.message, {}, {kind: {"file": name, "info": info}}))
+
+
+def finish_requested(job: Job) -> Callable[[], bool]:
+    """A function that says whether the job was asked to end its training early; it looks twice a second at most."""
+    looked_at, requested = -_LOOK_EVERY_S, False
+
+    def look() -> bool:
+        nonlocal looked_at, requested
+        now = time.monotonic()
+        if not requested and now - looked_at >= _LOOK_EVERY_S:
+            looked_at, requested = now, job.finish_mark.exists()
+        return requested
+
+    return look
