@@ -19,6 +19,7 @@ from fastsplat_client.errors import UnreachableError, read
 from fastsplat_client.events import events_of
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
+from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
@@ -54,7 +55,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ThingCalls):
+class Client(ThingCalls, PhotoCalls):
     """One server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
