@@ -2,7 +2,7 @@
 export type Route =
   | { page: "scenes" }
   | { page: "new" }
-  | { page: "scene"; sceneId: string; text: string; version: string; view: string }
+  | { page: "scene"; sceneId: string; text: string; version: string; view: string; look: string }
   | { page: "unknown" };
 
 export function parseRoute(hash: string): Route {
@@ -18,15 +18,20 @@ export function parseRoute(hash: string): Route {
     text: parameters.get("q") ?? "",
     version: parameters.get("version") ?? "",
     view: parameters.get("view") ?? "",
+    look: parameters.get("look") ?? "",
   };
 }
 
-/** The address of a scene with what is asked, which version, and from where it is looked at; relative, begins with #. */
-export function sceneAddress(sceneId: string, more: { text?: string; version?: string; view?: string } = {}): string {
+/** The address of a scene with what is asked, which version, and from where and how it is looked at; begins with #. */
+export function sceneAddress(
+  sceneId: string,
+  more: { text?: string; version?: string; view?: string; look?: string } = {},
+): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
+  if (more.look) query.set("look", more.look);
   const tail = query.toString();
   return `#/scenes/${encodeURIComponent(sceneId)}${tail ? `?${tail}` : ""}`;
 }

@@ -73,6 +73,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       text: state.text.value.trim(),
       version: state.askedVersion.value,
       view: view.current ? viewText(view.current) : "",
+      look: state.look.text,
     };
     replaceAddress(sceneAddress(sceneId, more));
   };
