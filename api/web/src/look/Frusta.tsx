@@ -1,6 +1,7 @@
 import { useMemo } from "preact/hooks";
 
 import { texts } from "../texts";
+import { length, subtract } from "../viewer/vectors";
 import type { LookState } from "./lookState";
 import { drawnDepth } from "./lookState";
 import type { Point } from "./projection";
@@ -16,14 +17,15 @@ export function Frusta({ look }: { look: LookState }) {
   const cameras = look.all.value;
   const shapes = useMemo(() => {
     const depth = drawnDepth(cameras);
-    return cameras.map((camera) => ({ name: camera.name, ...frustumOf(camera, depth) }));
+    return cameras.map((camera) => ({ name: camera.name, depth, ...frustumOf(camera, depth) }));
   }, [cameras]);
   const [view, size] = [look.view.value, look.size.value];
   if (!look.cameras.value || look.standing.value || !view || !size.width) return null;
   const projection = new Projection(view, size);
   return (
     <svg class="frusta" viewBox={`0 0 ${size.width} ${size.height}`} aria-hidden="true">
-      {shapes.map(({ name, apex, corners: [a, b, c, d] }, index) => {
+      {shapes.map(({ name, depth, apex, corners: [a, b, c, d] }, index) => {
+        if (length(subtract(apex, view.position)) < depth) return null; // the view is inside it
         const edges = [
           [a, b],
           [b, c],
