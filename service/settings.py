@@ -17,7 +17,7 @@ from pydantic_settings import (
 )
 from sqlalchemy import make_url
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
 from fastsplat.service.instances.prompt_settings import PromptSettings
 from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
@@ -263,6 +263,7 @@ class Settings(BaseSettings):
     look_again: LookAgainSettings = LookAgainSettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
+    photos: PhotoSettings = PhotoSettings()
     uploads: UploadSettings = UploadSettings()
     store: StoreSettings = StoreSettings()
     artefacts: ArtefactSettings = ArtefactSettings()

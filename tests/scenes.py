@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from PIL import Image
 
+from fastsplat.service.capture.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query import embed_labels
@@ -135,6 +137,15 @@ def store_scene(store: Store, scene: Scene, name: str = "made", **options: Any) 
     store.scenes.create(job)
     finish_job(store, job.operation_id, scene, **options)
     return job.scene_id
+
+
+def add_photos(store: Store, scene_id: str, pictures: Sequence[Image.Image]) -> None:
+    """Put photos into the current version of a scene, one a camera, in order, as a worker that stores photos would."""
+    folder = store.blobs.version(scene_id, store.scenes.scene(scene_id).version)
+    for number, picture in enumerate(pictures):
+        path = photo_path(folder, number)
+        path.parent.mkdir(exist_ok=True)
+        picture.save(path, quality=90)
 
 
 def queued_job(name: str = "") -> NewJob:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.text import open_text_encoder
@@ -55,6 +56,7 @@ def name(job: Job, folder: Path, progress: Progress) -> None:
         os.link(job.upload / "scene.ply", folder / "scene.ply")  # the Gaussians are the same
     except OSError:  # not every file system has links
         write_ply(scene.gaussians, folder / "scene.ply")
+    share_photos(job.upload, folder)
     summary = {
         "parent": job.version,
         "gaussians": len(scene.gaussians),

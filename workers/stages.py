@@ -11,6 +11,7 @@ import numpy as np
 
 from fastsplat.service.capture import load_capture
 from fastsplat.service.capture.placed_cameras import placed_of
+from fastsplat.service.capture.scene_photos import write_photos
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
@@ -69,6 +70,12 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     write_scene(scene, folder / "artefact")
     progress(ProgressEvent("export", 0.7, "writing the PLY file"))
     write_ply(scene.gaussians, folder / "scene.ply")
+    views = len(capture.views)
+
+    def on_photo(done: int) -> None:
+        progress(ProgressEvent("export", 0.8 + 0.2 * done / views, f"photos {done}/{views}"))
+
+    write_photos(capture, folder, job.settings.photos, on_photo)
     (folder / "summary.json").write_text(json.dumps(_summary(scene)))
 
 

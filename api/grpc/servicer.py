@@ -258,6 +258,41 @@ class SceneServicer(JobServicer):
             for chunk in chunks(ids):
                 yield pb.Chunk(data=chunk)
 
+    async def ListPhotos(self, request: pb.ListPhotosRequest, context: Context) -> pb.ListPhotosResponse:  # noqa: N802
+        """The photos that are stored with a scene, in pages."""
+        async with guarded(context, "ListPhotos"):
+            return await self._message(
+                pb.ListPhotosResponse,
+                lambda: self._service.photos.all(
+                    request.scene_id, request.version, request.page_size, request.page_token
+                ),
+            )
+
+    async def DownloadPhoto(  # noqa: N802
+        self, request: pb.DownloadPhotoRequest, context: Context
+    ) -> AsyncIterator[pb.Chunk]:
+        """A photo of one of the scene's cameras."""
+        async with guarded(context, "DownloadPhoto"):
+            path, _ = await self._threads.call(
+                lambda: self._service.photos.path(request.scene_id, request.view, request.version)
+            )
+            async for chunk in self._file(path, 0):
+                yield chunk
+
+    async def ListBestViews(  # noqa: N802
+        self, request: pb.ListBestViewsRequest, context: Context
+    ) -> pb.ListBestViewsResponse:
+        """Which cameras show some things best."""
+        async with guarded(context, "ListBestViews"):
+            return await self._threads.answer(
+                lambda: _as(
+                    pb.ListBestViewsResponse,
+                    self._service.photos.best_views(
+                        request.scene_id, request.things, request.text, request.max_views, request.version
+                    ),
+                )
+            )
+
     async def CreateKey(self, request: pb.CreateKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
         """Make a key of the project."""
         async with guarded(context, "CreateKey"):

@@ -28,6 +28,7 @@ from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.known_name_routes import known_name_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
+from fastsplat.api.rest.photo_routes import photo_routes
 from fastsplat.api.rest.query_routes import query_routes
 from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
@@ -136,6 +137,7 @@ def create_app(
     app.include_router(operation_routes(service, threads), tags=["operations"])
     app.include_router(job_watching_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
+    app.include_router(photo_routes(service, threads), tags=["queries"])
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(known_name_routes(service, threads), tags=["known names"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])

@@ -11,18 +11,20 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.paging import write_page_token
 from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
+from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import OperationList
+from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
@@ -195,6 +197,8 @@ ANSWERS: Mapping[str, Any] = {
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
         PickedThing(_THING, _VIEW_MASK, "1"),
+        PhotoList((ScenePhoto("front.png", 98_304),), "", "1"),
+        BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1"),
         _VERSION,
         VersionList((_VERSION,)),
         _KEY,
@@ -314,6 +318,7 @@ PARAMETERS: Mapping[str, Any] = {
     "label": "mug",
     "mask3d_encoding": "runs",
     "max_matches": 5,
+    "max_views": 5,
     "negatives": ["object", "things", "stuff", "texture"],
     "outputs": ["objects"],
     "page_size": 50,
@@ -324,28 +329,14 @@ PARAMETERS: Mapping[str, Any] = {
     "state": "RUNNING",
     "templates": ["a photo of a {}"],
     "text": "mug",
+    "things": [1],
     "timeout_s": 20.0,
     "view": "front.png",
+    "list_best_views text": "",
     "view_array kind": "depth",
     "view_picture kind": "overlay",
 }
 """By the parameter's name, or by "operation name" where one operation needs another value."""
-
-_PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
-    "4XX": {
-        "NotFound": NotFoundError("no scene 'table'", field="scene_id"),
-        "InvalidInput": InvalidInputError(
-            "a coverage of 2", field="coverage", limit="above 0 and below 1", hint="Send a share, e.g. 0.9."
-        ),
-    },
-    "5XX": {
-        "Overloaded": OverloadedError(
-            "the server has all the work it can answer in good time",
-            limit="256 calls of all keys at a time (FASTSPLAT_LIMITS__ADMITTED)",
-            hint="Wait a moment, then send it again.",
-        )
-    },
-}
 
 
 def add_examples(document: dict[str, Any]) -> None:
@@ -355,7 +346,7 @@ def add_examples(document: dict[str, Any]) -> None:
             "summary": error.message,
             "value": to_plain(refusal_of(error, "0b6a4d2c8e1f4a3d").as_problem()),
         }
-        for errors in _PROBLEMS.values()
+        for errors in PROBLEMS.values()
         for name, error in errors.items()
     }
     for operation in (one for methods in document["paths"].values() for one in methods.values()):
@@ -379,7 +370,7 @@ def add_examples(document: dict[str, Any]) -> None:
 def _with_examples(status: str, response: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for media_type, content in response["content"].items():
         if media_type == PROBLEM:
-            examples = {name: {"$ref": f"#/components/examples/{name}"} for name in _PROBLEMS[status]}
+            examples = {name: {"$ref": f"#/components/examples/{name}"} for name in PROBLEMS[status]}
             yield media_type, {**content, "examples": examples}
         elif media_type == "text/event-stream":
             event = {"id": "5b0c9f2e7d1a4b38", "event": "operation", "data": json.dumps(to_plain(_OPERATION))}

@@ -20,6 +20,7 @@ from fastsplat_client.events import events_of
 from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
+from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
@@ -56,7 +57,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ThingCalls, JobCalls):
+class Client(ThingCalls, JobCalls, PhotoCalls):
     """One server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.

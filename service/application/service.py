@@ -17,6 +17,7 @@ from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.photos import Photos
 from fastsplat.service.application.project_keys import ProjectKeys
 from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
@@ -68,6 +69,8 @@ class SceneService:
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
+        self.photos = Photos(self._store, settings, self._scenes, self._memory)
+        """Photos of finished scenes, and which cameras show a thing best."""
         self.known_names = KnownNames(self._store, settings)
         """What people named in the project's scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
@@ -96,6 +99,7 @@ class SceneService:
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
+        other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
         other.known_names = KnownNames(other._store, self._settings)
         other.jobs = RunningJobs(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)

@@ -15,6 +15,7 @@ from fastsplat.service.application.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.validate import check_request_id, check_texts
+from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, Things, write_ply, write_scene
@@ -184,7 +185,7 @@ class Versions:
         version = f"e{secrets.token_hex(8)}"
         dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
         same = edited.gaussians is before.scene.gaussians
-        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent) if same else None)
+        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
         try:
             names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
             self._store.versions.publish(
@@ -259,15 +260,16 @@ class Versions:
                 hint="Add fewer, or remove some first.",
             )
 
-    def _write(self, scene: Scene, scene_id: str, version: str, same_gaussians: Path | None) -> None:
+    def _write(self, scene: Scene, scene_id: str, version: str, parent: Path, same_gaussians: bool) -> None:
         """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The
-        folder `same_gaussians`, of a version that has the same, lends its PLY file."""
+        folder of its parent lends its photos, and where the Gaussians are the same its PLY file."""
         scratch = self._store.blobs.upload(version)
         try:
             scratch.mkdir(parents=True)
             write_scene(scene, scratch / "artefact")
-            if same_gaussians is None or not _linked(same_gaussians / "scene.ply", scratch / "scene.ply"):
+            if not same_gaussians or not _linked(parent / "scene.ply", scratch / "scene.ply"):
                 write_ply(scene.gaussians, scratch / "scene.ply")
+            share_photos(parent, scratch)
             self._store.blobs.publish(scratch, scene_id, version)
         finally:
             remove(scratch)

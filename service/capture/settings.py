@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
 class CaptureSettings(BaseModel):
@@ -78,3 +82,17 @@ class CaptureSettings(BaseModel):
     """A reconstruction with fewer points is refused."""
     min_registered_share: float = 0.2
     """A reconstruction that registers a smaller share of the images is refused."""
+
+
+class PhotoSettings(SettingGroup, section="photos"):
+    """Which photos stay with a scene once it is made."""
+
+    keep: Literal["on", "off"] = "on"
+    """Whether small copies of the photos stay with the scene, for everybody who may read it. "off", e.g. where they
+    show people: no photo outlives its upload. That holds for scenes made from then on."""
+
+    max_side: int = Field(1024, ge=64, le=8_192)
+    """Pixels of a copy's longer side at most."""
+
+    quality: int = Field(80, ge=10, le=95)
+    """Of the copies' JPEG: 80 is about 100 kB at 1024 pixels."""

@@ -43,6 +43,7 @@ _OF_MEMBERSHIP = (
     "_boxes",
     "_part_boxes",
     "_solid",
+    "drawn_maps",
 )
 """What depends on the Gaussians and on which thing they belong to, and on no name."""
 
@@ -223,6 +224,15 @@ class SceneThings:
         if any(part.id in thing_ids for part in self.present_parts):
             inside |= np.isin(self.part_map(posed), thing_ids)
         return np.asarray(inside)
+
+    @cached_property
+    def drawn_maps(self) -> dict[tuple[Camera, bytes, bool], ThingMap]:
+        """Maps that `thing_views` has drawn; shared by versions that differ in names alone."""
+        return {}
+
+    def draw(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
+        """uint16 [H, W]: the thing of each pixel, or the part, drawn anew."""
+        return self._draw(posed, of)
 
     def _map(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
         key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))

@@ -75,7 +75,8 @@ class Blobs:
         return self._folder("logs", operation_id).with_suffix(".log")
 
     def version(self, scene_id: str, version: str) -> Path:
-        """Folder of one version on this machine: `artefact/` (see `service.scene`), `scene.ply`, `files.sha256`."""
+        """Folder of one version on this machine: `artefact/` (see `service.scene`), `scene.ply`, `photos/`,
+        `files.sha256`."""
         return self._folder("scenes", scene_id, version)
 
     def ids(self, kind: str) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
@@ -17,12 +18,14 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
 from fastsplat_contract.camera import Camera, PosedCamera
-from tests.scenes import labelled_scene, store_scene
+from tests.scenes import add_photos, labelled_scene, store_scene
 
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")
 KINDRED = {"mug": ("cup", "beaker"), "ball": ("sphere", "balloon"), "story book": ("novel", "paperback")}
 STRANGERS = ("elephant", "submarine", "volcano", "violin", "carrot", "moon")
+PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
+"""Of the photos of its three cameras, which are each of one color."""
 _PER_BLOB = 60
 _CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
 
@@ -82,7 +85,9 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
     """Store the scene as a job that succeeded; returns its id."""
     encoder = open_text_encoder(ENCODER, settings.models)
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
-    return store_scene(service._store, made_scene(encoder), name, stages=[stage])
+    scene_id = store_scene(service._store, made_scene(encoder), name, stages=[stage])
+    add_photos(service._store, scene_id, [Image.new("RGB", (24, 18), color) for color in PHOTO_COLORS])
+    return scene_id
 
 
 def add_known_name(service: SceneService, scene_id: str, name: str = "mug") -> str:

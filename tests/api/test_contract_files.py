@@ -92,6 +92,9 @@ _TWINS = {
     "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
     "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
     "GET /v1/scenes/{scene_id}/things.bin": "DownloadThingIds",
+    "GET /v1/scenes/{scene_id}/photos": "ListPhotos",
+    "GET /v1/scenes/{scene_id}/photo.jpg": "DownloadPhoto",
+    "GET /v1/scenes/{scene_id}/views": "ListBestViews",
 }
 
 

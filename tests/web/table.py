@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
@@ -13,8 +16,9 @@ from fastsplat.service.scene import Scene
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.queries import PictureRequest
 from tests.api.made_scene import ENCODER, LABELS
-from tests.scenes import labelled_scene, store_scene
+from tests.scenes import add_photos, labelled_scene, store_scene
 
 _CAMERA = Camera(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 _PLACES = {"mug": (-0.7, 0.0, 0.3), "ball": (0.0, 0.3, 0.3), "story book": (0.7, -0.1, 0.3)}
@@ -29,7 +33,17 @@ def add_table(
 ) -> str:
     """Stores the scene as a job that succeeded, its things named `labels`; returns its id."""
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
-    return store_scene(service._store, table(settings, labels), name, stages=[stage])
+    scene_id = store_scene(service._store, table(settings, labels), name, stages=[stage])
+    cameras = service.get_scene(scene_id).cameras
+    add_photos(service._store, scene_id, [_photo(service, scene_id, posed.name) for posed in cameras])
+    return scene_id
+
+
+def _photo(service: SceneService, scene_id: str, view: str) -> Image.Image:
+    """What the scene shows from a camera with red and blue exchanged, so that photo and scene can be told apart."""
+    with Image.open(io.BytesIO(service.answers.picture(PictureRequest(scene_id, "rgb", view=view)))) as picture:
+        red, green, blue = picture.convert("RGB").split()
+    return Image.merge("RGB", (blue, green, red))
 
 
 def table(settings: Settings, labels: tuple[str, ...] = LABELS) -> Scene:

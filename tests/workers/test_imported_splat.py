@@ -123,9 +123,11 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
         np.testing.assert_array_equal(read_ply(tmp_path / "ball.ply").means, own.means[rows])
         picture = service.answers.picture(PictureRequest(info.id, "overlay", "red ball", view=view))
         assert picture.startswith(b"\x89PNG")
+        assert [photo.view for photo in service.photos.all(info.id).photos] == [posed.name for posed in info.cameras]
 
         assert (ended := _end(service, without)).state == "SUCCEEDED", ended.error
         rendered = service.get_scene(without.scene_id)
+        assert service.photos.all(rendered.id).photos == ()  # pictures that were rendered are no photos
         assert (rendered.gaussians, rendered.quality["source"], len(rendered.cameras)) == (len(own), "splat", 3)
         np.testing.assert_array_equal(
             read_ply(service.answers.scene_ply(rendered.id)[0]).means[finite], own.means[finite]

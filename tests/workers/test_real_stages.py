@@ -105,6 +105,18 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             (tmp_path / "mug.ply").write_bytes(service.answers.mask_ply(info.id, "mug"))
             assert len(read_ply(service.answers.scene_ply(info.id)[0])) == info.gaussians
             assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
+
+            # The photos stay with the scene, each that of its camera, and are covered by its digests.
+            assert [photo.view for photo in service.photos.all(info.id).photos] == [one.name for one in info.cameras]
+            sources = {posed.name: next(tabletop.glob(f"images/{Path(posed.name).stem}.*")) for posed in info.cameras}
+            for posed in info.cameras:
+                path, version = service.photos.path(info.id, posed.name)
+                assert min(sources, key=lambda name: _difference(path, sources[name])) == posed.name
+                assert _difference(path, sources[posed.name]) < 8
+            digests = path.parent.parent / "files.sha256"
+            assert f"photos/{path.name}" in digests.read_text() and version == info.version
+            best = service.photos.best_views(info.id, text="mug")
+            assert best.views and all(one.photo and one.share > 0 for one in best.views)
     finally:
         worker.terminate()
         assert worker.wait(timeout=60) == 0
@@ -147,6 +159,12 @@ def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(tab
     finally:
         worker.terminate()
         assert worker.wait(timeout=60) == 0
+
+
+def _difference(one: Path, other: Path) -> float:
+    """Of two pictures of one size, in steps of 8 bits."""
+    first, second = (np.asarray(Image.open(path).convert("RGB"), dtype=np.float64) for path in (one, other))
+    return float(np.abs(first - second).mean())
 
 
 def test_what_the_capture_room_refuses_leaves_nothing(settings):

@@ -2,6 +2,7 @@ import "./styles/base.css";
 import "./styles/scenes.css";
 import "./styles/scene.css";
 import "./serverView/serverView.css";
+import "./look/look.css";
 
 import { render } from "preact";
 

@@ -4023,3 +4023,222 @@ class DeleteKnownNamesRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___DeleteKnownNamesRequest: _TypeAlias = DeleteKnownNamesRequest  # noqa: Y015
+
+@_typing.final
+class ListPhotosRequest(_message.Message):
+    """---------------------------------------------------------------------------------------------------- photos"""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """empty: the current one"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotosRequest: _TypeAlias = ListPhotosRequest  # noqa: Y015
+
+@_typing.final
+class ListPhotosResponse(_message.Message):
+    """One page of a scene's photos, in the order of its cameras."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___ScenePhoto]: ...
+    def __init__(
+        self,
+        *,
+        photos: _abc.Iterable[Global___ScenePhoto] | None = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["next_page_token", b"next_page_token", "photos", b"photos", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotosResponse: _TypeAlias = ListPhotosResponse  # noqa: Y015
+
+@_typing.final
+class ScenePhoto(_message.Message):
+    """A photo that is stored with a scene."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VIEW_FIELD_NUMBER: _builtins.int
+    SIZE_BYTES_FIELD_NUMBER: _builtins.int
+    view: _builtins.str
+    """name of the scene's camera that took it"""
+    size_bytes: _builtins.int
+    """of the JPEG file"""
+    def __init__(
+        self,
+        *,
+        view: _builtins.str = ...,
+        size_bytes: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["size_bytes", b"size_bytes", "view", b"view"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ScenePhoto: _TypeAlias = ScenePhoto  # noqa: Y015
+
+@_typing.final
+class DownloadPhotoRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    view: _builtins.str
+    """name of one of the scene's own cameras"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        view: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version", "view", b"view"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DownloadPhotoRequest: _TypeAlias = DownloadPhotoRequest  # noqa: Y015
+
+@_typing.final
+class ListBestViewsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    MAX_VIEWS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    text: _builtins.str
+    """instead of things: those that answer it"""
+    max_views: _builtins.int
+    """at most so many, up to 16; 0: 3"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    @_builtins.property
+    def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids; seen together"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        things: _abc.Iterable[_builtins.int] | None = ...,
+        text: _builtins.str = ...,
+        max_views: _builtins.int = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["max_views", b"max_views", "scene_id", b"scene_id", "text", b"text", "things", b"things", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListBestViewsRequest: _TypeAlias = ListBestViewsRequest  # noqa: Y015
+
+@_typing.final
+class ListBestViewsResponse(_message.Message):
+    """The cameras that show some things best, best first."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VIEWS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def views(self) -> _containers.RepeatedCompositeFieldContainer[Global___BestView]: ...
+    def __init__(
+        self,
+        *,
+        views: _abc.Iterable[Global___BestView] | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["version", b"version", "views", b"views"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListBestViewsResponse: _TypeAlias = ListBestViewsResponse  # noqa: Y015
+
+@_typing.final
+class BestView(_message.Message):
+    """One of the scene's cameras that show some things, and where in its picture they are."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VIEW_FIELD_NUMBER: _builtins.int
+    SHARE_FIELD_NUMBER: _builtins.int
+    CUT_OFF_FIELD_NUMBER: _builtins.int
+    PHOTO_FIELD_NUMBER: _builtins.int
+    MASK_FIELD_NUMBER: _builtins.int
+    view: _builtins.str
+    """the camera's name"""
+    share: _builtins.float
+    """of the picture's pixels that show the things, 0..1"""
+    cut_off: _builtins.bool
+    """whether the things reach the picture's edge"""
+    photo: _builtins.bool
+    """whether the photo is stored with the scene"""
+    @_builtins.property
+    def mask(self) -> Global___ViewMask:
+        """where the things are, in a picture reduced to 256 pixels a side"""
+
+    def __init__(
+        self,
+        *,
+        view: _builtins.str = ...,
+        share: _builtins.float = ...,
+        cut_off: _builtins.bool = ...,
+        photo: _builtins.bool = ...,
+        mask: Global___ViewMask | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cut_off", b"cut_off", "mask", b"mask", "photo", b"photo", "share", b"share", "view", b"view"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___BestView: _TypeAlias = BestView  # noqa: Y015

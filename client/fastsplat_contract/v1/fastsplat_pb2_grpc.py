@@ -175,6 +175,21 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
                 _registered_method=True)
+        self.ListPhotos = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListPhotos',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
+                _registered_method=True)
+        self.DownloadPhoto = channel.unary_stream(
+                '/fastsplat.v1.SceneService/DownloadPhoto',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+                _registered_method=True)
+        self.ListBestViews = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListBestViews',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.FromString,
+                _registered_method=True)
         self.CreateKey = channel.unary_unary(
                 '/fastsplat.v1.SceneService/CreateKey',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
@@ -412,6 +427,27 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListPhotos(self, request, context):
+        """The photos that are stored with a scene, in pages, in the order of its cameras.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DownloadPhoto(self, request, context):
+        """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListBestViews(self, request, context):
+        """Which of the scene's cameras show some things, or the answer to a text, best.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CreateKey(self, request, context):
         """Makes a key of the caller's project, of the caller's role at most; its secret is told this once.
         """
@@ -603,6 +639,21 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.DownloadThingIds,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'ListPhotos': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListPhotos,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.SerializeToString,
+            ),
+            'DownloadPhoto': grpc.unary_stream_rpc_method_handler(
+                    servicer.DownloadPhoto,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'ListBestViews': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListBestViews,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.SerializeToString,
             ),
             'CreateKey': grpc.unary_unary_rpc_method_handler(
                     servicer.CreateKey,
@@ -1396,6 +1447,87 @@ class SceneService:
             '/fastsplat.v1.SceneService/DownloadThingIds',
             fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListPhotos(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListPhotos',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DownloadPhoto(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/DownloadPhoto',
+            fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListBestViews(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListBestViews',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.FromString,
             options,
             channel_credentials,
             insecure,

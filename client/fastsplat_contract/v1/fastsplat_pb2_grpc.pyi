@@ -106,6 +106,12 @@ class SceneServiceStub:
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
     DownloadThingIds: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
+    ListPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]
+    """The photos that are stored with a scene, in pages, in the order of its cameras."""
+    DownloadPhoto: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadPhotoRequest, _fastsplat_pb2.Chunk]
+    """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+    ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
+    """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
     ListKeys: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]
@@ -186,6 +192,12 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
     DownloadThingIds: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
+    ListPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]  # type: ignore[assignment]
+    """The photos that are stored with a scene, in pages, in the order of its cameras."""
+    DownloadPhoto: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadPhotoRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
+    """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+    ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
+    """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
     ListKeys: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]  # type: ignore[assignment]
@@ -431,6 +443,30 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
+
+    @_abc_1.abstractmethod
+    def ListPhotos(
+        self,
+        request: _fastsplat_pb2.ListPhotosRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListPhotosResponse, _abc.Awaitable[_fastsplat_pb2.ListPhotosResponse]]:
+        """The photos that are stored with a scene, in pages, in the order of its cameras."""
+
+    @_abc_1.abstractmethod
+    def DownloadPhoto(
+        self,
+        request: _fastsplat_pb2.DownloadPhotoRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
+        """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+
+    @_abc_1.abstractmethod
+    def ListBestViews(
+        self,
+        request: _fastsplat_pb2.ListBestViewsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListBestViewsResponse, _abc.Awaitable[_fastsplat_pb2.ListBestViewsResponse]]:
+        """Which of the scene's cameras show some things, or the answer to a text, best."""
 
     @_abc_1.abstractmethod
     def CreateKey(

@@ -5,7 +5,13 @@ import { parseRoute, sceneAddress } from "./addresses";
 test.each(["", "#", "#/"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
 
 test("a scene's address comes back", () => {
-  const more = { text: "where is the “mug” & ü?", version: "v/2", view: "1_2_3_4_5_6", things: [3, 14] };
+  const more = {
+    text: "where is the “mug” & ü?",
+    version: "v/2",
+    view: "1_2_3_4_5_6",
+    things: [3, 14],
+    look: "depth~at:a & b",
+  };
   expect(parseRoute(sceneAddress("a/b?c#d", more))).toEqual({ page: "scene", sceneId: "a/b?c#d", ...more });
   expect(sceneAddress("abc")).toBe("#/scenes/abc");
 });

@@ -2,7 +2,7 @@
 export type Route =
   | { page: "scenes" }
   | { page: "new" }
-  | { page: "scene"; sceneId: string; text: string; version: string; view: string; things: number[] }
+  | { page: "scene"; sceneId: string; text: string; version: string; view: string; things: number[]; look: string }
   | { page: "unknown" };
 
 export function parseRoute(hash: string): Route {
@@ -22,22 +22,24 @@ export function parseRoute(hash: string): Route {
       .split(",")
       .map(Number)
       .filter((id) => Number.isInteger(id) && id > 0),
+    look: parameters.get("look") ?? "",
   };
 }
 
 /**
- * The address of a scene with what is asked, which version, from where it is looked at, and the things that are selected;
- * relative, begins with #.
+ * The address of a scene with what is asked, which version, from where and how it is looked at, and the things that are
+ * selected; relative, begins with #.
  */
 export function sceneAddress(
   sceneId: string,
-  more: { text?: string; version?: string; view?: string; things?: readonly number[] } = {},
+  more: { text?: string; version?: string; view?: string; things?: readonly number[]; look?: string } = {},
 ): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
   if (more.things?.length) query.set("things", more.things.join(","));
+  if (more.look) query.set("look", more.look);
   const tail = query.toString().replaceAll("%2C", ",");
   return `#/scenes/${encodeURIComponent(sceneId)}${tail ? `?${tail}` : ""}`;
 }

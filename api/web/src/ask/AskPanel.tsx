@@ -1,6 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { Answer, Match } from "../api/types";
+import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
@@ -70,6 +71,7 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
       {answer && (
         <>
           <Objects answer={answer} onFly={onFly} />
+          {answer.verdict !== "absent" && <BestPhotos state={state} text={answer.text} />}
           <Matches matches={answer.matches.slice(0, SHOWN_MATCHES)} onAsk={type} />
         </>
       )}

@@ -37,6 +37,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       version: state.askedVersion.peek(),
       view: view.current ? viewText(view.current) : first,
       things: state.selected.peek(),
+      look: state.look.text,
     };
     replaceAddress(sceneAddress(sceneId, more));
   };

@@ -3,6 +3,7 @@ import { batch, computed, signal } from "@preact/signals";
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
 import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
+import { LookState } from "../look/lookState";
 import { fromBase64, unpackBits } from "../viewer/states";
 import { geometryVersion } from "./versions";
 
@@ -24,6 +25,9 @@ export class SceneState {
   readonly answer = signal<Answer | null>(null);
   readonly answerError = signal<unknown>(null);
   readonly asking = signal(false);
+
+  /** How the scene is looked at. */
+  readonly look = new LookState(this);
 
   readonly selected = signal<readonly number[]>([]);
   readonly hovered = signal(0);

@@ -1,6 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 
 import type { SceneThing } from "../api/types";
+import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
@@ -112,6 +113,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           .filter(Boolean)
           .join(" · ")}
       </p>
+      <BestPhotos state={state} thing={thing.id} />
       <div class="buttons">
         {box && (
           <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>

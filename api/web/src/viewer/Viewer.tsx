@@ -4,6 +4,10 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import { scenePlyPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import { Frusta } from "../look/Frusta";
+import { Legend, LookMenu } from "../look/LookMenu";
+import { PhotoCompare } from "../look/PhotoCompare";
+import { useColors } from "../look/useColors";
 import type { SceneState } from "../scene/sceneState";
 import { ServerView } from "../serverView/ServerView";
 import { hasWebGL, useServerView } from "../serverView/useServerView";
@@ -56,13 +60,23 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
       view?.setView(now);
       serverView.peek()?.setView(now, resting);
+      state.look.moved(now, resting);
       if (resting) latest.current(now);
     });
     motion.current = camera;
     handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
     const controls = new Controls(element, camera, () => camera.flyTo(start));
     const pointing = new Pointing(element, state, () => camera.view);
+    state.look.attach({
+      canvas: element,
+      level: start.up,
+      fly: (goal) => camera.flyTo(goal),
+      jump: (goal) => camera.set(goal),
+      changed: () => latest.current(camera.view),
+    });
+    state.look.moved(camera.view, false);
     const resize = () => {
+      state.look.resized({ width: element.clientWidth, height: element.clientHeight });
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
@@ -107,6 +121,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       controls.destroy();
       pointing.destroy();
       camera.stop();
+      state.look.detach();
       handle.current = null;
       view?.destroy();
       serverView.peek()?.destroy();
@@ -148,6 +163,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   });
   useServerView(serverView, state);
 
+  useColors(state, splatView, loaded, canvas);
+
   return (
     <section class="viewer" aria-label={texts.scene.canvas}>
       <canvas
@@ -157,6 +174,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         aria-label={texts.scene.canvas}
         aria-describedby="canvas-help"
       />
+      <Frusta look={state.look} />
+      <PhotoCompare state={state} />
+      <Legend state={state} />
       {share !== null && error === null && (
         <p class="viewer-note" role="status">
           {texts.scene.loading3d(Math.round(share * 100))}
@@ -172,6 +192,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         <button type="button" onClick={() => home.current && motion.current?.flyTo(home.current)}>
           {texts.scene.home}
         </button>
+        <LookMenu state={state} />
         <details>
           <summary>{texts.scene.help}</summary>
           <p id="canvas-help">{texts.scene.canvasHelp}</p>

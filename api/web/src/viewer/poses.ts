@@ -8,6 +8,10 @@ export interface LookAt {
   position: Vec;
   target: Vec;
   up: Vec;
+  /** Where it is not `FIELD_OF_VIEW`: at a photo. */
+  fieldOfView?: number;
+  /** What is up in the scene, where `up` is only what is upright in a photo that was held askew. */
+  level?: Vec;
 }
 
 /** The field of view along the longer side of the picture, degrees. */
@@ -24,14 +28,14 @@ export function axesOf({ position, target, up }: LookAt): { right: Vec; down: Ve
 }
 
 /** Focal length in pixels of a picture of `width` × `height`. */
-export function focalLength(width: number, height: number): number {
-  return Math.max(width, height) / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+export function focalLength(width: number, height: number, fieldOfView = FIELD_OF_VIEW): number {
+  return Math.max(width, height) / 2 / Math.tan((fieldOfView * Math.PI) / 360);
 }
 
 /** The viewpoint as the service takes it: a pinhole camera with OpenCV axes. */
 export function cameraOf(view: LookAt, width: number, height: number): PosedCamera {
   const { right, down, forward } = axesOf(view);
-  const focal = focalLength(width, height);
+  const focal = focalLength(width, height, view.fieldOfView);
   return {
     intrinsics: { width, height, fx: focal, fy: focal, cx: width / 2, cy: height / 2 },
     position: { x: view.position[0], y: view.position[1], z: view.position[2] },
@@ -110,13 +114,15 @@ export function firstView(cameras: readonly PosedCamera[]): LookAt {
 }
 
 /** Turns the camera around its target. Angles in radians; up and down ends before the zenith. */
-export function orbit(view: LookAt, yaw: number, pitch: number): LookAt {
+export function orbit(from: LookAt, yaw: number, pitch: number): LookAt {
+  const view = leveled(from);
   const offset = subtract(view.position, view.target);
   return { ...view, position: add(view.target, turned(offset, view.up, yaw, pitch)) };
 }
 
 /** Turns the camera's head where it stands. */
-export function turn(view: LookAt, yaw: number, pitch: number): LookAt {
+export function turn(from: LookAt, yaw: number, pitch: number): LookAt {
+  const view = leveled(from);
   const offset = subtract(view.target, view.position);
   return { ...view, target: add(view.position, turned(offset, view.up, yaw, pitch)) };
 }
@@ -141,12 +147,24 @@ export function zoom(view: LookAt, factor: number): LookAt {
 export function lookAtBox(view: LookAt, middle: Vec, size: number): LookAt {
   const direction = unit(subtract(view.position, view.target));
   const distance = (Math.max(size, NEAREST) * 1.5) / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
-  return { ...view, target: middle, position: add(middle, scale(direction, distance)) };
+  return { up: view.level ?? view.up, target: middle, position: add(middle, scale(direction, distance)) };
 }
 
 /** The view at `share` (0..1) of the way between two. */
 export function between(from: LookAt, to: LookAt, share: number): LookAt {
-  return { ...to, position: mix(from.position, to.position, share), target: mix(from.target, to.target, share) };
+  const [wide, narrow] = [from.fieldOfView ?? FIELD_OF_VIEW, to.fieldOfView ?? FIELD_OF_VIEW];
+  return {
+    ...to,
+    position: mix(from.position, to.position, share),
+    target: mix(from.target, to.target, share),
+    up: unit(mix(from.up, to.up, share)),
+    fieldOfView: wide + (narrow - wide) * share,
+  };
+}
+
+/** The same view with the scene's horizon level, where a photo's was not. */
+function leveled({ level, ...view }: LookAt): LookAt {
+  return { ...view, up: level ?? view.up };
 }
 
 /** The view as text for an address: six numbers. */

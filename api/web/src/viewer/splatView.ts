@@ -11,11 +11,14 @@ import {
   GSplatResource,
   Mat4,
   PIXELFORMAT_R8U,
+  PIXELFORMAT_RGBA8,
   Quat,
   TONEMAP_NONE,
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
+import { DEPTH_STOPS } from "../look/colors";
+import { DepthRange } from "./depthRange";
 import type { Tint } from "./glow";
 import { DIMMED, TINTS } from "./glow";
 import type { SplatColumns } from "./ply";
@@ -23,15 +26,35 @@ import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
 import { length, subtract } from "./vectors";
 
-const tinted = ({ color, strength }: Tint): string =>
-  `mix(color.rgb, vec3(${color.map((value) => value.toFixed(4)).join(", ")}), ${strength.toFixed(4)})`;
+const vec3 = (values: readonly number[]): string => `vec3(${values.map((value) => value.toFixed(4)).join(", ")})`;
 
-/** The engine calls these three while it copies the splats into its work buffer; `loadSplatState` reads our stream. */
+const tinted = ({ color, strength }: Tint): string =>
+  `mix(color.rgb, ${vec3(color)}, ${strength.toFixed(4)})`;
+
+const DEPTH_COLORS = `vec3[](${DEPTH_STOPS.map((stop) => vec3(stop.map((byte) => byte / 255))).join(", ")})`;
+
+/** What a Gaussian's color says, as the uniform `uColors`. */
+const COLORINGS = { own: 0, tint: 1, depth: 2 };
+
+/** The engine calls these three while it copies the splats into its work buffer; `loadSplat...` read our streams. */
 const MODIFIER = `
 uniform float uDimmed;
+uniform float uColors;
+uniform vec3 uEye;
+uniform vec3 uForward;
+uniform vec2 uDepths;
+const vec3 DEPTH_COLORS[${DEPTH_STOPS.length}] = ${DEPTH_COLORS};
+vec3 depthColor(float depth) {
+    float place = clamp((depth - uDepths.x) / (uDepths.y - uDepths.x), 0.0, 1.0) * ${(DEPTH_STOPS.length - 1).toFixed(1)};
+    int stop = min(int(place), ${DEPTH_STOPS.length - 2});
+    return mix(DEPTH_COLORS[stop], DEPTH_COLORS[stop + 1], place - float(stop));
+}
 void modifySplatCenter(inout vec3 center) {}
 void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {}
 void modifySplatColor(vec3 center, inout vec4 color) {
+    float light = dot(clamp(color.rgb, 0.0, 1.0), vec3(0.299, 0.587, 0.114));
+    if (uColors > 1.5) color.rgb = depthColor(dot(center - uEye, uForward));
+    else if (uColors > 0.5) color.rgb = loadSplatTint().rgb * (0.6 + 0.5 * light);
     uint state = uint(loadSplatState().r);
     if (state == 1u) color.rgb = ${tinted(TINTS.found)};
     else if (state == 2u) color.rgb = ${tinted(TINTS.hovered)};
@@ -60,6 +83,8 @@ export class SplatView {
   #splat: Entity | null = null;
   #resource: GSplatResource | null = null;
   #view: LookAt | null = null;
+  #depthRange: DepthRange | null = null;
+  #onDepths: ((range: readonly [number, number]) => void) | null = null;
   #size = "";
 
   /** @throws NoWebGLError the browser has no WebGL 2. */
@@ -102,11 +127,19 @@ export class SplatView {
     const properties = [...columns].map(([name, storage]) => ({ type: "float", name, storage, byteSize: 4 }));
     const data = new GSplatData([{ name: "vertex", count, properties }]);
     const resource = new GSplatResource(this.#app.graphicsDevice, data);
-    resource.format.addExtraStreams([{ name: "splatState", format: PIXELFORMAT_R8U }]);
+    resource.format.addExtraStreams([
+      { name: "splatState", format: PIXELFORMAT_R8U },
+      { name: "splatTint", format: PIXELFORMAT_RGBA8 },
+    ]);
     const entity = new Entity("splat");
     entity.addComponent("gsplat", { resource });
     this.#app.root.addChild(entity);
+    this.#depthRange = new DepthRange(columns);
     entity.gsplat?.setParameter("uDimmed", 1);
+    entity.gsplat?.setParameter("uColors", COLORINGS.own);
+    entity.gsplat?.setParameter("uEye", [0, 0, 0]);
+    entity.gsplat?.setParameter("uForward", [0, 0, 1]);
+    entity.gsplat?.setParameter("uDepths", [0, 1]);
     entity.gsplat?.setWorkBufferModifier({ glsl: MODIFIER });
     [this.#splat, this.#resource] = [entity, resource];
     this.redraw();
@@ -119,7 +152,50 @@ export class SplatView {
     (texture.lock() as Uint8Array).set(states);
     texture.unlock();
     this.#splat.gsplat.setParameter("uDimmed", dimmed ? DIMMED : 1);
-    this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.#update();
+  }
+
+  /** Shows the Gaussians' own colors. */
+  setOwnColors(): void {
+    this.#recolor(COLORINGS.own, null);
+  }
+
+  /** Shows the Gaussians in other colors: red, green, blue and 255 each, by row. */
+  setTints(tints: Uint8Array): void {
+    const texture = this.#resource?.getTexture("splatTint");
+    if (!texture) return;
+    (texture.lock() as Uint8Array).set(tints);
+    texture.unlock();
+    this.#recolor(COLORINGS.tint, null);
+  }
+
+  /** Shows how far the Gaussians are along the view; `told` hears which depths the first and the last color stand for. */
+  setDepthColors(told: (range: readonly [number, number]) => void): void {
+    this.#recolor(COLORINGS.depth, told);
+    this.#measure();
+  }
+
+  #recolor(coloring: number, told: ((range: readonly [number, number]) => void) | null): void {
+    this.#onDepths = told;
+    this.#splat?.gsplat?.setParameter("uColors", coloring);
+    this.#update();
+  }
+
+  /** Follows the view with the depths' colors. */
+  #measure(): void {
+    const gsplat = this.#splat?.gsplat;
+    if (!this.#onDepths || !this.#view || !this.#depthRange || !gsplat) return;
+    const { forward } = axesOf(this.#view);
+    const range = this.#depthRange.of(this.#view);
+    gsplat.setParameter("uEye", [...this.#view.position]);
+    gsplat.setParameter("uForward", [...forward]);
+    gsplat.setParameter("uDepths", [...range]);
+    this.#onDepths(range);
+    this.#update();
+  }
+
+  #update(): void {
+    if (this.#splat?.gsplat) this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.redraw();
   }
 
@@ -137,7 +213,9 @@ export class SplatView {
     if (camera) {
       camera.nearClip = distance / 200;
       camera.farClip = distance * 2_000;
+      camera.fov = view.fieldOfView ?? FIELD_OF_VIEW;
     }
+    this.#measure();
     this.redraw();
   }
 

@@ -1,0 +1,84 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+
+import { isAbort } from "../api/http";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { decodeRle, outlinePixels } from "./outline";
+import type { BestView } from "./photoCalls";
+import { bestViews, photoAddress } from "./photoCalls";
+
+const FOUND = [255, 176, 32] as const;
+
+interface Properties {
+  state: SceneState;
+  /** Whose: those of an answer, by its text, or a thing. */
+  text?: string;
+  thing?: number;
+}
+
+/** The photos that show something best, with its outline; a click flies to where the photo was taken. */
+export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
+  const [views, setViews] = useState<readonly BestView[]>([]);
+  const version = state.version.value;
+  useEffect(() => {
+    const controller = new AbortController();
+    const { signal } = controller;
+    setViews([]);
+    bestViews(state.sceneId, version, text ? { text } : { things: [thing] }, signal).then(
+      (loaded) => !signal.aborted && setViews(loaded),
+      (error: unknown) => {
+        if (!signal.aborted && !isAbort(error)) state.actionError.value = error;
+      },
+    );
+    return () => controller.abort();
+  }, [state, version, text, thing]);
+  if (views.length === 0) return null;
+  const title = views.some((view) => view.photo) ? texts.look.bestPhotos : texts.look.bestViews;
+  return (
+    <div class="best-photos">
+      <h3>{title}</h3>
+      <ul>
+        {views.map((view) => (
+          <li key={view.view}>
+            <button
+              type="button"
+              title={texts.look.best(view.view, view.share)}
+              aria-label={texts.look.flyTo(view.view)}
+              onClick={() => state.look.goTo(view.view)}
+            >
+              <Picture state={state} view={view} />
+              <Outline view={view} />
+            </button>
+          </li>
+        ))}
+      </ul>
+    </div>
+  );
+}
+
+function Picture({ state, view }: { state: SceneState; view: BestView }) {
+  const [address, setAddress] = useState("");
+  useEffect(() => {
+    let gone = false;
+    photoAddress(state.sceneId, state.version.peek(), view.view, view.photo).then(
+      (loaded) => !gone && setAddress(loaded),
+      () => undefined, // its outline shows where the thing is without it
+    );
+    return () => {
+      gone = true;
+    };
+  }, [state, view]);
+  return address ? <img src={address} alt="" /> : null;
+}
+
+function Outline({ view }: { view: BestView }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const { segmentation } = view.mask;
+  useEffect(() => {
+    if (!canvas.current || !segmentation) return;
+    const mask = decodeRle(segmentation);
+    [canvas.current.width, canvas.current.height] = [mask.width, mask.height];
+    canvas.current.getContext("2d")?.putImageData(new ImageData(outlinePixels(mask, FOUND), mask.width), 0, 0);
+  }, [segmentation]);
+  return <canvas ref={canvas} aria-hidden="true" />;
+}

@@ -1,0 +1,27 @@
+import type { Signal } from "@preact/signals";
+import { useSignalEffect } from "@preact/signals";
+
+import type { SceneState } from "../scene/sceneState";
+import type { SplatView } from "../viewer/splatView";
+import { coloringByLabel, coloringByThing, tintsOf } from "./colors";
+
+/** Gives the Gaussians on show the colors that the look asks for. */
+export function useColors(
+  state: SceneState,
+  splatView: Signal<SplatView | null>,
+  loaded: Signal<number>,
+  canvas: { current: HTMLCanvasElement | null },
+): void {
+  useSignalEffect(() => {
+    const [view, count, mode] = [splatView.value, loaded.value, state.look.mode.value];
+    if (!view || !count) return;
+    const [owners, things] = [state.owners.value, state.things.value];
+    if (mode === "depth") view.setDepthColors((range) => (state.look.depths.value = range));
+    else if (mode === "photo") view.setOwnColors();
+    else if (owners?.length === count && things) {
+      const { byThing } = mode === "things" ? coloringByThing(things, (thing) => thing.name) : coloringByLabel(things);
+      view.setTints(tintsOf(owners, byThing));
+    } else return;
+    if (canvas.current) canvas.current.dataset["colors"] = mode;
+  });
+}

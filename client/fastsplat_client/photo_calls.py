@@ -1,0 +1,51 @@
+"""The calls about photos of scenes, and about the cameras that show a thing best."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from fastsplat_client.errors import read
+from fastsplat_client.thing_calls import scene_path
+from fastsplat_client.transport import Transport
+from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+
+
+class PhotoCalls:
+    """The part of `Client` that speaks of photos."""
+
+    _transport: Transport
+
+    def photos(self, scene_id: str, *, version: str = "") -> Iterator[ScenePhoto]:
+        """The photos that are stored with a scene, in the order of its cameras, page by page."""
+        token = ""
+        while True:
+            params = {"version": version, "page_token": token}
+            page = read(PhotoList, self._transport.call("GET", f"{scene_path(scene_id)}/photos", params=params))
+            yield from page.photos
+            if not (token := page.next_page_token):
+                return
+
+    def photo(self, scene_id: str, view: str, *, version: str = "") -> bytes:
+        """The photo of one of the scene's cameras (its name) as a JPEG file.
+
+        It is undistorted, so that it fits the camera with the intrinsics scaled to its size
+        (`PosedCamera.camera.scaled_to`).
+        """
+        params = {"view": view, "version": version}
+        return self._transport.call("GET", f"{scene_path(scene_id)}/photo.jpg", params=params).content
+
+    def best_views(
+        self, scene_id: str, things: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""
+    ) -> tuple[BestView, ...]:
+        """Which of the scene's cameras show some things best, best first, and where in their pictures those are.
+
+        Args:
+            scene_id: which scene.
+            things: ids of things or parts, seen together.
+            text: instead of `things`: those that answer it.
+            max_views: at most so many, up to 16; 0: three.
+            version: of the scene; "" is the current one.
+        """
+        ids = (things,) if isinstance(things, int) else tuple(things)
+        params = {"things": ids, "text": text, "max_views": max_views, "version": version}
+        return read(BestViewList, self._transport.call("GET", f"{scene_path(scene_id)}/views", params=params)).views
