@@ -28,8 +28,7 @@ import { length, subtract } from "./vectors";
 
 const vec3 = (values: readonly number[]): string => `vec3(${values.map((value) => value.toFixed(4)).join(", ")})`;
 
-const tinted = ({ color, strength }: Tint): string =>
-  `mix(color.rgb, ${vec3(color)}, ${strength.toFixed(4)})`;
+const tinted = ({ color, strength }: Tint): string => `mix(color.rgb, ${vec3(color)}, ${strength.toFixed(4)})`;
 
 const DEPTH_COLORS = `vec3[](${DEPTH_STOPS.map((stop) => vec3(stop.map((byte) => byte / 255))).join(", ")})`;
 
