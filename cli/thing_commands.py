@@ -246,6 +246,46 @@ def undo(
 
 
 @things_app.command()
+def redo(
+    scene: Scene,
+    version: Annotated[str, typer.Option(help="Redo only if this is the current version.")] = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Go forward to the version that was undone."""
+    with _service(project) as service:
+        typer.echo(f"version {service.versions.redo(scene, version).version} is current")
+
+
+@things_app.command()
+def restore(
+    scene: Scene,
+    version: Annotated[str, typer.Argument(help="Which one, from the list of versions.")],
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Make any version current; all others stay."""
+    with _service(project) as service:
+        typer.echo(f"version {service.versions.restore(scene, version).version} is current")
+
+
+@things_app.command()
+def versions(scene: Scene, project: Project = DEFAULT_PROJECT, as_json: Json = False) -> None:
+    """Show every version of a scene, oldest first; a star marks the current one."""
+    with _service(project) as service:
+        rows = service.versions.all(scene)
+    if as_json:
+        typer.echo(json.dumps([to_plain(row) for row in rows], indent=2, ensure_ascii=False))
+        return
+    table = Table(
+        "", Column("version", no_wrap=True), "made of", "edits", "by", "made", box=boxes.SIMPLE, padding=(0, 1, 0, 0)
+    )
+    for row in rows:
+        edits = Text(", ".join(edit.action for edit in row.edits) or "trained")
+        made = f"{row.created_at:%Y-%m-%d %H:%M}"
+        table.add_row("*" if row.current else "", row.version, row.parent, edits, Text(row.author), made)
+    Console().print(table)
+
+
+@things_app.command()
 def known(
     forget: Annotated[str, typer.Option(help="Suggest the name of this id no more.")] = "",
     forget_all: Annotated[bool, typer.Option("--forget-all", help="Suggest none of them any more.")] = False,

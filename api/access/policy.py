@@ -56,6 +56,8 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
     "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
+    "RedoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:redo",)),
+    "RestoreVersion": (_EDIT, ("POST /v1/scenes/{scene_id}:restore",)),
     "ListOperations": (_READ, ("GET /v1/operations",)),
     "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),
     "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),

@@ -9,7 +9,7 @@ from typing import TypeVar
 from google.protobuf import empty_pb2
 from grpc import aio
 
-from fastsplat.api.access.caller import caller_role
+from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
@@ -112,7 +112,7 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
 
         def edited() -> SceneVersion:
             body = from_proto(EditIn, request)
-            return self._service.versions.edit(request.scene_id, body.edits, body.request_id, body.version)
+            return self._service.versions.edit(request.scene_id, body.edits, body.request_id, body.version, caller_id())
 
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)
@@ -129,6 +129,23 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "UndoEdit"):
             return await self._message(
                 pb.SceneVersion, lambda: self._service.versions.undo(request.scene_id, request.version)
+            )
+
+    async def RedoEdit(self, request: pb.RedoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+        """Go forward one version."""
+        async with guarded(context, "RedoEdit"):
+            return await self._message(
+                pb.SceneVersion, lambda: self._service.versions.redo(request.scene_id, request.version)
+            )
+
+    async def RestoreVersion(  # noqa: N802
+        self, request: pb.RestoreVersionRequest, context: Context
+    ) -> pb.SceneVersion:
+        """Make any version current."""
+        async with guarded(context, "RestoreVersion"):
+            return await self._message(
+                pb.SceneVersion,
+                lambda: self._service.versions.restore(request.scene_id, request.version, request.expected),
             )
 
     async def ListVersions(  # noqa: N802

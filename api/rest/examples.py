@@ -32,6 +32,8 @@ from fastsplat_contract.scenes import (
     EditIn,
     LabelList,
     ObjectList,
+    RedoIn,
+    RestoreIn,
     Scene,
     SceneList,
     SceneObject,
@@ -290,6 +292,8 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     },
     "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
+    "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
+    "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
 }
 """By the name of the type: bodies that a route takes which takes that, with a summary each."""
 

@@ -17,7 +17,7 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit, EditIn, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 from fastsplat_contract.thing_prompts import ThingPrompt
 
@@ -172,6 +172,18 @@ class ThingCalls:
         return read(
             SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:undo", json=body, repeatable=False)
         )
+
+    def redo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go forward to the version that was undone; with `version`, only if that is the current one."""
+        body = to_plain(RedoIn(version))
+        return read(
+            SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:redo", json=body, repeatable=False)
+        )
+
+    def restore_version(self, scene_id: str, version: str, *, expected: str = "") -> SceneVersion:
+        """Make any version current; with `expected`, only if that is the current one. All others stay."""
+        body = to_plain(RestoreIn(version, expected))
+        return read(SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:restore", json=body))
 
     def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version, oldest first."""

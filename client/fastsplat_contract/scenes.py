@@ -212,6 +212,25 @@ class UndoIn(Request):
 
 
 @dataclass(frozen=True)
+class RedoIn(Request):
+    """Forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    proto: ClassVar[str] = "RedoEditRequest"
+
+    version: Annotated[str, Field(description="redo only if this is the current version; makes a retry safe")] = ""
+
+
+@dataclass(frozen=True)
+class RestoreIn(Request):
+    """Make any version of a scene the current one; all others stay."""
+
+    proto: ClassVar[str] = "RestoreVersionRequest"
+
+    version: Annotated[str, Field(description="to become current")]
+    expected: Annotated[str, Field(description="restore only if this is the current version; empty: always")] = ""
+
+
+@dataclass(frozen=True)
 class SceneVersion(Response):
     """One state of a scene; never changes."""
 
@@ -223,6 +242,7 @@ class SceneVersion(Response):
     current: Annotated[bool, Field(description="whether questions that name no version go here")]
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
     prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()
+    author: Annotated[str, Field(description="the name of the key that made it; empty where that is unknown")] = ""
 
 
 @travels(request=False, proto="ListVersionsResponse")

@@ -52,6 +52,7 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
+    "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
     "POST /v1/keys": {"json": {"name": "new"}},
     "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
     "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},
@@ -202,7 +203,9 @@ def test_every_rpc_by_every_caller(place: _Place, name: str, method: Any, caller
         assert _without_ids(rpc_refusal(error).detail) == _without_ids(rpc_refusal(nothing).detail)
         _assert_untouched(place, ids)
     elif error is not None:  # there is nothing to undo, and a capture without files
-        assert error.code().name == {"UndoEdit": "ALREADY_EXISTS", "CreateScene": "INVALID_ARGUMENT"}[name]
+        expected = {"UndoEdit": "ALREADY_EXISTS", "RedoEdit": "ALREADY_EXISTS"}
+        assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
+        assert name in (*expected, "CreateScene", "RestoreVersion")
 
 
 def _call(place: _Place, name: str, method: Any, caller: str, ids: dict[str, str]) -> grpc.RpcError | None:

@@ -66,6 +66,8 @@ _TWINS = {
     "POST /v1/scenes/{scene_id}:edit": "EditScene",
     "POST /v1/scenes/{scene_id}:lookAgain": "LookAgain",
     "POST /v1/scenes/{scene_id}:undo": "UndoEdit",
+    "POST /v1/scenes/{scene_id}:redo": "RedoEdit",
+    "POST /v1/scenes/{scene_id}:restore": "RestoreVersion",
     "GET /v1/operations": "ListOperations",
     "GET /v1/operations/{operation_id}": "GetOperation",
     "GET /v1/operations/{operation_id}:wait": "WaitOperation",

@@ -85,6 +85,8 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("LookAgainRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
+    ("RedoEditRequest", "scene_id"),
+    ("RestoreVersionRequest", "scene_id"),
     ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),
     ("RenderViewRequest", "scene_id"),

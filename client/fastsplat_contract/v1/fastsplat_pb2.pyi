@@ -1706,6 +1706,60 @@ class UndoEditRequest(_message.Message):
 Global___UndoEditRequest: _TypeAlias = UndoEditRequest  # noqa: Y015
 
 @_typing.final
+class RedoEditRequest(_message.Message):
+    """Forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """redo only if this is the current version; makes a retry safe"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RedoEditRequest: _TypeAlias = RedoEditRequest  # noqa: Y015
+
+@_typing.final
+class RestoreVersionRequest(_message.Message):
+    """Make any version of a scene the current one; all others stay."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    EXPECTED_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """to become current"""
+    expected: _builtins.str
+    """restore only if this is the current version; empty: always"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        expected: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["expected", b"expected", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RestoreVersionRequest: _TypeAlias = RestoreVersionRequest  # noqa: Y015
+
+@_typing.final
 class ListVersionsRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1760,6 +1814,7 @@ class SceneVersion(_message.Message):
     CURRENT_FIELD_NUMBER: _builtins.int
     EDITS_FIELD_NUMBER: _builtins.int
     PROMPTED_FIELD_NUMBER: _builtins.int
+    AUTHOR_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
     parent: _builtins.str
@@ -1767,6 +1822,8 @@ class SceneVersion(_message.Message):
     gaussians: _builtins.int
     current: _builtins.bool
     """whether questions that name no version go here"""
+    author: _builtins.str
+    """the name of the key that made it; empty where that is unknown"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -1788,10 +1845,11 @@ class SceneVersion(_message.Message):
         current: _builtins.bool = ...,
         edits: _abc.Iterable[Global___Edit] | None = ...,
         prompted: _abc.Iterable[Global___PromptedThing] | None = ...,
+        author: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["author", b"author", "created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

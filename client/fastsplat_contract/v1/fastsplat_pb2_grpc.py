@@ -85,6 +85,16 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.RedoEdit = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RedoEdit',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
+        self.RestoreVersion = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RestoreVersion',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
         self.ListVersions = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListVersions',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListVersionsRequest.SerializeToString,
@@ -265,6 +275,20 @@ class SceneServiceServicer:
 
     def UndoEdit(self, request, context):
         """Goes back to the version before the current one.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RedoEdit(self, request, context):
+        """Goes forward to the version that was undone: of those made of the current one, the one that was current last.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RestoreVersion(self, request, context):
+        """Makes any version the current one; all others stay.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -475,6 +499,16 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'UndoEdit': grpc.unary_unary_rpc_method_handler(
                     servicer.UndoEdit,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'RedoEdit': grpc.unary_unary_rpc_method_handler(
+                    servicer.RedoEdit,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'RestoreVersion': grpc.unary_unary_rpc_method_handler(
+                    servicer.RestoreVersion,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
             'ListVersions': grpc.unary_unary_rpc_method_handler(
@@ -857,6 +891,60 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/UndoEdit',
             fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RedoEdit(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RedoEdit',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RestoreVersion(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RestoreVersion',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
             options,
             channel_credentials,

@@ -66,6 +66,10 @@ class SceneServiceStub:
     """
     UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
     """Goes back to the version before the current one."""
+    RedoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]
+    """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+    RestoreVersion: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RestoreVersionRequest, _fastsplat_pb2.SceneVersion]
+    """Makes any version the current one; all others stay."""
     ListVersions: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]
     """Every version, oldest first."""
     LookAgain: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]
@@ -138,6 +142,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """
     UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Goes back to the version before the current one."""
+    RedoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+    RestoreVersion: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RestoreVersionRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Makes any version the current one; all others stay."""
     ListVersions: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]  # type: ignore[assignment]
     """Every version, oldest first."""
     LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
@@ -267,6 +275,22 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
         """Goes back to the version before the current one."""
+
+    @_abc_1.abstractmethod
+    def RedoEdit(
+        self,
+        request: _fastsplat_pb2.RedoEditRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    @_abc_1.abstractmethod
+    def RestoreVersion(
+        self,
+        request: _fastsplat_pb2.RestoreVersionRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Makes any version the current one; all others stay."""
 
     @_abc_1.abstractmethod
     def ListVersions(
