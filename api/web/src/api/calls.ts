@@ -102,6 +102,15 @@ export function undo(sceneId: string, version: string): Promise<SceneVersion> {
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:undo`, { version });
 }
 
+export function redo(sceneId: string, version: string): Promise<SceneVersion> {
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:redo`, { version });
+}
+
+/** Makes any version current, if `expected` still is. */
+export function restore(sceneId: string, version: string, expected: string): Promise<SceneVersion> {
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:restore`, { version, expected });
+}
+
 /** A picture of the scene from a free viewpoint, as PNG. */
 export async function renderPicture(sceneId: string, camera: PosedCamera, signal?: AbortSignal): Promise<Blob> {
   const body = { kind: "rgb", camera };

@@ -29,7 +29,9 @@ export class SceneState {
   readonly hovered = signal(0);
 
   readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
-  readonly geometry = computed(() => geometryVersion(this.versions.value, this.version.value));
+  /** Another version that the 3D view shows meanwhile; empty for none. */
+  readonly compared = signal("");
+  readonly geometry = computed(() => geometryVersion(this.versions.value, this.compared.value || this.version.value));
   readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
   readonly found = computed(() => {
     const answer = this.answer.value;
@@ -43,6 +45,10 @@ export class SceneState {
   readonly canUndo = computed(() => {
     const current = this.versions.value.find((version) => version.current);
     return this.isCurrent.value && Boolean(current?.parent);
+  });
+  readonly canRedo = computed(() => {
+    const current = this.scene.value?.version;
+    return this.isCurrent.value && this.versions.value.some((version) => version.parent === current);
   });
 
   #loads = new AbortController();
@@ -147,6 +153,16 @@ export class SceneState {
 
   async undo(message: string): Promise<boolean> {
     return this.#change(() => calls.undo(this.sceneId, this.version.value), message);
+  }
+
+  async redo(message: string): Promise<boolean> {
+    return this.#change(() => calls.redo(this.sceneId, this.version.value), message);
+  }
+
+  /** Makes any version the current one, and shows it. */
+  async restore(version: string, message: string): Promise<boolean> {
+    const current = this.scene.value?.version ?? "";
+    return this.#change(() => calls.restore(this.sceneId, version, current), message);
   }
 
   async #change(call: () => Promise<SceneVersion>, message: string): Promise<boolean> {

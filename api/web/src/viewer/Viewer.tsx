@@ -1,9 +1,11 @@
 import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { scenePlyPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import { LoadedSplats } from "../change/loadedSplats";
+import { ComparedNote } from "../change/VersionsPanel";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
@@ -39,6 +41,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const [error, setError] = useState<unknown>(null);
   const [noWebGL, setNoWebGL] = useState(false);
   const motion = useRef<CameraMotion | null>(null);
+  const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
   const latest = useRef(onView);
   latest.current = onView;
@@ -100,7 +103,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const controller = new AbortController();
     setShare(0);
     setError(null);
-    load(state.sceneId, version, controller.signal, setShare).then(
+    const fetched = () => load(state.sceneId, version, controller.signal, setShare);
+    splats.get(`${state.sceneId}/${version}`, fetched).then(
       (splat) => {
         if (controller.signal.aborted) return;
         view.setSplat(splat);
@@ -142,6 +146,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.loading3d(Math.round(share * 100))}
         </p>
       )}
+      <ComparedNote state={state} />
       {noWebGL && <p class="viewer-note">{texts.scene.noWebGL}</p>}
       {error !== null && (
         <div class="viewer-note">
