@@ -51,6 +51,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
     "ListThings": (_READ, ("GET /v1/scenes/{scene_id}/things",)),
+    "MeasureScene": (_READ, ("POST /v1/scenes/{scene_id}:measure",)),
     "PickThing": (_READ, ("POST /v1/scenes/{scene_id}:pick",)),
     "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),

@@ -19,6 +19,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.measuring import MeasureRequest
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -105,6 +106,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "PickThing"):
             return await self._threads.answer(
                 lambda: _as(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
+            )
+
+    async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:  # noqa: N802
+        """What is between two places."""
+        async with guarded(context, "MeasureScene"):
+            return await self._threads.answer(
+                lambda: _as(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
             )
 
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802

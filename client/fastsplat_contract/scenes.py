@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.places import KnownLength
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Many, Request, Response, travels
@@ -18,7 +19,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "look_again",
+    "scale", "look_again",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -66,6 +67,23 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
+ScaleSource = Literal["known_length"]
+"""What said how long a unit is."""
+
+
+@travels(request=False)
+class SceneScaling(NamedTuple):
+    """How the unit of a scene's current version came to be a meter."""
+
+    source: ScaleSource
+    meters_per_unit: Annotated[
+        float, Field(description="of the scene as it was trained; lengths of this version are multiplied by it")
+    ]
+    low: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
+    high: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
+    known_lengths: Annotated[int, Field(description="that it comes from")]
+
+
 @dataclass(frozen=True)
 class Scene(SceneSummary):
     """A scene; dictionary, cameras and quality are empty until it is ready."""
@@ -78,6 +96,9 @@ class Scene(SceneSummary):
         Many[PosedCamera], Field(description="the scene's own views, the first 5,000; the camera file has all")
     ]
     quality: Annotated[Mapping[str, Any], Field(description="measured figures: psnr, ssim, images, registered, ...")]
+    scaling: Annotated[
+        SceneScaling | None, Field(description="absent where the scale is the capture's own, or there is none")
+    ] = None
 
 
 @travels(request=False, proto="ListScenesResponse")
@@ -149,8 +170,9 @@ class Edit(Request):
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to. look_again: stands in the versions that looking again has "
-            "made, and is no edit to send"
+            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths, those "
+            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. look_again: stands "
+            "in the versions that looking again has made, and is no edit to send"
         ),
     ]
     label: str | None = None
@@ -183,6 +205,9 @@ class Edit(Request):
         Field(description="for split and add: where the piece, or the missing thing, is in a picture"),
     ] = None
     texts: Annotated[Many[str], Field(description="for look_again: what was looked for")] = ()
+    known_lengths: Annotated[
+        Many[KnownLength], Field(description="for scale: lengths that somebody has measured in the world")
+    ] = ()
 
 
 @dataclass(frozen=True)

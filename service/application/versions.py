@@ -18,6 +18,7 @@ from fastsplat.service.application.version_rows import PROMPTED, dictionary_rows
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, Things, write_ply, write_scene
+from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
@@ -243,6 +244,7 @@ class Versions:
                     edits=rows,
                     names=names,
                     author=key.name if key is not None else "",
+                    scaling=scaling_to_json(edited.scaling),
                 )
             )
         except BaseException:

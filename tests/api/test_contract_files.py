@@ -61,6 +61,7 @@ _TWINS = {
     "GET /v1/scenes/{scene_id}/objects": "ListObjects",
     "GET /v1/scenes/{scene_id}/things": "ListThings",
     "POST /v1/scenes/{scene_id}:pick": "PickThing",
+    "POST /v1/scenes/{scene_id}:measure": "MeasureScene",
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",

@@ -91,6 +91,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("QueryRequest", "scene_id"),
     ("RenderViewRequest", "scene_id"),
     ("PickThingRequest", "scene_id"),
+    ("MeasureRequest", "scene_id"),
     ("ViewMask", "continues"),  # of a mask that is cut into pieces
 }
 _EMPTY_IS_ABSENT = {"Answer.objects"}

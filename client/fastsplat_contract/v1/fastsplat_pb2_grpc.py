@@ -75,6 +75,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.FromString,
                 _registered_method=True)
+        self.MeasureScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/MeasureScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.FromString,
+                _registered_method=True)
         self.EditScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/EditScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
@@ -260,6 +265,13 @@ class SceneServiceServicer:
 
     def PickThing(self, request, context):
         """Which thing is at a pixel or in a box of a view, or at a point of the scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def MeasureScene(self, request, context):
+        """How far two places are from each other, how large a thing is, or where a place is.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -490,6 +502,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.PickThing,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.SerializeToString,
+            ),
+            'MeasureScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.MeasureScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.SerializeToString,
             ),
             'EditScene': grpc.unary_unary_rpc_method_handler(
                     servicer.EditScene,
@@ -838,6 +855,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/PickThing',
             fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def MeasureScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/MeasureScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.FromString,
             options,
             channel_credentials,
             insecure,

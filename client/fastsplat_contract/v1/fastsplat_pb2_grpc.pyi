@@ -60,6 +60,8 @@ class SceneServiceStub:
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]
     """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    MeasureScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.MeasureRequest, _fastsplat_pb2.Measurement]
+    """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
@@ -136,6 +138,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]  # type: ignore[assignment]
     """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    MeasureScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.MeasureRequest, _fastsplat_pb2.Measurement]  # type: ignore[assignment]
+    """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
@@ -257,6 +261,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.PickedThing, _abc.Awaitable[_fastsplat_pb2.PickedThing]]:
         """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
+
+    @_abc_1.abstractmethod
+    def MeasureScene(
+        self,
+        request: _fastsplat_pb2.MeasureRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Measurement, _abc.Awaitable[_fastsplat_pb2.Measurement]]:
+        """How far two places are from each other, how large a thing is, or where a place is."""
 
     @_abc_1.abstractmethod
     def EditScene(
