@@ -3,6 +3,7 @@ import { batch, computed, signal } from "@preact/signals";
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
 import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
+import { ChangeState } from "../change/changeState";
 import { fromBase64, unpackBits } from "../viewer/states";
 import { geometryVersion } from "./versions";
 
@@ -29,6 +30,10 @@ export class SceneState {
   readonly hovered = signal(0);
 
   readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
+  /** What the person is changing on show. */
+  readonly change = new ChangeState();
+  /** The version that the last change made, or made current. */
+  readonly made = signal<SceneVersion | null>(null);
   /** Another version that the 3D view shows meanwhile; empty for none. */
   readonly compared = signal("");
   readonly geometry = computed(() => geometryVersion(this.versions.value, this.compared.value || this.version.value));
@@ -170,7 +175,7 @@ export class SceneState {
     this.actionError.value = null;
     this.message.value = "";
     try {
-      await call();
+      this.made.value = await call();
       await this.refresh();
       await this.loadThings();
       if (this.text.value) await this.ask(this.text.value);

@@ -4,6 +4,8 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { scenePlyPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import { ChangeMenu } from "../change/ChangeMenu";
+import { Gizmo } from "../change/Gizmo";
 import { LoadedSplats } from "../change/loadedSplats";
 import { ComparedNote } from "../change/VersionsPanel";
 import type { SceneState } from "../scene/sceneState";
@@ -56,13 +58,16 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     let gone = false;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
       view?.setView(now);
+      state.change.view.value = now;
       if (resting) latest.current(now);
     });
     motion.current = camera;
     handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
     const controls = new Controls(element, camera, () => camera.flyTo(start));
     const pointing = new Pointing(element, state, () => camera.view);
+    state.change.view.value = camera.view;
     const resize = () => {
+      state.change.size.value = { width: element.clientWidth, height: element.clientHeight };
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
     };
@@ -124,12 +129,17 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const mask = found?.length === count ? found : null;
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     view.setStates(
-      statesOf(count, mask, owners, state.hovered.value, state.selected.value),
+      statesOf(count, mask, owners, state.hovered.value, state.selected.value, (thing) => state.change.shows(thing)),
       mask !== null || state.selected.value.length > 0,
     );
     if (!canvas.current) return;
     canvas.current.dataset["shown"] = `${state.geometry.value} ${mask ? "answer" : "plain"}`;
     canvas.current.dataset["hovered"] = String(state.hovered.value);
+  });
+
+  useSignalEffect(() => {
+    const motion = state.change.motion.value;
+    if (loaded.value) splatView.value?.setMotion(motion);
   });
 
   return (
@@ -147,6 +157,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         </p>
       )}
       <ComparedNote state={state} />
+      <Gizmo state={state} />
       {noWebGL && <p class="viewer-note">{texts.scene.noWebGL}</p>}
       {error !== null && (
         <div class="viewer-note">
@@ -157,6 +168,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         <button type="button" onClick={() => home.current && motion.current?.flyTo(home.current)}>
           {texts.scene.home}
         </button>
+        <ChangeMenu state={state} />
         <details>
           <summary>{texts.scene.help}</summary>
           <p id="canvas-help">{texts.scene.canvasHelp}</p>

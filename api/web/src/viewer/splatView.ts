@@ -16,6 +16,8 @@ import {
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
+import type { Motion } from "../change/motions";
+import { matrixOf, turnOf } from "../change/motions";
 import type { SplatColumns } from "./ply";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
@@ -32,13 +34,22 @@ const vec3 = (values: number[]): string => `vec3(${values.map((value) => value.t
 /** The engine calls these three while it copies the splats into its work buffer; `loadSplatState` reads our stream. */
 const MODIFIER = `
 uniform float uDimmed;
-void modifySplatCenter(inout vec3 center) {}
-void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {}
+uniform mat4 uMotion;
+uniform vec4 uTurn;
+void modifySplatCenter(inout vec3 center) {
+    if (uint(loadSplatState().r) == 3u) center = (uMotion * vec4(center, 1.0)).xyz;
+}
+void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {
+    if (uint(loadSplatState().r) != 3u) return;
+    rotation = quatMul(uTurn, rotation);
+    if (rotation.w < 0.0) rotation = -rotation;
+}
 void modifySplatColor(vec3 center, inout vec4 color) {
     uint state = uint(loadSplatState().r);
     if (state == 1u) color.rgb = mix(color.rgb, ${vec3(COLORS.found)}, ${GLOW.strength.toFixed(3)});
     else if (state == 2u) color.rgb = mix(color.rgb, ${vec3(COLORS.hovered)}, 0.55);
     else if (state == 3u) color.rgb = mix(color.rgb, ${vec3(COLORS.selected)}, 0.65);
+    else if (state == 4u) color.a = 0.0;
     else color.rgb *= uDimmed;
 }
 `;
@@ -99,6 +110,7 @@ export class SplatView {
     entity.addComponent("gsplat", { resource });
     this.#app.root.addChild(entity);
     entity.gsplat?.setParameter("uDimmed", 1);
+    this.#setMotion(entity, null);
     entity.gsplat?.setWorkBufferModifier({ glsl: MODIFIER });
     [this.#splat, this.#resource] = [entity, resource];
     this.redraw();
@@ -113,6 +125,21 @@ export class SplatView {
     this.#splat.gsplat.setParameter("uDimmed", dimmed ? GLOW.dimmed : 1);
     this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.redraw();
+  }
+
+  /** Shows the selected Gaussians moved, or where they are. */
+  setMotion(motion: Motion | null): void {
+    if (!this.#splat?.gsplat) return;
+    this.#setMotion(this.#splat, motion);
+    this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.redraw();
+  }
+
+  #setMotion(splat: Entity, motion: Motion | null): void {
+    const shown = motion ?? { pivot: [0, 0, 0], shift: [0, 0, 0], angles: [0, 0, 0] };
+    const turn = turnOf(shown);
+    splat.gsplat?.setParameter("uMotion", matrixOf(shown));
+    splat.gsplat?.setParameter("uTurn", [turn.x, turn.y, turn.z, turn.w]);
   }
 
   /** Looks from somewhere else. */
