@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli import measure_commands  # noqa: F401  adds commands to things_app
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate

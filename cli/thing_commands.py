@@ -69,7 +69,7 @@ def list_things(
 ) -> None:
     """Show every thing of a scene, by id."""
     things: list[SceneThing] = []
-    with _service(project) as service:
+    with thing_service(project) as service:
         page = service.answers.list_things(scene, version, parts=parts)
         things += page.things
         while page.next_page_token:
@@ -110,7 +110,7 @@ def pick(
         point=None if point is None else Vector3(*point),
         version=version,
     )
-    with _service(project) as service:
+    with thing_service(project) as service:
         typer.echo(json.dumps(to_plain(service.answers.pick(request)), indent=2, ensure_ascii=False))
 
 
@@ -153,7 +153,7 @@ def look_again(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Search a scene for more names with the configured open-set detector; a running worker does it."""
-    with _service(project) as service:
+    with thing_service(project) as service:
         operation = service.look_again(scene, LookAgainIn(tuple(texts)))
         typer.echo(f"operation {operation.id} is {operation.state}", err=True)
         shown = ""
@@ -241,8 +241,48 @@ def undo(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Go back to the version before the current one."""
-    with _service(project) as service:
+    with thing_service(project) as service:
         typer.echo(f"version {service.versions.undo(scene, version).version} is current")
+
+
+@things_app.command()
+def redo(
+    scene: Scene,
+    version: Annotated[str, typer.Option(help="Redo only if this is the current version.")] = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Go forward to the version that was undone."""
+    with thing_service(project) as service:
+        typer.echo(f"version {service.versions.redo(scene, version).version} is current")
+
+
+@things_app.command()
+def restore(
+    scene: Scene,
+    version: Annotated[str, typer.Argument(help="Which one, from the list of versions.")],
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Make any version current; all others stay."""
+    with thing_service(project) as service:
+        typer.echo(f"version {service.versions.restore(scene, version).version} is current")
+
+
+@things_app.command()
+def versions(scene: Scene, project: Project = DEFAULT_PROJECT, as_json: Json = False) -> None:
+    """Show every version of a scene, oldest first; a star marks the current one."""
+    with thing_service(project) as service:
+        rows = service.versions.all(scene)
+    if as_json:
+        typer.echo(json.dumps([to_plain(row) for row in rows], indent=2, ensure_ascii=False))
+        return
+    table = Table(
+        "", Column("version", no_wrap=True), "made of", "edits", "by", "made", box=boxes.SIMPLE, padding=(0, 1, 0, 0)
+    )
+    for row in rows:
+        edits = Text(", ".join(edit.action for edit in row.edits) or "trained")
+        made = f"{row.created_at:%Y-%m-%d %H:%M}"
+        table.add_row("*" if row.current else "", row.version, row.parent, edits, Text(row.author), made)
+    Console().print(table)
 
 
 @things_app.command()
@@ -252,7 +292,7 @@ def known(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
-    with _service(project) as service:
+    with thing_service(project) as service:
         if forget:
             service.known_names.forget(forget)
         if forget_all:
@@ -269,7 +309,7 @@ def known(
 
 
 def _edit(scene: str, edit: Edit, looked_at: str, project: str) -> None:
-    with _service(project) as service:
+    with thing_service(project) as service:
         made = service.versions.edit(scene, [edit], looked_at=looked_at)
     for new in made.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
@@ -302,7 +342,8 @@ def _pixel(text: str, option: str) -> Pixel:
 
 
 @contextmanager
-def _service(project: str) -> Iterator[SceneService]:
+def thing_service(project: str) -> Iterator[SceneService]:
+    """The service over the configured data folder, as a project has it."""
     from fastsplat.service.application.service import open_service  # loads what answers questions
 
     with open_service(load_settings()) as service:

@@ -9,7 +9,7 @@ from typing import TypeVar
 from google.protobuf import empty_pb2
 from grpc import aio
 
-from fastsplat.api.access.caller import caller_role
+from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.job_rpcs import JobServicer
 from fastsplat.api.grpc.standing import answer_stream
@@ -20,6 +20,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.measuring import MeasureRequest
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -107,12 +108,19 @@ class SceneServicer(JobServicer):
                 lambda: _as(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
             )
 
+    async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:  # noqa: N802
+        """What is between two places."""
+        async with guarded(context, "MeasureScene"):
+            return await self._threads.answer(
+                lambda: _as(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
+            )
+
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
         """Make a new version."""
 
         def edited() -> SceneVersion:
             body = from_proto(EditIn, request)
-            return self._service.versions.edit(request.scene_id, body.edits, body.request_id, body.version)
+            return self._service.versions.edit(request.scene_id, body.edits, body.request_id, body.version, caller_id())
 
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)
@@ -129,6 +137,23 @@ class SceneServicer(JobServicer):
         async with guarded(context, "UndoEdit"):
             return await self._message(
                 pb.SceneVersion, lambda: self._service.versions.undo(request.scene_id, request.version)
+            )
+
+    async def RedoEdit(self, request: pb.RedoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+        """Go forward one version."""
+        async with guarded(context, "RedoEdit"):
+            return await self._message(
+                pb.SceneVersion, lambda: self._service.versions.redo(request.scene_id, request.version)
+            )
+
+    async def RestoreVersion(  # noqa: N802
+        self, request: pb.RestoreVersionRequest, context: Context
+    ) -> pb.SceneVersion:
+        """Make any version current."""
+        async with guarded(context, "RestoreVersion"):
+            return await self._message(
+                pb.SceneVersion,
+                lambda: self._service.versions.restore(request.scene_id, request.version, request.expected),
             )
 
     async def ListVersions(  # noqa: N802

@@ -16,6 +16,7 @@ from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
+from fastsplat_contract.measuring import MeasureIn, Measurement, MeasureRequest
 from fastsplat_contract.members import description_of
 from fastsplat_contract.queries import (
     PictureFormat,
@@ -103,6 +104,12 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
         return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
+
+    @router.post("/v1/scenes/{scene_id}:measure", response_model=Measurement)
+    async def measure_scene(request: Request, scene_id: str, body: MeasureIn) -> Response:
+        """How far two places are from each other, how large a thing is, or where a place is."""
+        what = MeasureRequest(scene_id=scene_id, **vars(body))
+        return await json_of_call(request, threads.answer, lambda: service.answers.measure(what))
 
     @router.post("/v1/scenes/{scene_id}:pick", response_model=PickedThing)
     async def pick_thing(request: Request, scene_id: str, body: PickIn) -> Response:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from fastsplat.api.access.caller import caller_id
 from fastsplat.api.operation_waits import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
@@ -21,7 +22,18 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
-from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.scenes import (
+    EditIn,
+    LabelList,
+    ObjectList,
+    RedoIn,
+    RestoreIn,
+    Scene,
+    SceneList,
+    SceneVersion,
+    UndoIn,
+    VersionList,
+)
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import ThingList
 
@@ -145,7 +157,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         return await json_of_call(
             request,
             threads.call,
-            lambda: service.versions.edit(scene_id, body.edits, body.request_id, body.version),
+            lambda: service.versions.edit(scene_id, body.edits, body.request_id, body.version, caller_id()),
         )
 
     @router.post("/scenes/{scene_id}:lookAgain", status_code=202, response_model=Operation)
@@ -161,6 +173,19 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         """Go back to the version before the current one."""
         expected = body.version if body is not None else ""
         return await json_of_call(request, threads.call, lambda: service.versions.undo(scene_id, expected))
+
+    @router.post("/scenes/{scene_id}:redo", response_model=SceneVersion)
+    async def redo_edit(request: Request, scene_id: str, body: RedoIn | None = None) -> Response:
+        """Go forward to the version that was undone: of several made of the current one, the one current last."""
+        expected = body.version if body is not None else ""
+        return await json_of_call(request, threads.call, lambda: service.versions.redo(scene_id, expected))
+
+    @router.post("/scenes/{scene_id}:restore", response_model=SceneVersion)
+    async def restore_version(request: Request, scene_id: str, body: RestoreIn) -> Response:
+        """Make any version of a scene the current one; all others stay."""
+        return await json_of_call(
+            request, threads.call, lambda: service.versions.restore(scene_id, body.version, body.expected)
+        )
 
     @router.get("/scenes/{scene_id}/versions", response_model=VersionList)
     async def list_versions(request: Request, scene_id: str) -> Response:

@@ -37,7 +37,9 @@ from fastsplat_contract.errors import (
 from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
+from fastsplat_contract.measuring import Length, LocatedPlace, Measurement
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
+from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import (
@@ -48,6 +50,7 @@ from fastsplat_contract.scenes import (
     InsertSource,
     Scene,
     SceneObject,
+    SceneScaling,
     SceneSummary,
     SceneVersion,
 )
@@ -73,9 +76,13 @@ __all__ = [
     "InsertSource",
     "InvalidInputError",
     "Kind",
+    "KnownLength",
+    "Length",
     "LimitExceededError",
+    "LocatedPlace",
     "LookAgainResult",
     "Match",
+    "Measurement",
     "MissingPackageError",
     "NameSuggestion",
     "NewKey",
@@ -86,6 +93,7 @@ __all__ = [
     "PermissionDeniedError",
     "PickedThing",
     "PictureRequest",
+    "Place",
     "Placed",
     "Pose",
     "PoseAnswer",
@@ -98,6 +106,7 @@ __all__ = [
     "Scene",
     "SceneObject",
     "SceneOptions",
+    "SceneScaling",
     "SceneSummary",
     "SceneThing",
     "SceneVersion",

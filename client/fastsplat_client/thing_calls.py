@@ -15,9 +15,11 @@ from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.measuring import MeasureIn, Measurement
 from fastsplat_contract.operations import Operation
+from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit, EditIn, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 from fastsplat_contract.thing_prompts import ThingPrompt
 
@@ -71,6 +73,22 @@ class ThingCalls:
         )
         path = f"{scene_path(scene_id)}:pick"
         return read(PickedThing, self._transport.call("POST", path, json=to_plain(request)))
+
+    def measure(self, scene_id: str, *places: Place | int, version: str = "") -> Measurement:
+        """Where one place is, how large one thing is, or how far two places are from each other.
+
+        Args:
+            scene_id: which scene.
+            places: one or two; a number is the id of a thing.
+            version: of the scene; "" is the current one.
+        """
+        request = MeasureIn(tuple(Place(thing=one) if isinstance(one, int) else one for one in places), version)
+        path = f"{scene_path(scene_id)}:measure"
+        return read(Measurement, self._transport.call("POST", path, json=to_plain(request)))
+
+    def scale_scene(self, scene_id: str, *known_lengths: KnownLength) -> SceneVersion:
+        """Make a new version whose units are meters by these lengths and those of before, see `Scene.scaling`."""
+        return self.edit_scene(scene_id, [Edit("scale", known_lengths=known_lengths)])
 
     def name_things(
         self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
@@ -172,6 +190,18 @@ class ThingCalls:
         return read(
             SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:undo", json=body, repeatable=False)
         )
+
+    def redo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go forward to the version that was undone; with `version`, only if that is the current one."""
+        body = to_plain(RedoIn(version))
+        return read(
+            SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:redo", json=body, repeatable=False)
+        )
+
+    def restore_version(self, scene_id: str, version: str, *, expected: str = "") -> SceneVersion:
+        """Make any version current; with `expected`, only if that is the current one. All others stay."""
+        body = to_plain(RestoreIn(version, expected))
+        return read(SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:restore", json=body))
 
     def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version, oldest first."""

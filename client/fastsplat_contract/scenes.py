@@ -11,6 +11,7 @@ from pydantic import Field
 
 from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.places import KnownLength
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Many, Request, Response, travels
@@ -19,7 +20,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "look_again",
+    "scale", "look_again",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -67,6 +68,23 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
+ScaleSource = Literal["known_length"]
+"""What said how long a unit is."""
+
+
+@travels(request=False)
+class SceneScaling(NamedTuple):
+    """How the unit of a scene's current version came to be a meter."""
+
+    source: ScaleSource
+    meters_per_unit: Annotated[
+        float, Field(description="of the scene as it was trained; lengths of this version are multiplied by it")
+    ]
+    low: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
+    high: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
+    known_lengths: Annotated[int, Field(description="that it comes from")]
+
+
 @dataclass(frozen=True)
 class Scene(SceneSummary):
     """A scene; dictionary, cameras and quality are empty until it is ready."""
@@ -82,6 +100,9 @@ class Scene(SceneSummary):
     assessment: Annotated[
         Assessment | None,
         Field(description="how good the scene is; absent until it is ready, and where nothing was measured"),
+    ] = None
+    scaling: Annotated[
+        SceneScaling | None, Field(description="absent where the scale is the capture's own, or there is none")
     ] = None
 
 
@@ -154,8 +175,9 @@ class Edit(Request):
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to. look_again: stands in the versions that looking again has "
-            "made, and is no edit to send"
+            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths, those "
+            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. look_again: stands "
+            "in the versions that looking again has made, and is no edit to send"
         ),
     ]
     label: str | None = None
@@ -188,6 +210,9 @@ class Edit(Request):
         Field(description="for split and add: where the piece, or the missing thing, is in a picture"),
     ] = None
     texts: Annotated[Many[str], Field(description="for look_again: what was looked for")] = ()
+    known_lengths: Annotated[
+        Many[KnownLength], Field(description="for scale: lengths that somebody has measured in the world")
+    ] = ()
 
 
 @dataclass(frozen=True)
@@ -217,6 +242,25 @@ class UndoIn(Request):
 
 
 @dataclass(frozen=True)
+class RedoIn(Request):
+    """Forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    proto: ClassVar[str] = "RedoEditRequest"
+
+    version: Annotated[str, Field(description="redo only if this is the current version; makes a retry safe")] = ""
+
+
+@dataclass(frozen=True)
+class RestoreIn(Request):
+    """Make any version of a scene the current one; all others stay."""
+
+    proto: ClassVar[str] = "RestoreVersionRequest"
+
+    version: Annotated[str, Field(description="to become current")]
+    expected: Annotated[str, Field(description="restore only if this is the current version; empty: always")] = ""
+
+
+@dataclass(frozen=True)
 class SceneVersion(Response):
     """One state of a scene; never changes."""
 
@@ -228,6 +272,7 @@ class SceneVersion(Response):
     current: Annotated[bool, Field(description="whether questions that name no version go here")]
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
     prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()
+    author: Annotated[str, Field(description="the name of the key that made it; empty where that is unknown")] = ""
 
 
 @travels(request=False, proto="ListVersionsResponse")

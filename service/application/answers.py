@@ -31,6 +31,7 @@ from fastsplat_contract.errors import (
     ObjectStoreError,
     SceneFileError,
 )
+from fastsplat_contract.measuring import Measurement, MeasureRequest
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
@@ -253,6 +254,26 @@ class Answers:
 
         return self._scenes.reading(request.scene_id, request.version, read)
 
+    def measure(self, request: MeasureRequest) -> Measurement:
+        """How far two places are from each other, how large a thing is, or where a place is.
+
+        Raises:
+            NotFoundError: unknown scene, version, view or thing; nothing is seen at a pixel.
+            NotReadyError: as `query`.
+            InvalidInputError: not one or two places, or one that makes no sense.
+        """
+        check_texts(dataclasses.replace(request, scene_id=""))
+
+        def read(index: SceneIndex, read_version: str) -> Measurement:
+            from fastsplat.service.query.measuring import measure  # torch loads with the first measurement
+
+            gaussians = len(index.scene.gaussians)
+            pixels = [_one_pixel(place.camera) for place in request.places if place.camera is not None]
+            charge(rendering_cost(pixels, 1, gaussians))
+            return measure(index, request.places, read_version)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
+
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         return self._scenes.reading(
             request.scene_id, request.version, lambda index, version: self._answer(index, version, query, request)
@@ -336,6 +357,10 @@ class Answers:
                 hint="Ask in several requests.",
             )
         return query
+
+
+def _one_pixel(posed: PosedCamera) -> PosedCamera:
+    return dataclasses.replace(posed, camera=dataclasses.replace(posed.camera, width=1, height=1))
 
 
 def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:

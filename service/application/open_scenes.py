@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the ser
     from fastsplat.service.perception.text import TextEncoder
 
 T = TypeVar("T")
-_MAX_NAMED = 20
 _TRIES = 3
 _COPIES = 2
 """A scene weighs its mapped pages and the renderer's own activated arrays."""
@@ -146,11 +145,7 @@ def view_of(index: SceneIndex, name: str) -> PosedCamera:
     Raises:
         NotFoundError: there is none of that name.
     """
-    for posed in index.scene.cameras:
-        if posed.name == name:
-            return posed
-    known = ", ".join(posed.name for posed in index.scene.cameras[:_MAX_NAMED])
-    raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
+    return index.view(name)
 
 
 def _weigh(folder: Path) -> int:

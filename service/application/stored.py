@@ -9,13 +9,14 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.scene.assessment import assess
+from fastsplat.service.scene.scaling import scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
-from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
+from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary
 
 _SECONDS_LEFT = "job_seconds_left"
 """The metric of a stage that speaks of the whole job."""
@@ -60,7 +61,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         operation_id=record.operation_id,
         created_at=_time(record.created_at),
         gaussians=record.gaussians,
-        scale=record.scale,
+        scale=record.scale if record.scaling is None else "METRIC",
         version=record.version,
         label_count=len(record.dictionary),
     )
@@ -68,7 +69,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
-    cameras = tuple(camera_from_json(row) for row in record.cameras[:max_listed])
+    cameras = tuple(camera_from_json(_scaled(row, record)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
         camera_count=len(record.cameras),
@@ -76,7 +77,23 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         cameras=cameras,
         quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
+        scaling=_scaling_of(record),
     )
+
+
+def _scaling_of(record: SceneRecord) -> SceneScaling | None:
+    scaling = scaling_from_json(record.scaling)
+    if scaling is None:
+        return None
+    return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, len(scaling.lengths))
+
+
+def _scaled(row: Mapping[str, Any], record: SceneRecord) -> Mapping[str, Any]:
+    """A row of a camera, which has the units of the trained version, in those of the current one."""
+    if record.scaling is None:
+        return row
+    pose = [[*line[:3], line[3] * record.scaling["meters_per_unit"]] for line in row["world_from_camera"][:3]]
+    return {**row, "world_from_camera": [*pose, *row["world_from_camera"][3:]]}
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:

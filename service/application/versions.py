@@ -7,7 +7,6 @@ import json
 import os
 import secrets
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +14,23 @@ from fastsplat.service.application.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.validate import check_request_id, check_texts
+from fastsplat.service.application.version_rows import PROMPTED, dictionary_rows, version_of
 from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, Things, write_ply, write_scene
+from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.name_repository import NewName, VersionNames
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
-from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit, InsertSource, SceneVersion
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
 
 _TRIES = 5
-_PROMPTED = "prompted"
-"""In the row of an edit: what was made of its prompt."""
 
 
 class Versions:
@@ -47,7 +45,9 @@ class Versions:
         self._memory = memory
         self._prompted = prompted
 
-    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "") -> SceneVersion:
+    def edit(
+        self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "", author: str = ""
+    ) -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
         Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
@@ -59,6 +59,7 @@ class Versions:
             edits: at least one.
             request_id: the same id with the same edits returns the version that they made; "" for none.
             looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
+            author: the id of the key by which this is asked for; "" for none.
 
         Raises:
             NotFoundError: there is no such scene, version, label, object or thing.
@@ -82,7 +83,7 @@ class Versions:
                 if earlier is not None:
                     return self._in_force(earlier, current)
                 try:
-                    made = self._make(scene_id, current, edits, request_id, digest, rows, looked_at)
+                    made = self._make(scene_id, current, edits, request_id, digest, rows, looked_at, author)
                 except ConflictError:  # a server on another machine was faster; this one is made of its result
                     if not remaining:
                         raise
@@ -104,7 +105,45 @@ class Versions:
         """
         current = self._scenes.version(scene_id, "")
         self._store.versions.step_back(scene_id, version or current)
-        return next(known for known in self.all(scene_id) if known.current)
+        return self._current(scene_id)
+
+    def redo(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go forward to the version that was current last of those made of the current one; returns it.
+
+        An edit after an undo ends nothing: what was undone stays, to be restored, and a redo from where both were made
+        goes to the one that was current last.
+
+        Args:
+            scene_id: which scene.
+            version: redo only if this is the current version, so that a retry redoes once; "" whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            ConflictError: there is nothing to redo, or another version is current.
+        """
+        current = self._scenes.version(scene_id, "")
+        self._store.versions.step_forward(scene_id, version or current)
+        return self._current(scene_id)
+
+    def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
+        """Make any version current, before the current one, after it or beside it; returns it. All others stay.
+
+        Args:
+            scene_id: which scene.
+            version: to become current.
+            expected: restore only if this is the current version; "" whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            InvalidInputError: no version is named.
+            ConflictError: another version than the expected one is current.
+        """
+        current = self._scenes.version(scene_id, "")
+        check_texts((version, expected), "version")
+        if not version:
+            raise InvalidInputError("no version", field="version", hint="Name one of the scene's versions.")
+        self._store.versions.restore(scene_id, version, expected or current)
+        return self._current(scene_id)
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version of a scene, oldest first.
@@ -114,7 +153,7 @@ class Versions:
         """
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
-        return tuple(_version_of(record, scene.version) for record in self._store.versions.of(scene))
+        return tuple(version_of(record, scene.version) for record in self._store.versions.of(scene))
 
     def resolve(self, scene_id: str, version: str = "") -> str:
         """The name of a version that can be read; "" stands for the current one.
@@ -123,6 +162,9 @@ class Versions:
             NotFoundError, NotReadyError: as `Answers.query`.
         """
         return self._scenes.version(scene_id, version)
+
+    def _current(self, scene_id: str) -> SceneVersion:
+        return next(known for known in self.all(scene_id) if known.current)
 
     def _prune(self, scene_id: str) -> None:
         for version in self._store.versions.prune(scene_id, self._settings.calls.max_versions):
@@ -147,7 +189,7 @@ class Versions:
                 field="request_id",
                 hint="Send the edit under a new request id to make it again.",
             )
-        return _version_of(earlier, current)
+        return version_of(earlier, current)
 
     def _make(
         self,
@@ -158,6 +200,7 @@ class Versions:
         digest: str,
         rows: Sequence[Mapping[str, Any]],
         looked_at: str,
+        author: str,
     ) -> SceneVersion:
         seen: Things | None = None
         if looked_at:
@@ -168,8 +211,8 @@ class Versions:
         size += self._prompted.bytes(edits, len(before.scene.gaussians))
         with self._prompted.running(edits), self._memory.reserve(size, "edits"):
             index, made = self._apply(before, edits, seen, sources)
-            stored = [{**row, _PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
-            return self._publish(scene_id, parent, before, index, request_id, digest, stored)
+            stored = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
+            return self._publish(scene_id, parent, before, index, request_id, digest, stored, author)
 
     def _publish(
         self,
@@ -180,17 +223,29 @@ class Versions:
         request_id: str,
         digest: str,
         rows: Sequence[Mapping[str, Any]],
+        author: str,
     ) -> SceneVersion:
         edited = index.scene
         version = f"e{secrets.token_hex(8)}"
-        dictionary = _dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
+        dictionary = dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
         same = edited.gaussians is before.scene.gaussians
         self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
+        key = self._store.keys.find(author) if author else None
         try:
             names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
             self._store.versions.publish(
                 NewVersion(
-                    scene_id, version, parent, request_id, digest, len(edited.gaussians), dictionary, rows, names
+                    scene_id=scene_id,
+                    version=version,
+                    parent=parent,
+                    request_id=request_id,
+                    request_digest=digest,
+                    gaussians=len(edited.gaussians),
+                    dictionary=dictionary,
+                    edits=rows,
+                    names=names,
+                    author=key.name if key is not None else "",
+                    scaling=scaling_to_json(edited.scaling),
                 )
             )
         except BaseException:
@@ -309,48 +364,3 @@ def _linked(file: Path, place: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
-    """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
-    entries = index.scene.dictionary.entries
-    counts = index.label_counts
-    known = {row["label_id"]: row for row in rows}
-    nowhere = {"pixels": 0, "views": 0}
-    return [
-        {
-            **known.get(label_id, nowhere),
-            "label_id": label_id,
-            "label": entry.label,
-            "aliases": list(entry.aliases),
-            "gaussian_count": counts[label_id],
-        }
-        for label_id, entry in enumerate(entries, start=1)
-    ]
-
-
-def _version_of(record: VersionRecord, current: str) -> SceneVersion:
-    return SceneVersion(
-        scene_id=record.scene_id,
-        version=record.version,
-        parent=record.parent,
-        created_at=datetime.fromtimestamp(record.created_at, UTC),
-        gaussians=record.gaussians,
-        current=record.version == current,
-        edits=tuple(_edit_of({name: row[name] for name in row if name != _PROMPTED}) for row in record.edits),
-        prompted=tuple(from_plain(PromptedThing, row[_PROMPTED]) for row in record.edits if _PROMPTED in row),
-    )
-
-
-def _edit_of(row: Mapping[str, Any]) -> Edit:
-    if "colour" not in row:
-        return from_plain(Edit, row)
-    # A row of before the first release of the contract: British names, numbers in lists.
-    color, transform = row["colour"], row["transform"]
-    return Edit(
-        "recolor" if row["action"] == "recolour" else row["action"],
-        row["label"],
-        row["object_id"],
-        color and Color(*color),
-        transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"])),
-    )

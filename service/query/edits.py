@@ -32,6 +32,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.places import KnownLength
 from fastsplat_contract.scenes import EditAction, InsertSource
 from fastsplat_contract.thing_prompts import PROMPTED, ThingPrompt
 
@@ -66,6 +67,7 @@ class Edit:
         source: for `insert`, where the things come from; None otherwise.
         prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
         texts: of versions that looking again made; none for an edit.
+        known_lengths: for `scale`; none otherwise.
     """
 
     action: EditAction
@@ -79,6 +81,7 @@ class Edit:
     source: InsertSource | None = None
     prompt: ThingPrompt | None = None
     texts: tuple[str, ...] = ()
+    known_lengths: tuple[KnownLength, ...] = ()
 
 
 def apply_edit(
@@ -135,6 +138,10 @@ def apply_edit(
         return make_prompted_thing(index, edit, piece, seen, before or index.things.table)
     if edit.name is not None or edit.aliases:
         raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
+    if edit.action == "scale":
+        from fastsplat.service.query.measuring import scale_scene  # torch loads with the first measurement
+
+        return scale_scene(index, edit)
     if edit.action == "insert":
         assert source is not None
         return insert_things(index, source, edit)
@@ -191,6 +198,7 @@ def _check_extras(edit: Edit) -> None:
         ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
         ("source", edit.source, edit.action == "insert"),
         ("prompt", edit.prompt, edit.action in PROMPTED),
+        ("known_lengths", edit.known_lengths or None, edit.action == "scale"),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(

@@ -21,7 +21,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.queries import Answer
 from fastsplat_contract.scenes import SceneObject
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.thing_index import SceneThings
 
 _DEFAULTS = QuerySettings()
+_MAX_NAMED = 20
 
 
 class SceneIndex:
@@ -323,6 +324,18 @@ class SceneIndex:
                 hint="Ask this scene first.",
             )
         return answer.relevant_ids
+
+    def view(self, name: str) -> PosedCamera:
+        """One of the scene's own cameras.
+
+        Raises:
+            NotFoundError: there is none of that name.
+        """
+        for posed in self.scene.cameras:
+            if posed.name == name:
+                return posed
+        known = ", ".join(posed.name for posed in self.scene.cameras[:_MAX_NAMED])
+        raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
 
     def check_view(self, posed: PosedCamera) -> None:
         """Raise unless the settings allow a view of this size.

@@ -275,7 +275,7 @@ class SceneThings:
 
     def part_at_point(self, point: Vector3, thing_id: int) -> int:
         """The id of the part of a thing at a point of it, see `at_point`; 0 where there is none."""
-        row = self._row_at(point)
+        row = self.row_at(point)
         return 0 if row is None else self._part_of(int(self.part_owner[row]), thing_id)
 
     def _part_of(self, part_id: int, thing_id: int) -> int:
@@ -318,12 +318,17 @@ class SceneThings:
             InvalidInputError: the point is not finite.
             NotFoundError: no thing is there.
         """
-        row = self._row_at(point)
+        row = self.row_at(point)
         if row is not None and (thing_id := int(self.owner[row])):
             return thing_id
         raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
 
-    def _row_at(self, point: Vector3) -> int | None:
+    def row_at(self, point: Vector3) -> int | None:
+        """The nearest visible Gaussian within three of whose largest standard deviations a point is; None for none.
+
+        Raises:
+            InvalidInputError: the point is not finite.
+        """
         place = np.array(point, dtype=np.float64)
         if not np.isfinite(place).all():
             raise InvalidInputError(f"a point at {tuple(point)}", field="point", hint="Send finite numbers.")

@@ -82,6 +82,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
             parts_entries=len(parts["counts"]) if parts else 0,
             parts_sha256=digest_arrays(parts) if parts else "",
+            scaling=scene.scaling,
         ),
         cameras,
     )
@@ -139,6 +140,7 @@ def _read_scene(folder: Path) -> Scene:
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
         label_mode=manifest.label_mode,
         things=_read_things(folder, manifest),
+        scaling=manifest.scaling,
     )
 
 

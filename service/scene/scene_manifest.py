@@ -13,16 +13,17 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationError
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.scene.scaling import Scaling, scaling_from_json, scaling_to_json
 from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, thing_of_row, thing_row
 from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 6
+SCHEMA = 7
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
-`next_id`: the one after the last. 5 had no parts of things, and no appearances."""
+`next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -47,6 +48,7 @@ class Manifest:
         next_thing_id: see `Things.next_id`.
         parts: the table of parts; None for things without.
         parts_entries, parts_sha256: of the parts' membership, as of the things'.
+        scaling: as in `Scene`.
     """
 
     dictionary: Dictionary
@@ -70,6 +72,7 @@ class Manifest:
     parts: tuple[Thing, ...] | None = None
     parts_entries: int = 0
     parts_sha256: str = ""
+    scaling: Scaling | None = None
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -93,6 +96,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "text_encoder": {"name": manifest.text_encoder[0], "sha256": manifest.text_encoder[1]},
         "label_templates": list(manifest.label_templates),
         "scale": manifest.scale,
+        "scaling": scaling_to_json(manifest.scaling),
         "training": training,
         "quality": quality,
         "sizes": {
@@ -187,6 +191,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
+        scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
     )
 
 
@@ -255,6 +260,24 @@ class _Evidence(StrictRow):
     sha256: str
 
 
+_Positive = Annotated[float, Field(gt=0)]
+_Deviation = Annotated[float, Field(ge=0)]
+
+
+class _Length(StrictRow):
+    units: _Positive
+    deviation: _Deviation
+    meters: _Positive
+    meters_deviation: _Deviation
+
+
+class _Scaling(StrictRow):
+    meters_per_unit: _Positive
+    low: _Positive
+    high: _Positive
+    lengths: list[_Length]
+
+
 class _Body(StrictRow):
     format: str
     schema_: int = Field(alias="schema")
@@ -270,6 +293,7 @@ class _Body(StrictRow):
     evidence: _Evidence | None
     things: ThingsRow | None
     cameras_sha256: str
+    scaling: _Scaling | None = None
 
 
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]

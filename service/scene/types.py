@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.scene.scaling import Scaling
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale
 from fastsplat_contract.thing_messages import NameSource as NameSource
@@ -243,6 +244,7 @@ class Scene:
         label_mode: which of codes, evidence and things answers.
         things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
             `fastsplat.service.query.labeled_things`.
+        scaling: by which known lengths it was scaled since it was trained; None if it was not.
     """
 
     gaussians: Gaussians
@@ -258,6 +260,7 @@ class Scene:
     evidence: Evidence | None = None
     label_mode: LabelMode = "codes"
     things: Things | None = None
+    scaling: Scaling | None = None
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1

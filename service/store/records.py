@@ -32,6 +32,7 @@ class SceneRecord:
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
     project: str = DEFAULT_PROJECT
+    scaling: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,8 @@ scenes = Table(
     Column("dictionary", JSON, nullable=False),
     Column("cameras", JSON, nullable=False),
     Column("quality", JSON, nullable=False),
+    # Of the current version: how its lengths follow from those of the trained one; null: they are the same.
+    Column("scaling", JSON(none_as_null=True), nullable=True),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
 )
@@ -108,6 +110,11 @@ scene_versions = Table(
     Column("gaussians", Integer, nullable=False),
     Column("dictionary", JSON, nullable=False),
     Column("edits", JSON, nullable=False),
+    # When it last became current; null: with its making. By it a redo knows which version was left.
+    Column("current_at", Double, nullable=True),
+    # The name of the key that made it; empty where there was none.
+    Column("author", String(200), nullable=False, default="", server_default=""),
+    Column("scaling", JSON(none_as_null=True), nullable=True),
     UniqueConstraint("scene_id", "request_id"),
 )
 

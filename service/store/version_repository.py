@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -19,12 +19,14 @@ from fastsplat.service.store.name_repository import VersionNames, forget_names, 
 from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.schema import scene_versions, scenes
-from fastsplat_contract.errors import ConflictError
+from fastsplat_contract.errors import ConflictError, NotFoundError
 
 
 @dataclass(frozen=True)
 class VersionRecord:
-    """One version. `number` counts from 1, the trained one; `edits` are JSON as the service layer wrote them."""
+    """One version. `number` counts from 1, the trained one; `edits` and `scaling` are JSON as the service layer wrote
+    them. `current_at` is when it last became current again, None if it never did. `author` names the key that made it.
+    """
 
     scene_id: str
     version: str
@@ -36,11 +38,14 @@ class VersionRecord:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    current_at: float | None = None
+    author: str = ""
+    scaling: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
 class NewVersion:
-    """A version whose folder is in place, to become the current one."""
+    """A version whose folder is in place, to become the current one; without a `scaling` it has its parent's."""
 
     scene_id: str
     version: str
@@ -51,6 +56,8 @@ class NewVersion:
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
     names: VersionNames = field(default_factory=VersionNames)
+    author: str = ""
+    scaling: Mapping[str, Any] | None = None
 
 
 class VersionRepository:
@@ -157,6 +164,44 @@ class VersionRepository:
                 raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
             _point(connection, scene_id, by_version[current.parent])
 
+    def step_forward(self, scene_id: str, expected: str) -> None:
+        """Make a version current that was made of the current one: of several the one that was current last.
+
+        Raises:
+            ConflictError: `expected` is not the current version (any more), or none was made of it.
+            NotFoundError: the scene was deleted.
+        """
+        children = select(scene_versions).where(
+            scene_versions.c.scene_id == scene_id, scene_versions.c.parent == expected
+        )
+        with self._writing() as connection:
+            _ready(connection, scene_id, expected=expected)
+            records = [VersionRecord(**row) for row in connection.execute(children).mappings()]
+            if not records:
+                raise ConflictError(
+                    "there is nothing to redo: no version was made of the current one",
+                    field="version",
+                    hint="Look at the list of versions; any of them can be restored.",
+                )
+            last = max(records, key=lambda record: (record.current_at or record.created_at, record.number))
+            _point(connection, scene_id, last)
+
+    def restore(self, scene_id: str, version: str, expected: str) -> None:
+        """Make a version current, wherever it is in the tree of versions.
+
+        Raises:
+            ConflictError: `expected` is not the current version (any more).
+            NotFoundError: the scene was deleted, or has no such version.
+        """
+        here = select(scene_versions).where(scene_versions.c.scene_id == scene_id, scene_versions.c.version == version)
+        with self._writing() as connection:
+            _ready(connection, scene_id, expected=expected)
+            row = connection.execute(here).mappings().first()
+            if row is not None:
+                _point(connection, scene_id, VersionRecord(**row))
+            elif version != expected:  # a scene that was never edited has no rows
+                raise no_version(version)
+
     def forget(self, scene_id: str) -> None:
         """Remove the versions of a scene that is gone."""
         with self._writing() as connection:
@@ -178,6 +223,7 @@ def publish_within(connection: Connection, new: NewVersion) -> None:
     if not count:
         first = vars(_trained(scene))
         connection.execute(insert(scene_versions).values(first))
+    new = replace(new, scaling=new.scaling or scene.scaling)
     columns = {name: value for name, value in vars(new).items() if name != "names"}
     values = {**columns, "request_id": new.request_id or None, "number": (count or 1) + 1}
     connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
@@ -210,9 +256,19 @@ def _ready(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
 
 def _point(connection: Connection, scene_id: str, to: NewVersion | VersionRecord) -> None:
     values = {
-        "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary]
+        "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
+        "scaling": None if to.scaling is None else dict(to.scaling),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
+    here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == to.version)
+    connection.execute(update(scene_versions).where(*here).values(current_at=time.time()))
+
+
+def no_version(version: str) -> NotFoundError:
+    """The error for a version that a scene does not have."""
+    return NotFoundError(
+        f"no version {version[:80]!r} of this scene", field="version", hint="List the scene's versions."
+    )
 
 
 def _trained(scene: SceneRecord) -> VersionRecord:

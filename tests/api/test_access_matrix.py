@@ -53,6 +53,8 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
+    "POST /v1/scenes/{scene_id}:measure": {"json": {"places": [{"thing": 1}]}},
+    "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
     "POST /v1/keys": {"json": {"name": "new"}},
     "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
     "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},
@@ -151,8 +153,9 @@ def test_what_changes_something_needs_an_editor_and_what_deletes_it_for_ever_an_
         "POST /v1/scenes/{scene_id}:query",
         "POST /v1/scenes/{scene_id}:pick",
         "POST /v1/scenes/{scene_id}:render",
+        "POST /v1/scenes/{scene_id}:measure",
     )
-    looking = r"(Get|List|Pick|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
+    looking = r"(Get|List|Pick|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
     for context, method in _ROUTES:
         name = route_name(context, method)
         if method not in ("GET", "HEAD", "OPTIONS") and name not in asking:
@@ -221,7 +224,9 @@ def test_every_rpc_by_every_caller(place: _Place, name: str, method: Any, caller
         assert _without_ids(rpc_refusal(error).detail) == _without_ids(rpc_refusal(nothing).detail)
         _assert_untouched(place, ids)
     elif error is not None:  # there is nothing to undo, and a capture without files
-        assert error.code().name == {"UndoEdit": "ALREADY_EXISTS", "CreateScene": "INVALID_ARGUMENT"}[name]
+        expected = {"UndoEdit": "ALREADY_EXISTS", "RedoEdit": "ALREADY_EXISTS"}
+        assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
+        assert name in (*expected, "CreateScene", "RestoreVersion")
 
 
 def _call(place: _Place, name: str, method: Any, caller: str, ids: dict[str, str]) -> grpc.RpcError | None:
@@ -252,6 +257,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         "view": "front.png",
         "kind": pb.PICTURE_KIND_RGB,
     }
+    values["places"] = [pb.Place(thing=1)]
     values["pixel"] = pb.Pixel(x=24.0, y=18.0)
     values["edits"] = [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")]
     return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})

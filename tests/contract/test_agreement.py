@@ -91,10 +91,13 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("LookAgainRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
+    ("RedoEditRequest", "scene_id"),
+    ("RestoreVersionRequest", "scene_id"),
     ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),
     ("RenderViewRequest", "scene_id"),
     ("PickThingRequest", "scene_id"),
+    ("MeasureRequest", "scene_id"),
     ("ViewMask", "continues"),  # of a mask that is cut into pieces
 }
 _EMPTY_IS_ABSENT = {"Answer.objects"}

@@ -3,6 +3,7 @@ import "./styles/scenes.css";
 import "./styles/scene.css";
 import "./serverView/serverView.css";
 import "./look/look.css";
+import "./styles/change.css";
 
 import { render } from "preact";
 

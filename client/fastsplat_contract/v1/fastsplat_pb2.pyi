@@ -100,6 +100,24 @@ GRADE_POOR: Grade.ValueType  # 3
 """make it anew"""
 Global___Grade: _TypeAlias = Grade  # noqa: Y015
 
+class _ScaleSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    SCALE_SOURCE_UNSPECIFIED: _ScaleSource.ValueType  # 0
+    """never sent"""
+    SCALE_SOURCE_KNOWN_LENGTH: _ScaleSource.ValueType  # 1
+
+class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
+    """What said how long a unit is."""
+
+SCALE_SOURCE_UNSPECIFIED: ScaleSource.ValueType  # 0
+"""never sent"""
+SCALE_SOURCE_KNOWN_LENGTH: ScaleSource.ValueType  # 1
+Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
+
 class _NameSource:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -168,6 +186,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_SPLIT: _EditAction.ValueType  # 10
     EDIT_ACTION_ADD: _EditAction.ValueType  # 11
     EDIT_ACTION_LOOK_AGAIN: _EditAction.ValueType  # 12
+    EDIT_ACTION_SCALE: _EditAction.ValueType  # 13
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -186,6 +205,7 @@ EDIT_ACTION_INSERT: EditAction.ValueType  # 9
 EDIT_ACTION_SPLIT: EditAction.ValueType  # 10
 EDIT_ACTION_ADD: EditAction.ValueType  # 11
 EDIT_ACTION_LOOK_AGAIN: EditAction.ValueType  # 12
+EDIT_ACTION_SCALE: EditAction.ValueType  # 13
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -797,6 +817,7 @@ class Scene(_message.Message):
     LABEL_COUNT_FIELD_NUMBER: _builtins.int
     CAMERA_COUNT_FIELD_NUMBER: _builtins.int
     ASSESSMENT_FIELD_NUMBER: _builtins.int
+    SCALING_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -830,6 +851,10 @@ class Scene(_message.Message):
     def assessment(self) -> Global___Assessment:
         """how good the scene is; absent until it is ready, and where nothing was measured"""
 
+    @_builtins.property
+    def scaling(self) -> Global___SceneScaling:
+        """absent where the scale is the capture's own, or there is none"""
+
     def __init__(
         self,
         *,
@@ -847,10 +872,11 @@ class Scene(_message.Message):
         label_count: _builtins.int = ...,
         camera_count: _builtins.int = ...,
         assessment: Global___Assessment | None = ...,
+        scaling: Global___SceneScaling | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "state", b"state", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -917,6 +943,43 @@ class Assessment(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Assessment: _TypeAlias = Assessment  # noqa: Y015
+
+@_typing.final
+class SceneScaling(_message.Message):
+    """How the unit of a scene's current version came to be a meter."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SOURCE_FIELD_NUMBER: _builtins.int
+    METERS_PER_UNIT_FIELD_NUMBER: _builtins.int
+    LOW_FIELD_NUMBER: _builtins.int
+    HIGH_FIELD_NUMBER: _builtins.int
+    KNOWN_LENGTHS_FIELD_NUMBER: _builtins.int
+    source: Global___ScaleSource.ValueType
+    meters_per_unit: _builtins.float
+    """of the scene as it was trained; lengths of this version are multiplied by it"""
+    low: _builtins.float
+    """of the 95 % interval of `meters_per_unit`"""
+    high: _builtins.float
+    """of the 95 % interval of `meters_per_unit`"""
+    known_lengths: _builtins.int
+    """that it comes from"""
+    def __init__(
+        self,
+        *,
+        source: Global___ScaleSource.ValueType = ...,
+        meters_per_unit: _builtins.float = ...,
+        low: _builtins.float = ...,
+        high: _builtins.float = ...,
+        known_lengths: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["high", b"high", "known_lengths", b"known_lengths", "low", b"low", "meters_per_unit", b"meters_per_unit", "source", b"source"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneScaling: _TypeAlias = SceneScaling  # noqa: Y015
 
 @_typing.final
 class ListLabelsRequest(_message.Message):
@@ -1537,6 +1600,247 @@ class PickedThing(_message.Message):
 Global___PickedThing: _TypeAlias = PickedThing  # noqa: Y015
 
 @_typing.final
+class Place(_message.Message):
+    """------------------------------------------------------------------------------------------------- measuring
+
+    One place of a scene: what a view shows at a pixel, a point of the world, or a whole thing.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CAMERA_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    PIXEL_FIELD_NUMBER: _builtins.int
+    POINT_FIELD_NUMBER: _builtins.int
+    THING_FIELD_NUMBER: _builtins.int
+    view: _builtins.str
+    """name of one of the scene's own cameras, instead of `camera`"""
+    thing: _builtins.int
+    """id of a thing, instead of `pixel`: its surface and its box"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """a free viewpoint, for a pixel"""
+
+    @_builtins.property
+    def pixel(self) -> Global___Pixel:
+        """of the camera or view: the surface that it shows there"""
+
+    @_builtins.property
+    def point(self) -> Global___Vector3:
+        """in the world frame, instead of `pixel`"""
+
+    def __init__(
+        self,
+        *,
+        camera: Global___PosedCamera | None = ...,
+        view: _builtins.str = ...,
+        pixel: Global___Pixel | None = ...,
+        point: Global___Vector3 | None = ...,
+        thing: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "pixel", b"pixel", "place", b"place", "point", b"point", "thing", b"thing", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "pixel", b"pixel", "place", b"place", "point", b"point", "thing", b"thing", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_place: _TypeAlias = _typing.Literal["pixel", "point", "thing"]  # noqa: Y015
+    _WhichOneofArgType_place: _TypeAlias = _typing.Literal["place", b"place"]  # noqa: Y015
+    _WhichOneofReturnType_viewpoint: _TypeAlias = _typing.Literal["camera", "view"]  # noqa: Y015
+    _WhichOneofArgType_viewpoint: _TypeAlias = _typing.Literal["viewpoint", b"viewpoint"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_place) -> _WhichOneofReturnType_place | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_viewpoint) -> _WhichOneofReturnType_viewpoint | None: ...
+
+Global___Place: _TypeAlias = Place  # noqa: Y015
+
+@_typing.final
+class KnownLength(_message.Message):
+    """The distance between two places as somebody has measured it in the world."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FIRST_FIELD_NUMBER: _builtins.int
+    SECOND_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    PLUS_MINUS_FIELD_NUMBER: _builtins.int
+    meters: _builtins.float
+    """between the two"""
+    plus_minus: _builtins.float
+    """meters: how far off `meters` may be, in 95 % of cases; 0: exact"""
+    @_builtins.property
+    def first(self) -> Global___Place:
+        """a pixel or a point"""
+
+    @_builtins.property
+    def second(self) -> Global___Place:
+        """a pixel or a point"""
+
+    def __init__(
+        self,
+        *,
+        first: Global___Place | None = ...,
+        second: Global___Place | None = ...,
+        meters: _builtins.float = ...,
+        plus_minus: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["first", b"first", "second", b"second"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["first", b"first", "meters", b"meters", "plus_minus", b"plus_minus", "second", b"second"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___KnownLength: _TypeAlias = KnownLength  # noqa: Y015
+
+@_typing.final
+class MeasureRequest(_message.Message):
+    """What to measure: one place to locate it, one thing for its size, two places for what is between them."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PLACES_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    @_builtins.property
+    def places(self) -> _containers.RepeatedCompositeFieldContainer[Global___Place]:
+        """one or two"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        places: _abc.Iterable[Global___Place] | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["places", b"places", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MeasureRequest: _TypeAlias = MeasureRequest  # noqa: Y015
+
+@_typing.final
+class Length(_message.Message):
+    """A length and the interval that has it in 95 % of cases, in meters or in scene units."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VALUE_FIELD_NUMBER: _builtins.int
+    LOW_FIELD_NUMBER: _builtins.int
+    HIGH_FIELD_NUMBER: _builtins.int
+    value: _builtins.float
+    low: _builtins.float
+    """of the 95 % interval"""
+    high: _builtins.float
+    """of the 95 % interval"""
+    def __init__(
+        self,
+        *,
+        value: _builtins.float = ...,
+        low: _builtins.float = ...,
+        high: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["high", b"high", "low", b"low", "value", b"value"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Length: _TypeAlias = Length  # noqa: Y015
+
+@_typing.final
+class LocatedPlace(_message.Message):
+    """Where a place is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POINT_FIELD_NUMBER: _builtins.int
+    PLUS_MINUS_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    plus_minus: _builtins.float
+    """how far off the point may be in its least certain direction, in 95 % of cases"""
+    thing_id: _builtins.int
+    """the thing there, see SceneThing; 0 for none"""
+    @_builtins.property
+    def point(self) -> Global___Vector3:
+        """world frame; of a thing the middle of its box"""
+
+    def __init__(
+        self,
+        *,
+        point: Global___Vector3 | None = ...,
+        plus_minus: _builtins.float = ...,
+        thing_id: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["point", b"point"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["plus_minus", b"plus_minus", "point", b"point", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LocatedPlace: _TypeAlias = LocatedPlace  # noqa: Y015
+
+@_typing.final
+class Measurement(_message.Message):
+    """What was measured. Lengths are in meters where `meters` says so, otherwise in units of the scene alone."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PLACES_FIELD_NUMBER: _builtins.int
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    CENTER_DISTANCE_FIELD_NUMBER: _builtins.int
+    SIDES_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    meters: _builtins.bool
+    """whether lengths are meters"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def places(self) -> _containers.RepeatedCompositeFieldContainer[Global___LocatedPlace]:
+        """in the order of the request"""
+
+    @_builtins.property
+    def distance(self) -> Global___Length:
+        """between two places; of a thing from its nearest surface; absent for one"""
+
+    @_builtins.property
+    def center_distance(self) -> Global___Length:
+        """the same from the middles of things' boxes; absent where there is no thing"""
+
+    @_builtins.property
+    def sides(self) -> _containers.RepeatedCompositeFieldContainer[Global___Length]:
+        """of one thing: its edges along its box's x, y and z axes"""
+
+    @_builtins.property
+    def box(self) -> Global___Box:
+        """of one thing; absent otherwise"""
+
+    def __init__(
+        self,
+        *,
+        places: _abc.Iterable[Global___LocatedPlace] | None = ...,
+        distance: Global___Length | None = ...,
+        center_distance: Global___Length | None = ...,
+        sides: _abc.Iterable[Global___Length] | None = ...,
+        box: Global___Box | None = ...,
+        meters: _builtins.bool = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "center_distance", b"center_distance", "distance", b"distance"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "center_distance", b"center_distance", "distance", b"distance", "meters", b"meters", "places", b"places", "sides", b"sides", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Measurement: _TypeAlias = Measurement  # noqa: Y015
+
+@_typing.final
 class Color(_message.Message):
     """RGB, each 0 to 1."""
 
@@ -1690,12 +1994,14 @@ class Edit(_message.Message):
     SOURCE_FIELD_NUMBER: _builtins.int
     PROMPT_FIELD_NUMBER: _builtins.int
     TEXTS_FIELD_NUMBER: _builtins.int
+    KNOWN_LENGTHS_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
     no thing. insert: adds things of another scene, which get new ids. split: makes the piece of a thing that a prompt
-    shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. look_again:
-    stands in the versions that looking again has made, and is no edit to send
+    shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. scale: makes
+    the scene's units meters by known lengths, those of earlier such edits included; Gaussians, boxes and cameras are
+    scaled with it. look_again: stands in the versions that looking again has made, and is no edit to send
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -1732,6 +2038,10 @@ class Edit(_message.Message):
     def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """for look_again: what was looked for"""
 
+    @_builtins.property
+    def known_lengths(self) -> _containers.RepeatedCompositeFieldContainer[Global___KnownLength]:
+        """for scale: lengths that somebody has measured in the world"""
+
     def __init__(
         self,
         *,
@@ -1746,10 +2056,11 @@ class Edit(_message.Message):
         source: Global___InsertSource | None = ...,
         prompt: Global___ThingPrompt | None = ...,
         texts: _abc.Iterable[_builtins.str] | None = ...,
+        known_lengths: _abc.Iterable[Global___KnownLength] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "known_lengths", b"known_lengths", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -1825,6 +2136,60 @@ class UndoEditRequest(_message.Message):
 Global___UndoEditRequest: _TypeAlias = UndoEditRequest  # noqa: Y015
 
 @_typing.final
+class RedoEditRequest(_message.Message):
+    """Forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """redo only if this is the current version; makes a retry safe"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RedoEditRequest: _TypeAlias = RedoEditRequest  # noqa: Y015
+
+@_typing.final
+class RestoreVersionRequest(_message.Message):
+    """Make any version of a scene the current one; all others stay."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    EXPECTED_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """to become current"""
+    expected: _builtins.str
+    """restore only if this is the current version; empty: always"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        expected: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["expected", b"expected", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RestoreVersionRequest: _TypeAlias = RestoreVersionRequest  # noqa: Y015
+
+@_typing.final
 class ListVersionsRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1879,6 +2244,7 @@ class SceneVersion(_message.Message):
     CURRENT_FIELD_NUMBER: _builtins.int
     EDITS_FIELD_NUMBER: _builtins.int
     PROMPTED_FIELD_NUMBER: _builtins.int
+    AUTHOR_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
     parent: _builtins.str
@@ -1886,6 +2252,8 @@ class SceneVersion(_message.Message):
     gaussians: _builtins.int
     current: _builtins.bool
     """whether questions that name no version go here"""
+    author: _builtins.str
+    """the name of the key that made it; empty where that is unknown"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -1907,10 +2275,11 @@ class SceneVersion(_message.Message):
         current: _builtins.bool = ...,
         edits: _abc.Iterable[Global___Edit] | None = ...,
         prompted: _abc.Iterable[Global___PromptedThing] | None = ...,
+        author: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["author", b"author", "created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -75,6 +75,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.FromString,
                 _registered_method=True)
+        self.MeasureScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/MeasureScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.FromString,
+                _registered_method=True)
         self.EditScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/EditScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
@@ -83,6 +88,16 @@ class SceneServiceStub:
         self.UndoEdit = channel.unary_unary(
                 '/fastsplat.v1.SceneService/UndoEdit',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
+        self.RedoEdit = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RedoEdit',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
+        self.RestoreVersion = channel.unary_unary(
+                '/fastsplat.v1.SceneService/RestoreVersion',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
         self.ListVersions = channel.unary_unary(
@@ -285,6 +300,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def MeasureScene(self, request, context):
+        """How far two places are from each other, how large a thing is, or where a place is.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def EditScene(self, request, context):
         """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
         they began with.
@@ -295,6 +317,20 @@ class SceneServiceServicer:
 
     def UndoEdit(self, request, context):
         """Goes back to the version before the current one.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RedoEdit(self, request, context):
+        """Goes forward to the version that was undone: of those made of the current one, the one that was current last.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RestoreVersion(self, request, context):
+        """Makes any version the current one; all others stay.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -540,6 +576,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickThingRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PickedThing.SerializeToString,
             ),
+            'MeasureScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.MeasureScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.SerializeToString,
+            ),
             'EditScene': grpc.unary_unary_rpc_method_handler(
                     servicer.EditScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.FromString,
@@ -548,6 +589,16 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'UndoEdit': grpc.unary_unary_rpc_method_handler(
                     servicer.UndoEdit,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'RedoEdit': grpc.unary_unary_rpc_method_handler(
+                    servicer.RedoEdit,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'RestoreVersion': grpc.unary_unary_rpc_method_handler(
+                    servicer.RestoreVersion,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
             'ListVersions': grpc.unary_unary_rpc_method_handler(
@@ -918,6 +969,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def MeasureScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/MeasureScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.MeasureRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Measurement.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def EditScene(request,
             target,
             options=(),
@@ -960,6 +1038,60 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/UndoEdit',
             fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RedoEdit(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RedoEdit',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RedoEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RestoreVersion(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/RestoreVersion',
+            fastsplat_dot_v1_dot_fastsplat__pb2.RestoreVersionRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
             options,
             channel_credentials,

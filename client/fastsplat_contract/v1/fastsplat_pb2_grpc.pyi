@@ -60,12 +60,18 @@ class SceneServiceStub:
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]
     """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    MeasureScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.MeasureRequest, _fastsplat_pb2.Measurement]
+    """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
     """
     UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
     """Goes back to the version before the current one."""
+    RedoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]
+    """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+    RestoreVersion: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RestoreVersionRequest, _fastsplat_pb2.SceneVersion]
+    """Makes any version the current one; all others stay."""
     ListVersions: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]
     """Every version, oldest first."""
     LookAgain: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]
@@ -146,12 +152,18 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]  # type: ignore[assignment]
     """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    MeasureScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.MeasureRequest, _fastsplat_pb2.Measurement]  # type: ignore[assignment]
+    """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
     """
     UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Goes back to the version before the current one."""
+    RedoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+    RestoreVersion: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RestoreVersionRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Makes any version the current one; all others stay."""
     ListVersions: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListVersionsRequest, _fastsplat_pb2.ListVersionsResponse]  # type: ignore[assignment]
     """Every version, oldest first."""
     LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
@@ -279,6 +291,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Which thing is at a pixel or in a box of a view, or at a point of the scene."""
 
     @_abc_1.abstractmethod
+    def MeasureScene(
+        self,
+        request: _fastsplat_pb2.MeasureRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Measurement, _abc.Awaitable[_fastsplat_pb2.Measurement]]:
+        """How far two places are from each other, how large a thing is, or where a place is."""
+
+    @_abc_1.abstractmethod
     def EditScene(
         self,
         request: _fastsplat_pb2.EditSceneRequest,
@@ -295,6 +315,22 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
         """Goes back to the version before the current one."""
+
+    @_abc_1.abstractmethod
+    def RedoEdit(
+        self,
+        request: _fastsplat_pb2.RedoEditRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Goes forward to the version that was undone: of those made of the current one, the one that was current last."""
+
+    @_abc_1.abstractmethod
+    def RestoreVersion(
+        self,
+        request: _fastsplat_pb2.RestoreVersionRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Makes any version the current one; all others stay."""
 
     @_abc_1.abstractmethod
     def ListVersions(

@@ -103,6 +103,15 @@ export function undo(sceneId: string, version: string): Promise<SceneVersion> {
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:undo`, { version });
 }
 
+export function redo(sceneId: string, version: string): Promise<SceneVersion> {
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:redo`, { version });
+}
+
+/** Makes any version current, if `expected` still is. */
+export function restore(sceneId: string, version: string, expected: string): Promise<SceneVersion> {
+  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:restore`, { version, expected });
+}
+
 /** A picture of the scene from a free viewpoint, as JPEG. */
 export async function renderPicture(
   sceneId: string,

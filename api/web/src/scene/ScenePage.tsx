@@ -5,6 +5,7 @@ import { deleteScene } from "../api/calls";
 import { go, replaceAddress, route, sceneAddress } from "../app/router";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
+import { VersionsPanel } from "../change/VersionsPanel";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
@@ -163,6 +164,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
+        <VersionsPanel state={state} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
         <SceneFacts scene={scene} version={state.version.value} />
         {remove}

@@ -3,6 +3,7 @@ import { batch, computed, signal } from "@preact/signals";
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
 import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
+import { ChangeState } from "../change/changeState";
 import { LookState } from "../look/lookState";
 import { fromBase64, unpackBits } from "../viewer/states";
 import { geometryVersion } from "./versions";
@@ -33,7 +34,13 @@ export class SceneState {
   readonly hovered = signal(0);
 
   readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
-  readonly geometry = computed(() => geometryVersion(this.versions.value, this.version.value));
+  /** What the person is changing on show. */
+  readonly change = new ChangeState();
+  /** The version that the last change made, or made current. */
+  readonly made = signal<SceneVersion | null>(null);
+  /** Another version that the 3D view shows meanwhile; empty for none. */
+  readonly compared = signal("");
+  readonly geometry = computed(() => geometryVersion(this.versions.value, this.compared.value || this.version.value));
   readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
   readonly found = computed(() => {
     const answer = this.answer.value;
@@ -47,6 +54,10 @@ export class SceneState {
   readonly canUndo = computed(() => {
     const current = this.versions.value.find((version) => version.current);
     return this.isCurrent.value && Boolean(current?.parent);
+  });
+  readonly canRedo = computed(() => {
+    const current = this.scene.value?.version;
+    return this.isCurrent.value && this.versions.value.some((version) => version.parent === current);
   });
 
   #loads = new AbortController();
@@ -153,12 +164,22 @@ export class SceneState {
     return this.#change(() => calls.undo(this.sceneId, this.version.value), message);
   }
 
+  async redo(message: string): Promise<boolean> {
+    return this.#change(() => calls.redo(this.sceneId, this.version.value), message);
+  }
+
+  /** Makes any version the current one, and shows it. */
+  async restore(version: string, message: string): Promise<boolean> {
+    const current = this.scene.value?.version ?? "";
+    return this.#change(() => calls.restore(this.sceneId, version, current), message);
+  }
+
   async #change(call: () => Promise<SceneVersion>, message: string): Promise<boolean> {
     this.busy.value = true;
     this.actionError.value = null;
     this.message.value = "";
     try {
-      await call();
+      this.made.value = await call();
       await this.refresh();
       await this.loadThings();
       if (this.text.value) await this.ask(this.text.value);

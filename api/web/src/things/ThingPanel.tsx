@@ -32,6 +32,11 @@ export function ThingPanel({ state, onFly }: Properties) {
             {texts.things.undo}
           </button>
         )}
+        {state.canRedo.value && (
+          <button type="button" disabled={state.busy.value} onClick={() => void state.redo(texts.change.redone)}>
+            {texts.change.redo}
+          </button>
+        )}
       </div>
       {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
       {things.length > 1 && (

@@ -1,9 +1,13 @@
 import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { scenePlyPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import { ChangeMenu } from "../change/ChangeMenu";
+import { Gizmo } from "../change/Gizmo";
+import { LoadedSplats } from "../change/loadedSplats";
+import { ComparedNote } from "../change/VersionsPanel";
 import { Frusta } from "../look/Frusta";
 import { Legend, LookMenu } from "../look/LookMenu";
 import { PhotoCompare } from "../look/PhotoCompare";
@@ -45,6 +49,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const [error, setError] = useState<unknown>(null);
   const serverView = useSignal<ServerView | null>(null); // where the browser cannot draw
   const motion = useRef<CameraMotion | null>(null);
+  const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
   const latest = useRef(onView);
   latest.current = onView;
@@ -61,6 +66,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       view?.setView(now);
       serverView.peek()?.setView(now, resting);
       state.look.moved(now, resting);
+      state.change.view.value = now;
       if (resting) latest.current(now);
     });
     motion.current = camera;
@@ -75,8 +81,10 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       changed: () => latest.current(camera.view),
     });
     state.look.moved(camera.view, false);
+    state.change.view.value = camera.view;
     const resize = () => {
       state.look.resized({ width: element.clientWidth, height: element.clientHeight });
+      state.change.size.value = { width: element.clientWidth, height: element.clientHeight };
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
@@ -136,7 +144,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const controller = new AbortController();
     setShare(0);
     setError(null);
-    load(state.sceneId, version, controller.signal, setShare).then(
+    const fetched = () => load(state.sceneId, version, controller.signal, setShare);
+    splats.get(`${state.sceneId}/${version}`, fetched).then(
       (splat) => {
         if (controller.signal.aborted) return;
         view.setSplat(splat);
@@ -156,7 +165,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const mask = found?.length === count ? found : null;
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     view.setStates(
-      statesOf(count, mask, owners, state.hovered.value, state.selected.value),
+      statesOf(count, mask, owners, state.hovered.value, state.selected.value, (thing) => state.change.shows(thing)),
       mask !== null || state.selected.value.length > 0,
     );
     if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
@@ -164,6 +173,11 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   useServerView(serverView, state);
 
   useColors(state, splatView, loaded, canvas);
+
+  useSignalEffect(() => {
+    const motion = state.change.motion.value;
+    if (loaded.value) splatView.value?.setMotion(motion);
+  });
 
   return (
     <section class="viewer" aria-label={texts.scene.canvas}>
@@ -182,6 +196,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.loading3d(Math.round(share * 100))}
         </p>
       )}
+      <ComparedNote state={state} />
+      <Gizmo state={state} />
       {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
       {error !== null && (
         <div class="viewer-note">
@@ -193,6 +209,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.home}
         </button>
         <LookMenu state={state} />
+        <ChangeMenu state={state} />
         <details>
           <summary>{texts.scene.help}</summary>
           <p id="canvas-help">{texts.scene.canvasHelp}</p>

@@ -88,7 +88,8 @@ export class Pointing {
       y: Math.min(h - 0.5, Math.max(0, ((event.clientY - top) * h) / height)),
     };
     try {
-      return (await this.state.pick(cameraOf(this.view(), w, h), pixel, signal)).thing.id;
+      const { id } = (await this.state.pick(cameraOf(this.view(), w, h), pixel, signal)).thing;
+      return this.state.change.shows(id) ? id : 0;
     } catch (error) {
       if (error instanceof ApiError && error.status === 404) return 0;
       throw error;

@@ -17,6 +17,8 @@ import {
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
+import type { Motion } from "../change/motions";
+import { matrixOf, turnOf } from "../change/motions";
 import { DEPTH_STOPS } from "../look/colors";
 import { DepthRange } from "./depthRange";
 import type { Tint } from "./glow";
@@ -48,8 +50,16 @@ vec3 depthColor(float depth) {
     int stop = min(int(place), ${DEPTH_STOPS.length - 2});
     return mix(DEPTH_COLORS[stop], DEPTH_COLORS[stop + 1], place - float(stop));
 }
-void modifySplatCenter(inout vec3 center) {}
-void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {}
+uniform mat4 uMotion;
+uniform vec4 uTurn;
+void modifySplatCenter(inout vec3 center) {
+    if (uint(loadSplatState().r) == 3u) center = (uMotion * vec4(center, 1.0)).xyz;
+}
+void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {
+    if (uint(loadSplatState().r) != 3u) return;
+    rotation = quatMul(uTurn, rotation);
+    if (rotation.w < 0.0) rotation = -rotation;
+}
 void modifySplatColor(vec3 center, inout vec4 color) {
     float light = dot(clamp(color.rgb, 0.0, 1.0), vec3(0.299, 0.587, 0.114));
     if (uColors > 1.5) color.rgb = depthColor(dot(center - uEye, uForward));
@@ -58,6 +68,7 @@ void modifySplatColor(vec3 center, inout vec4 color) {
     if (state == 1u) color.rgb = ${tinted(TINTS.found)};
     else if (state == 2u) color.rgb = ${tinted(TINTS.hovered)};
     else if (state == 3u) color.rgb = ${tinted(TINTS.selected)};
+    else if (state == 4u) color.a = 0.0;
     else color.rgb *= uDimmed;
 }
 `;
@@ -139,6 +150,7 @@ export class SplatView {
     entity.gsplat?.setParameter("uEye", [0, 0, 0]);
     entity.gsplat?.setParameter("uForward", [0, 0, 1]);
     entity.gsplat?.setParameter("uDepths", [0, 1]);
+    this.#setMotion(entity, null);
     entity.gsplat?.setWorkBufferModifier({ glsl: MODIFIER });
     [this.#splat, this.#resource] = [entity, resource];
     this.redraw();
@@ -196,6 +208,21 @@ export class SplatView {
   #update(): void {
     if (this.#splat?.gsplat) this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.redraw();
+  }
+
+  /** Shows the selected Gaussians moved, or where they are. */
+  setMotion(motion: Motion | null): void {
+    if (!this.#splat?.gsplat) return;
+    this.#setMotion(this.#splat, motion);
+    this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.redraw();
+  }
+
+  #setMotion(splat: Entity, motion: Motion | null): void {
+    const shown = motion ?? { pivot: [0, 0, 0], shift: [0, 0, 0], angles: [0, 0, 0] };
+    const turn = turnOf(shown);
+    splat.gsplat?.setParameter("uMotion", matrixOf(shown));
+    splat.gsplat?.setParameter("uTurn", [turn.x, turn.y, turn.z, turn.w]);
   }
 
   /** Looks from somewhere else. */

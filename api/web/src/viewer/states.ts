@@ -3,6 +3,7 @@ export const PLAIN = 0;
 export const FOUND = 1;
 export const HOVERED = 2;
 export const SELECTED = 3;
+export const HIDDEN = 4;
 
 /** bool [count] as bytes 0 and 1 of packed bits, most significant bit first: the contract's mask encoding "bits". */
 export function unpackBits(bits: Uint8Array, count: number): Uint8Array {
@@ -23,6 +24,7 @@ export function fromBase64(text: string): Uint8Array {
  * @param found bytes [count], 1 where it answers the question; null without a question.
  * @param things uint16 [count], which thing it belongs to; null while unknown.
  * @param hovered,selected ids of things; 0 for none.
+ * @param shows whether the Gaussians of a thing (0: of none) are shown.
  */
 export function statesOf(
   count: number,
@@ -30,12 +32,16 @@ export function statesOf(
   things: Uint16Array | null,
   hovered: number,
   selected: readonly number[],
+  shows: (thing: number) => boolean = () => true,
 ): Uint8Array {
   const states = new Uint8Array(count);
   const chosen = new Set(selected);
+  const shown = new Map<number, boolean>();
   for (let row = 0; row < count; row++) {
     const thing = things?.[row] ?? 0;
-    if (thing && chosen.has(thing)) states[row] = SELECTED;
+    if (!shown.has(thing)) shown.set(thing, shows(thing));
+    if (!shown.get(thing)) states[row] = HIDDEN;
+    else if (thing && chosen.has(thing)) states[row] = SELECTED;
     else if (thing && thing === hovered) states[row] = HOVERED;
     else if (found?.[row]) states[row] = FOUND;
   }

@@ -1,0 +1,85 @@
+import { useSignalEffect } from "@preact/signals";
+import { useState } from "preact/hooks";
+
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { centerOf } from "../viewer/boxes";
+import { MovePanel } from "./MovePanel";
+
+/** What can be done to the selected things: hidden and isolated on show; recolored, moved, copied, removed as versions. */
+export function ChangeMenu({ state }: { state: SceneState }) {
+  const { change } = state;
+  useSignalEffect(() => {
+    if (state.selected.value) change.motion.value = null; // it was of those that were selected before
+  });
+  const things = state.selectedThings.value;
+  const ids = things.map((thing) => thing.id);
+  const box = things.find((thing) => thing.box)?.box;
+  return (
+    <details class="change-menu">
+      <summary>{texts.change.title}</summary>
+      <div class="change-body">
+        {things.length === 0 && <p class="hint">{texts.change.selectFirst}</p>}
+        {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
+        {things.length > 0 && <MovePanel state={state} />}
+        {things.length > 0 && !change.motion.value && (
+          <>
+            <div class="buttons">
+              <button type="button" onClick={() => change.hide(ids)}>
+                {texts.change.hide}
+              </button>
+              <button type="button" onClick={() => change.isolate(ids)}>
+                {texts.change.isolate}
+              </button>
+              {box && (
+                <button
+                  type="button"
+                  onClick={() => (change.motion.value = { pivot: centerOf(box), shift: [0, 0, 0], angles: [0, 0, 0] })}
+                >
+                  {texts.change.moveOrTurn}
+                </button>
+              )}
+              <button
+                type="button"
+                class="danger"
+                disabled={state.busy.value}
+                onClick={() => void state.edit({ action: "remove", things: ids }, texts.change.removed)}
+              >
+                {texts.change.remove}
+              </button>
+            </div>
+            <Recolor state={state} ids={ids} />
+          </>
+        )}
+        {change.hides.value && (
+          <div class="buttons">
+            <button type="button" onClick={() => change.showAll()}>
+              {texts.change.showAll}
+            </button>
+          </div>
+        )}
+      </div>
+    </details>
+  );
+}
+
+function Recolor({ state, ids }: { state: SceneState; ids: number[] }) {
+  const [color, setColor] = useState("#3d7be0");
+  const [r = 0, g = 0, b = 0] = [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16) / 255);
+  return (
+    <form
+      class="recolor"
+      onSubmit={(event) => {
+        event.preventDefault();
+        void state.edit({ action: "recolor", things: ids, color: { r, g, b } }, texts.change.recolored);
+      }}
+    >
+      <label>
+        {texts.change.color}
+        <input type="color" value={color} onInput={(event) => setColor(event.currentTarget.value)} />
+      </label>
+      <button disabled={state.busy.value}>{texts.change.recolor}</button>
+    </form>
+  );
+}

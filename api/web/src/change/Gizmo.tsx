@@ -1,0 +1,111 @@
+import { useRef } from "preact/hooks";
+
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import type { Vec } from "../viewer/vectors";
+import { add, dot, length, subtract } from "../viewer/vectors";
+import type { Motion } from "./motions";
+import { withAxis } from "./motions";
+import { projected } from "./projection";
+
+const AXES: readonly Vec[] = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
+const SHARE = 0.16; // of the distance to the thing: how long the handles' axes are
+const NUDGE = 0.02; // the same, of one press of an arrow key
+const TURN = Math.PI / 36;
+
+type Point = { x: number; y: number };
+
+/** Three handles to shift the selected things along the world's axes, and three to turn them about these. */
+export function Gizmo({ state }: { state: SceneState }) {
+  const { change } = state;
+  const [view, size, motion] = [change.view.value, change.size.value, change.motion.value];
+  const drag = useRef<{ from: Point; motion: Motion } | null>(null);
+  if (!view || !motion || !size.width) return null;
+  const center = add(motion.pivot, motion.shift);
+  const reach = SHARE * length(subtract(center, view.position));
+  const middle = projected(view, size, center);
+  if (!middle) return null;
+  const set = (next: Motion) => (change.motion.value = next);
+  const handles = AXES.flatMap((axis, number) => {
+    const far = projected(view, size, add(center, [axis[0] * reach, axis[1] * reach, axis[2] * reach]));
+    const near = projected(view, size, add(center, [axis[0] * -reach, axis[1] * -reach, axis[2] * -reach]));
+    if (!far || !near) return [];
+    const along = { x: (far.x - middle.x) / reach, y: (far.y - middle.y) / reach }; // pixels a unit
+    const pixels = along.x ** 2 + along.y ** 2;
+    const towards = dot(axis, subtract(view.position, center)) > 0 ? -1 : 1; // the screen's y points down
+    const shifted = (from: Motion, by: number) => ({
+      ...from,
+      shift: withAxis(from.shift, number, (from.shift[number] ?? 0) + by),
+    });
+    const turned = (from: Motion, by: number) => ({
+      ...from,
+      angles: withAxis(from.angles, number, (from.angles[number] ?? 0) + by),
+    });
+    const bearing = (point: Point) => Math.atan2(point.y - middle.y, point.x - middle.x);
+    return [
+      {
+        kind: "shift",
+        number,
+        at: far,
+        label: texts.change.shiftAlong(AXIS_NAMES[number] ?? ""),
+        nudge: (sign: number) => set(shifted(motion, sign * NUDGE * (reach / SHARE))),
+        move: (from: Motion, start: Point, now: Point) =>
+          pixels > 1 && set(shifted(from, ((now.x - start.x) * along.x + (now.y - start.y) * along.y) / pixels)),
+      },
+      {
+        kind: "turn",
+        number,
+        at: near,
+        label: texts.change.turnAbout(AXIS_NAMES[number] ?? ""),
+        nudge: (sign: number) => set(turned(motion, sign * TURN)),
+        move: (from: Motion, start: Point, now: Point) => set(turned(from, towards * (bearing(now) - bearing(start)))),
+      },
+    ];
+  });
+  return (
+    <div class="gizmo">
+      <svg aria-hidden="true" viewBox={`0 0 ${size.width} ${size.height}`}>
+        {handles.map(({ kind, number, at }) => (
+          <line key={`${kind}${number}`} class={`axis-${number}`} x1={middle.x} y1={middle.y} x2={at.x} y2={at.y} />
+        ))}
+      </svg>
+      {handles.map(({ kind, number, at, label, nudge, move }) => (
+        <button
+          key={`${kind}${number}`}
+          type="button"
+          class={`handle ${kind} axis-${number}`}
+          aria-label={label}
+          style={{ left: `${at.x}px`, top: `${at.y}px` }}
+          onPointerDown={(event) => {
+            event.currentTarget.setPointerCapture(event.pointerId);
+            drag.current = { from: inside(event), motion };
+          }}
+          onPointerMove={(event) => {
+            if (drag.current) move(drag.current.motion, drag.current.from, inside(event));
+          }}
+          onPointerUp={() => (drag.current = null)}
+          onPointerCancel={() => (drag.current = null)}
+          onKeyDown={(event) => {
+            const sign = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+            if (!sign) return;
+            event.preventDefault();
+            nudge(sign * (event.shiftKey ? 5 : 1));
+          }}
+        >
+          {AXIS_NAMES[number]}
+        </button>
+      ))}
+    </div>
+  );
+}
+
+export const AXIS_NAMES = ["x", "y", "z"] as const;
+
+function inside(event: PointerEvent & { currentTarget: EventTarget }): Point {
+  const frame = (event.currentTarget as HTMLElement).parentElement?.getBoundingClientRect();
+  return { x: event.clientX - (frame?.left ?? 0), y: event.clientY - (frame?.top ?? 0) };
+}

@@ -1,0 +1,86 @@
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { AXIS_NAMES } from "./Gizmo";
+import { isRest, poseOf, withAxis } from "./motions";
+
+const DEGREE = Math.PI / 180;
+
+/** Numbers of the motion on show, and what sends it: as a move, or as a copy there. */
+export function MovePanel({ state }: { state: SceneState }) {
+  const { change } = state;
+  const motion = change.motion.value;
+  if (!motion) return null;
+  const ids = state.selected.value;
+  const unit = state.selectedThings.value[0]?.meters ? texts.change.meters : texts.change.units;
+  const send = (action: "move" | "duplicate", message: string) =>
+    void state.edit({ action, things: [...ids], transform: poseOf(motion) }, message).then((done) => {
+      if (done) change.motion.value = null;
+    });
+  const end = () => (change.motion.value = null);
+  return (
+    <form
+      class="move"
+      onSubmit={(event) => {
+        event.preventDefault();
+        send("move", texts.change.moved);
+      }}
+      onKeyDown={(event) => event.key === "Escape" && end()}
+    >
+      <fieldset>
+        <legend>{texts.change.shift(unit)}</legend>
+        {AXIS_NAMES.map((name, axis) => (
+          <label key={name}>
+            {name}
+            <input
+              type="number"
+              step="any"
+              value={rounded(motion.shift[axis] ?? 0)}
+              onInput={(event) => {
+                const value = event.currentTarget.valueAsNumber;
+                if (Number.isFinite(value))
+                  change.motion.value = { ...motion, shift: withAxis(motion.shift, axis, value) };
+              }}
+            />
+          </label>
+        ))}
+      </fieldset>
+      <fieldset>
+        <legend>{texts.change.turn}</legend>
+        {AXIS_NAMES.map((name, axis) => (
+          <label key={name}>
+            {name}
+            <input
+              type="number"
+              step="any"
+              value={rounded((motion.angles[axis] ?? 0) / DEGREE)}
+              onInput={(event) => {
+                const value = event.currentTarget.valueAsNumber;
+                if (Number.isFinite(value))
+                  change.motion.value = { ...motion, angles: withAxis(motion.angles, axis, value * DEGREE) };
+              }}
+            />
+          </label>
+        ))}
+      </fieldset>
+      <div class="buttons">
+        <button class="primary" disabled={state.busy.value || isRest(motion)}>
+          {texts.change.move}
+        </button>
+        <button
+          type="button"
+          disabled={state.busy.value || isRest(motion)}
+          onClick={() => send("duplicate", texts.change.copied)}
+        >
+          {texts.change.copy}
+        </button>
+        <button type="button" onClick={end}>
+          {texts.cancel}
+        </button>
+      </div>
+    </form>
+  );
+}
+
+function rounded(value: number): number {
+  return Number(value.toFixed(4));
+}

@@ -1,0 +1,85 @@
+import { useEffect } from "preact/hooks";
+
+import type { SceneVersion } from "../api/types";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { undoKeys } from "./shortcuts";
+import { describeVersion, lineOf } from "./versionTexts";
+
+/** Every version of the scene, newest first: what made it, when, by whom; any can be restored, or looked at beside. */
+export function VersionsPanel({ state }: { state: SceneState }) {
+  useEffect(() => undoKeys(state), [state]);
+  const versions = state.versions.value;
+  const line = lineOf(versions, state.scene.value?.version ?? "");
+  return (
+    <details class="versions">
+      <summary>
+        <h2>{texts.change.versions(versions.length)}</h2>
+      </summary>
+      <p class="hint">{texts.change.versionsHelp}</p>
+      <ol>
+        {[...versions].reverse().map((version) => (
+          <Row key={version.version} state={state} version={version} undone={!line.has(version.version)} />
+        ))}
+      </ol>
+    </details>
+  );
+}
+
+function Row({ state, version, undone }: { state: SceneState; version: SceneVersion; undone: boolean }) {
+  const what = describeVersion(version);
+  const compared = state.compared.value === version.version;
+  const restore = () => {
+    state.compared.value = "";
+    void state.restore(version.version, texts.change.restored(what));
+  };
+  return (
+    <li class={undone ? "undone" : undefined} aria-current={version.current ? "true" : undefined}>
+      <p>{what}</p>
+      <p class="hint">
+        {[
+          version.current && texts.change.current,
+          undone && texts.change.undoneVersion,
+          new Date(version.created_at).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" }),
+          version.author && texts.change.by(version.author),
+        ]
+          .filter(Boolean)
+          .join(" · ")}
+      </p>
+      {!version.current && (
+        <div class="buttons">
+          <button
+            type="button"
+            aria-pressed={compared}
+            aria-label={texts.change.compareWith(what)}
+            onClick={() => (state.compared.value = compared ? "" : version.version)}
+          >
+            {texts.change.compare}
+          </button>
+          <button
+            type="button"
+            disabled={state.busy.value}
+            aria-label={texts.change.restoreVersion(what)}
+            onClick={restore}
+          >
+            {texts.change.restore}
+          </button>
+        </div>
+      )}
+    </li>
+  );
+}
+
+/** Over the picture while another version is on show. */
+export function ComparedNote({ state }: { state: SceneState }) {
+  const version = state.versions.value.find((each) => each.version === state.compared.value);
+  if (!version) return null;
+  return (
+    <p class="viewer-note compared" role="status">
+      {texts.change.comparing(describeVersion(version))}{" "}
+      <button type="button" class="plain" onClick={() => (state.compared.value = "")}>
+        {texts.change.compareEnd}
+      </button>
+    </p>
+  );
+}

@@ -1,0 +1,64 @@
+"""Versions as their rows say, and what a new one writes of its dictionary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.store.version_repository import VersionRecord
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.thing_prompts import PromptedThing
+
+PROMPTED = "prompted"
+"""In the row of an edit: what was made of its prompt."""
+
+
+def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
+    """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
+    entries = index.scene.dictionary.entries
+    counts = index.label_counts
+    known = {row["label_id"]: row for row in rows}
+    nowhere = {"pixels": 0, "views": 0}
+    return [
+        {
+            **known.get(label_id, nowhere),
+            "label_id": label_id,
+            "label": entry.label,
+            "aliases": list(entry.aliases),
+            "gaussian_count": counts[label_id],
+        }
+        for label_id, entry in enumerate(entries, start=1)
+    ]
+
+
+def version_of(record: VersionRecord, current: str) -> SceneVersion:
+    """What a caller sees of a row; `current` is the scene's current version."""
+    return SceneVersion(
+        scene_id=record.scene_id,
+        version=record.version,
+        parent=record.parent,
+        created_at=datetime.fromtimestamp(record.created_at, UTC),
+        gaussians=record.gaussians,
+        current=record.version == current,
+        edits=tuple(_edit_of({name: row[name] for name in row if name != PROMPTED}) for row in record.edits),
+        prompted=tuple(from_plain(PromptedThing, row[PROMPTED]) for row in record.edits if PROMPTED in row),
+        author=record.author,
+    )
+
+
+def _edit_of(row: Mapping[str, Any]) -> Edit:
+    if "colour" not in row:
+        return from_plain(Edit, row)
+    # A row of before the first release of the contract: British names, numbers in lists.
+    color, transform = row["colour"], row["transform"]
+    return Edit(
+        "recolor" if row["action"] == "recolour" else row["action"],
+        row["label"],
+        row["object_id"],
+        color and Color(*color),
+        transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"])),
+    )

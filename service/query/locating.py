@@ -1,0 +1,197 @@
+"""Where in a scene a place is, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scaling import NORMAL_95
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.rendering import accumulate_weights
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.places import Place
+from fastsplat_contract.thing_prompts import Pixel
+
+F64 = NDArray[np.float64]
+
+_LEAST_WEIGHT = 1e-4
+_FLATTEST = 1e-3
+_AROUND = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+_PICK_PX = 1.0
+"""Standard deviation of where somebody clicks, pixels of the picture that they click in."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """A place in the world.
+
+    Attributes:
+        point: float64 [3].
+        covariance: float64 [3, 3], scene units squared.
+        thing_id: of the thing there; 0 for none.
+        is_thing: whether the place is that whole thing, and `point` the middle of its box.
+    """
+
+    point: F64
+    covariance: F64
+    thing_id: int = 0
+    is_thing: bool = False
+
+    @property
+    def plus_minus(self) -> float:
+        """1.96 standard deviations in the least certain direction."""
+        return float(NORMAL_95 * np.sqrt(np.linalg.eigvalsh(self.covariance)[-1].clip(0)))
+
+
+def locate(index: SceneIndex, place: Place) -> Located:
+    """Where a pixel or a point is. A point of the world is taken as exact.
+
+    Args:
+        index: of the scene.
+        place: with a pixel or a point.
+
+    Raises:
+        NotFoundError: nothing is seen at the pixel, or there is no such view.
+        InvalidInputError: not exactly one of pixel and point, not exactly one of camera and view with a pixel, a pixel
+            outside the picture, a point that is not finite.
+    """
+    check_place(place, ("pixel", "point"))
+    if place.point is not None:
+        point = np.array(place.point, dtype=np.float64)
+        if not np.isfinite(point).all():
+            raise InvalidInputError(f"a point at {tuple(place.point)}", field="point", hint="Send finite numbers.")
+        row = index.things.row_at(place.point)
+        return Located(point, np.zeros((3, 3)), 0 if row is None else int(index.things.owner[row]))
+    assert place.pixel is not None
+    posed = place.camera if place.view is None else index.view(place.view)
+    assert posed is not None
+    return _at_pixel(index, posed, place.pixel)
+
+
+def check_place(place: Place, kinds: tuple[str, ...]) -> None:
+    """Raise unless a place is said in exactly one of these ways, and seen from exactly one viewpoint if by a pixel.
+
+    Raises:
+        InvalidInputError: it is not.
+    """
+    said = [name for name in ("pixel", "point", "thing") if getattr(place, name) is not None]
+    if len(said) != 1 or said[0] not in kinds:
+        raise InvalidInputError(
+            f"a place by {' and '.join(said) or 'nothing'}",
+            field=(said or [kinds[0]])[-1],
+            hint=f"Send one of {', '.join(kinds)}.",
+        )
+    cameras = (place.camera is not None) + (place.view is not None)
+    if cameras != (said == ["pixel"]):
+        raise InvalidInputError(
+            f"a {said[0]} with {cameras} viewpoints",
+            field="view",
+            hint="A pixel needs one of camera and view; a point and a thing need none.",
+        )
+
+
+def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
+    """The surface on the ray through a pixel.
+
+    Each Gaussian that the pixel is made of (blend weight w) is met where the ray is likeliest in it, at the depth
+    t = dᵀ Σ⁻¹ (μ - o) / dᵀ Σ⁻¹ d; the surface is their median by weight. Across the ray its deviation σ is one
+    pixel's width there; along the ray it is √(q² + s² + g²), q half of what lies between the weights' 16 % and 84 %
+    quantiles, s the mean deviation 1 / √(dᵀ Σ⁻¹ d) of the Gaussians themselves, g how much the surface's depth changes
+    with one pixel, to either side and up and down.
+    """
+    camera = posed.camera
+    if not (0 <= pixel.x < camera.width and 0 <= pixel.y < camera.height):
+        raise InvalidInputError(
+            f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {camera.width}×{camera.height}",
+            field="pixel",
+            limit=f"0 to below {camera.width} and 0 to below {camera.height}",
+            hint="Send pixels of the camera's own picture.",
+        )
+    rows, weights = _weights_around(index, posed, pixel)
+    nothing = NotFoundError(
+        f"there is nothing at the pixel ({pixel.x:g}, {pixel.y:g})",
+        field="pixel",
+        hint="Pick where the scene's pictures show something.",
+    )
+    if weights[:, 0].sum() < max(index.settings.alpha_min, _LEAST_WEIGHT):
+        raise nothing
+    origin, rotation = posed.world_from_camera[:3, 3], posed.world_from_camera[:3, :3]
+    rays = [
+        rotation @ np.array([(pixel.x + x - camera.cx) / camera.fx, (pixel.y + y - camera.cy) / camera.fy, 1.0])
+        for x, y in _AROUND
+    ]
+    met = [_surface_depth(*_depths_along(index, rows, origin, ray), weights[:, n]) for n, ray in enumerate(rays)]
+    if met[0] is None:
+        raise nothing
+    depth, spread = met[0]
+    beside = [depth if one is None else one[0] for one in met]
+    slopes = (beside[1] - beside[2]) / 2, (beside[3] - beside[4]) / 2
+    length = float(np.linalg.norm(rays[0]))
+    ray = rays[0] / length
+    along = length * float(np.sqrt(spread**2 + _PICK_PX**2 * (slopes[0] ** 2 + slopes[1] ** 2)))
+    across = _PICK_PX * depth / float(np.sqrt(camera.fx * camera.fy))
+    covariance = along**2 * np.outer(ray, ray) + across**2 * (np.eye(3) - np.outer(ray, ray))
+    owners = np.bincount(index.things.owner[rows], weights=weights[:, 0])
+    return Located(origin + depth * rays[0], covariance, int(owners.argmax()))
+
+
+def _surface_depth(depths: F64, thicknesses: F64, weights: F64) -> tuple[float, float] | None:
+    """The weighted median of depths before the camera, and its deviation; None for no weight there."""
+    before = (depths > 0) & (weights > 0)
+    if not before.any():
+        return None
+    depths, thicknesses, weights = depths[before], thicknesses[before], weights[before]
+    order = np.argsort(depths, kind="stable")
+    shares = np.cumsum(weights[order]) / weights.sum()
+    low, median, high = depths[order][np.minimum(np.searchsorted(shares, (0.16, 0.5, 0.84)), len(order) - 1)]
+    return float(median), float(np.hypot((high - low) / 2, weights @ thicknesses / weights.sum()))
+
+
+def _weights_around(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> tuple[NDArray[np.int64], F64]:
+    """The Gaussians [K] that a place in a picture and the four a pixel beside it are made of, and their blend weights
+    there, float64 [K, 5]: a picture of three by three pixels, whose middle is that place."""
+    camera = posed.camera
+    small = Camera(3, 3, camera.fx, camera.fy, camera.cx - pixel.x + 1.5, camera.cy - pixel.y + 1.5)
+    backend = index.settings.backend
+    device = torch.device("cuda" if backend == "cuda" else "cpu")
+    viewmat = torch.tensor(posed.camera_from_world(), dtype=torch.float32, device=device)
+    values = torch.zeros(3, 3, len(_AROUND), device=device)
+    for number, (x, y) in enumerate(_AROUND):
+        values[1 + y, 1 + x, number] = 1.0
+    with torch.no_grad():
+        splats = splats_of(index.scene.gaussians, device=device)
+        sums = accumulate_weights(splats, viewmat, small, values, backend=backend)
+    weights = sums.cpu().numpy().astype(np.float64)
+    rows = np.flatnonzero((weights > _LEAST_WEIGHT).any(axis=1))
+    return rows, weights[rows]
+
+
+def _depths_along(index: SceneIndex, rows: NDArray[np.int64], origin: F64, direction: F64) -> tuple[F64, F64]:
+    """Where a ray is likeliest in each Gaussian, and the standard deviation of each along the ray, in `direction`s."""
+    axes, deviations = axes_of(index, rows)
+    inverse = 1 / np.maximum(deviations, _FLATTEST * deviations.max(axis=1, keepdims=True))
+    away = np.einsum("kji,kj->ki", axes, index.scene.gaussians.means[rows].astype(np.float64) - origin) * inverse
+    ray = np.einsum("kji,j->ki", axes, direction) * inverse
+    precision = (ray * ray).sum(axis=1)
+    return (away * ray).sum(axis=1) / precision, 1 / np.sqrt(precision)
+
+
+def axes_of(index: SceneIndex, rows: NDArray[np.int64]) -> tuple[F64, F64]:
+    """Of Gaussians `rows` [K] the axes, columns of float64 [K, 3, 3], and the standard deviations along them [K, 3]."""
+    w, x, y, z = np.moveaxis(index.scene.gaussians.quats[rows].astype(np.float64), 1, 0)
+    norm = np.maximum(np.sqrt(w * w + x * x + y * y + z * z), np.finfo(np.float64).tiny)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    axes = np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1),
+        ],
+        axis=1,
+    )
+    return axes, np.exp(index.scene.gaussians.log_scales[rows].astype(np.float64))

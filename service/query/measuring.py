@@ -1,0 +1,209 @@
+"""Lengths in a scene: between two places, of a thing; and the scale that known lengths give it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+
+from fastsplat.service.query.locating import Located, axes_of, check_place, locate
+from fastsplat.service.query.objects import solid_rows
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, combined, scaled
+from fastsplat.service.scene.types import Scene
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.measuring import Length, LocatedPlace, Measurement
+from fastsplat_contract.places import Place
+from fastsplat_contract.poses import rigid, vector3
+from fastsplat_contract.scenes import Box
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.edits import Edit
+
+F64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+_MAX_LENGTHS = 100
+_END = 0.05
+_NEIGHBORS = 4
+_APART = 6.0
+
+
+def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
+    """What is between two places, how large a thing is, or where one place is.
+
+    Args:
+        index: of the scene.
+        places: one or two.
+        version: that the index is of.
+
+    Raises:
+        NotFoundError: nothing is seen at a pixel; no such view or thing.
+        InvalidInputError: another number of places, or one that makes no sense, see `locate`.
+    """
+    if len(places) not in (1, 2):
+        raise InvalidInputError(
+            f"{len(places)} places", field="places", hint="Send one place to locate or one thing, or two places."
+        )
+    located = []
+    for number, place in enumerate(places):
+        try:
+            located.append(_located(index, place))
+        except (InvalidInputError, NotFoundError) as error:
+            raise error.within(f"places[{number}]") from error
+    distance = center_distance = box = None
+    sides: tuple[Length, ...] = ()
+    if len(located) == 2:
+        distance = _length(index, *_nearest(index, *located))
+        if any(one.is_thing for one in located):
+            center_distance = _length(index, *_apart(*located))
+    elif located[0].is_thing:
+        box = _box(index, located[0].thing_id)
+        deviations = _side_deviations(index, located[0], box)
+        sides = tuple(_length(index, side, deviation) for side, deviation in zip(box.size, deviations, strict=True))
+    return Measurement(
+        places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.thing_id) for one in located),
+        distance=distance,
+        center_distance=center_distance,
+        sides=sides,
+        box=box,
+        meters=index.scene.scale == "METRIC",
+        version=version,
+    )
+
+
+def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
+    """The scene in meters by known lengths, and by those that it was scaled by before; see `combined`.
+
+    Raises:
+        NotFoundError: nothing is seen at a pixel; no such view.
+        InvalidInputError: no or too many known lengths, a label, an object or things, or two places that are one.
+    """
+    if edit.label is not None or edit.object_id is not None or edit.things:
+        raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
+    earlier = index.scene.scaling
+    lengths = [] if earlier is None else [*earlier.lengths]
+    if not edit.known_lengths or len(lengths) + len(edit.known_lengths) > _MAX_LENGTHS:
+        raise InvalidInputError(
+            f"{len(edit.known_lengths)} known lengths",
+            field="known_lengths",
+            limit=f"1 to {_MAX_LENGTHS} of a scene",
+            hint="Send the length between two places.",
+        )
+    unit = 1.0 if earlier is None else earlier.meters_per_unit
+    for number, known in enumerate(edit.known_lengths):
+        ends = []
+        for name in ("first", "second"):
+            try:
+                ends.append(locate(index, getattr(known, name)))
+            except (InvalidInputError, NotFoundError) as error:
+                raise error.within(f"known_lengths[{number}].{name}") from error
+        value, deviation = _apart(*ends)
+        if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
+            raise InvalidInputError(
+                "the two places cannot be told apart",
+                field=f"known_lengths[{number}].second",
+                hint="Pick places that are further from each other.",
+            )
+        lengths.append(ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95))
+    return scaled(index.things.scene, combined(lengths))
+
+
+def _located(index: SceneIndex, place: Place) -> Located:
+    if place.thing is None:
+        return locate(index, place)
+    check_place(place, ("thing",))
+    index.things.check_all((place.thing,))
+    box = _box(index, place.thing)
+    center = np.array(box.center.position, dtype=np.float64)
+    thing = Located(center, np.zeros((3, 3)), place.thing, is_thing=True)
+    axes = rigid(box.center.orientation, box.center.position)[:3, :3]
+    halves = np.array(_side_deviations(index, thing, box)) / 2
+    return Located(center, axes @ np.diag(halves**2) @ axes.T, place.thing, is_thing=True)
+
+
+def _box(index: SceneIndex, thing_id: int) -> Box:
+    box = index.things.get(thing_id).box
+    if box is None:
+        raise NotFoundError(
+            f"thing {thing_id} is too faint to be seen", field="thing", hint="Measure a thing that has a box."
+        )
+    return box
+
+
+def _rows(index: SceneIndex, thing_id: int) -> Rows:
+    """The solid Gaussians of a thing or a part, without those that lie far from all others of it."""
+    things = index.things
+    rows = np.flatnonzero((things.owner == thing_id) | (things.part_owner == thing_id))
+    rows = np.intersect1d(rows, solid_rows(index.scene.gaussians))
+    if len(rows) <= _NEIGHBORS:
+        return rows
+    means = index.scene.gaussians.means[rows]
+    away = cKDTree(means).query(means, k=[_NEIGHBORS + 1])[0][:, 0]
+    return np.asarray(rows[away <= _APART * np.median(away)])
+
+
+def _side_deviations(index: SceneIndex, thing: Located, box: Box) -> tuple[float, float, float]:
+    """Standard deviations of a box's sides: of the outer 5 % of a thing's Gaussians at either end the median deviation
+    along the side, both ends together."""
+    rows = _rows(index, thing.thing_id)
+    pose = rigid(box.center.orientation, box.center.position)
+    offsets = index.scene.gaussians.means[rows].astype(np.float64) - pose[:3, 3]
+    axes, deviations = axes_of(index, rows)
+    sides = []
+    for side in range(3):
+        along = offsets @ pose[:3, side]
+        spread = np.sqrt(((np.einsum("kji,j->ki", axes, pose[:3, side]) * deviations) ** 2).sum(axis=1))
+        low, high = np.quantile(along, [_END, 1 - _END])
+        ends = [float(np.median(spread[outer])) for outer in (along <= low, along >= high)]
+        sides.append(float(np.hypot(ends[0], ends[1])))
+    return sides[0], sides[1], sides[2]
+
+
+def _nearest(index: SceneIndex, one: Located, other: Located) -> tuple[float, float]:
+    """Distance and deviation between two places; of a thing from its surface, the Gaussian nearest to the other."""
+    if not one.is_thing and not other.is_thing:
+        return _apart(one, other)
+    if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
+        return 0.0, 0.0
+    means = index.scene.gaussians.means.astype(np.float64)
+    sets = [_rows(index, place.thing_id) if place.is_thing else None for place in (one, other)]
+    points = [one.point[None] if sets[0] is None else means[sets[0]]]
+    points.append(other.point[None] if sets[1] is None else means[sets[1]])
+    distances, near = cKDTree(points[1]).query(points[0])
+    first = int(np.argmin(distances))
+    ends = [
+        place if rows is None else _surface(index, int(rows[at]), place.thing_id)
+        for place, rows, at in zip((one, other), sets, (first, int(near[first])), strict=True)
+    ]
+    return _apart(ends[0], ends[1])
+
+
+def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
+    axes, deviations = axes_of(index, np.array([row]))
+    covariance = axes[0] @ np.diag(deviations[0] ** 2) @ axes[0].T
+    return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, thing_id)
+
+
+def _apart(one: Located, other: Located) -> tuple[float, float]:
+    """Distance of two points, and its standard deviation √(uᵀ (Σ₁ + Σ₂) u), u the direction from one to the other; of
+    points that are one, in the least certain direction."""
+    offset = other.point - one.point
+    value = float(np.linalg.norm(offset))
+    covariance = one.covariance + other.covariance
+    if value == 0:
+        return 0.0, float(np.linalg.eigvalsh(covariance)[-1].clip(0)) ** 0.5
+    direction = offset / value
+    return value, max(float(direction @ covariance @ direction), 0.0) ** 0.5
+
+
+def _length(index: SceneIndex, value: float, deviation: float) -> Length:
+    """With what the scale is unsure of added to what the places are."""
+    scaling = index.scene.scaling
+    if scaling is not None:
+        deviation = float(np.hypot(deviation, value * scaling.deviation))
+    spread = NORMAL_95 * deviation
+    return Length(value, max(0.0, value - spread), value + spread)

@@ -1,0 +1,120 @@
+"""The scale of a scene by lengths that people know: how it follows from them, and how a scene is scaled by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fastsplat_contract.camera import PosedCamera
+
+if TYPE_CHECKING:
+    from fastsplat.service.scene.types import Scene
+
+NORMAL_95 = 1.959964
+"""Of a normal distribution 95 % is within so many standard deviations."""
+_LEAST_DEVIATION = 1e-3
+"""Relative, of a length between two places: nobody picks a place better."""
+
+
+@dataclass(frozen=True)
+class ScaledLength:
+    """One known length.
+
+    Attributes:
+        units: the same length in units of the scene as it was trained.
+        deviation: standard deviation of `units`.
+        meters: as it was measured in the world.
+        meters_deviation: standard deviation of `meters`.
+    """
+
+    units: float
+    deviation: float
+    meters: float
+    meters_deviation: float
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the lengths of a version follow from those of the trained one.
+
+    Attributes:
+        meters_per_unit: of the trained version; arrays and cameras of this one are multiplied by it.
+        low, high: its 95 % interval.
+        lengths: that it comes from.
+    """
+
+    meters_per_unit: float
+    low: float
+    high: float
+    lengths: tuple[ScaledLength, ...]
+
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of every length in meters that comes from the scale alone."""
+        return math.log(self.high / self.low) / (2 * NORMAL_95)
+
+
+def combined(lengths: Sequence[ScaledLength]) -> Scaling:
+    """The scale that fits several known lengths best.
+
+    Weighted least squares of ln(meters_i / units_i) = ln s, by relative variances v_i = (σ_units / units)² +
+    (σ_meters / meters)², each at least 0.001²: ln s = Σ ln(meters_i / units_i) / v_i · V with V = 1 / Σ 1/v_i, its
+    variance. Where the lengths contradict each other, V is multiplied by χ² / (n - 1) (Birge 1932). The interval is
+    s · exp(±1.96 √V).
+
+    Args:
+        lengths: at least one, all positive.
+    """
+    logs = np.log([each.meters / each.units for each in lengths])
+    variances = np.array([
+        max((each.deviation / each.units) ** 2, _LEAST_DEVIATION**2) + (each.meters_deviation / each.meters) ** 2
+        for each in lengths
+    ])  # fmt: skip
+    weights = 1 / variances
+    log_scale = float(weights @ logs / weights.sum())
+    variance = 1 / float(weights.sum())
+    if len(lengths) > 1:
+        variance *= max(1.0, float(weights @ (logs - log_scale) ** 2) / (len(lengths) - 1))
+    spread = NORMAL_95 * math.sqrt(variance)
+    return Scaling(math.exp(log_scale), math.exp(log_scale - spread), math.exp(log_scale + spread), tuple(lengths))
+
+
+def scaled(scene: Scene, scaling: Scaling) -> Scene:
+    """The scene with its Gaussians and cameras in meters by a scaling of its trained version; which thing a Gaussian
+    belongs to, and what it looks like, stays."""
+    before = 1.0 if scene.scaling is None else scene.scaling.meters_per_unit
+    factor = scaling.meters_per_unit / before
+    gaussians = scene.gaussians
+    means = (gaussians.means.astype(np.float64) * factor).astype(np.float32)
+    log_scales = (gaussians.log_scales.astype(np.float64) + math.log(factor)).astype(np.float32)
+    return replace(
+        scene,
+        gaussians=replace(gaussians, means=means, log_scales=log_scales),
+        cameras=tuple(_scaled_camera(posed, factor) for posed in scene.cameras),
+        scale="METRIC",
+        scaling=scaling,
+    )
+
+
+def _scaled_camera(posed: PosedCamera, factor: float) -> PosedCamera:
+    pose = posed.world_from_camera.copy()
+    pose[:3, 3] *= factor
+    return replace(posed, world_from_camera=pose)
+
+
+def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:
+    """A scaling as plain numbers."""
+    return None if scaling is None else {**asdict(scaling), "lengths": [asdict(each) for each in scaling.lengths]}
+
+
+def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
+    """What `scaling_to_json` wrote."""
+    if row is None:
+        return None
+    return Scaling(
+        row["meters_per_unit"], row["low"], row["high"], tuple(ScaledLength(**each) for each in row["lengths"])
+    )

@@ -1,0 +1,104 @@
+"""Measuring, and the scale by known lengths, over both protocols and in process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import grpc
+import numpy as np
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client, KnownLength, Place, Vector3
+from fastsplat_contract.measuring import MeasureIn, Measurement, MeasureRequest
+from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.scenes import Edit, Scene
+from fastsplat_contract.thing_prompts import Pixel
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import assert_same, client_of
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+
+_FRONT = Place(view="front.png", pixel=Pixel(24.0, 18.0))
+_FROM, _TO = Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))
+
+
+@pytest.fixture
+def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """A scene that the test may edit."""
+    scene_id = add_scene(service, api_settings, "measured")
+    yield scene_id
+    service.delete_scene(scene_id)
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    with client_of(faces) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("places", [(Place(thing=1),), (_FRONT,), (_FRONT, Place(thing=1)), (_FROM, _TO)])
+def test_every_face_measures_the_same(
+    faces: Faces, service: SceneService, client: Client, scene_id: str, places: tuple[Place, ...]
+) -> None:
+    truth = service.answers.measure(MeasureRequest(places=places, scene_id=scene_id))
+    assert_same(client.measure(scene_id, *places), truth)
+    message = pb.MeasureRequest(scene_id=scene_id, places=to_proto(MeasureIn(places)).places)
+    assert_same(from_proto(Measurement, faces.rpc.MeasureScene(message)), truth)
+    assert truth.meters and truth.version == service.versions.resolve(scene_id)
+
+
+def test_a_pixel_is_where_the_depth_picture_says(client: Client, scene_id: str) -> None:
+    (place,) = client.measure(scene_id, _FRONT).places
+    picked = client.pick(scene_id, "front.png", pixel=(24.0, 18.0))
+    posed = next(posed for posed in client.scene(scene_id).cameras if posed.name == "front.png")
+    depth = (posed.camera_from_world() @ [*place.point, 1.0])[2]
+    assert place.thing_id == picked.thing.id
+    assert abs(depth - client.depth(scene_id, "front.png")[18, 24]) < 3 * place.plus_minus
+
+
+def test_both_faces_refuse_alike(faces: Faces, scene_id: str) -> None:
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:measure", json={"places": []}))
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.MeasureScene(pb.MeasureRequest(scene_id=scene_id))
+    same = rpc_refusal(caught.value)
+    assert (refused.reason, refused.detail) == (same.reason, same.detail) and refused.details["field"] == "places"
+
+
+def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(faces: Faces, client: Client, own: str) -> None:
+    before, boxes = client.scene(own), [thing.box for thing in client.things(own)]
+    mask = client.mask3d(own, "mug")
+    depth = client.depth(own, "front.png")
+    made = client.scale_scene(own, KnownLength(_FROM, _TO, 0.25, 0.001))
+    assert made.edits == (Edit("scale", known_lengths=(KnownLength(_FROM, _TO, 0.25, 0.001),)),)
+    after = client.scene(own)
+    assert after.scale == "METRIC" and after.scaling is not None
+    assert (after.scaling.source, after.scaling.known_lengths) == ("known_length", 1)
+    assert after.scaling.meters_per_unit == pytest.approx(0.5)
+    assert after.scaling.low < 0.5 < after.scaling.high
+    over_grpc = from_proto(Scene, faces.rpc.GetScene(pb.GetSceneRequest(scene_id=own)))
+    assert replace(over_grpc, cameras=()) == replace(after, cameras=())
+    for posed, old in zip(after.cameras, before.cameras, strict=True):
+        np.testing.assert_allclose(posed.world_from_camera[:3, 3], old.world_from_camera[:3, 3] / 2)
+    for thing, box in zip(client.things(own), boxes, strict=True):
+        assert thing.box is not None and box is not None and thing.meters
+        np.testing.assert_allclose(thing.box.size, np.divide(box.size, 2), rtol=1e-3)
+        np.testing.assert_allclose(thing.box.center.position, np.divide(box.center.position, 2), atol=1e-4)
+    np.testing.assert_allclose(client.depth(own, "front.png"), depth / 2, rtol=1e-3)
+    assert (client.mask3d(own, "mug") == mask).all()
+
+    # Another edit keeps the scale; a second length is combined with the first.
+    client.edit_scene(own, [Edit("remove", label="ball")])
+    assert client.scene(own).scaling == after.scaling
+    half = Place(point=Vector3(0.25, 0.0, 0.0))  # in meters now
+    client.scale_scene(own, KnownLength(_FROM, half, 0.26, 0.001))
+    more = client.scene(own).scaling
+    assert more is not None and more.known_lengths == 2 and more.meters_per_unit == pytest.approx(0.51, abs=0.002)
+    for _ in range(3):
+        client.undo_edit(own)
+    assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
+    assert (client.scene(own).cameras[0].world_from_camera == before.cameras[0].world_from_camera).all()
+    client.redo_edit(own)
+    assert client.scene(own).scaling == after.scaling

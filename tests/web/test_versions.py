@@ -1,0 +1,103 @@
+"""Versions on the page: undone and redone by keyboard, listed, restored, compared."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator, expect
+
+from fastsplat_contract.scenes import Color, Edit
+from tests.web.browser import Visit, visiting
+from tests.web.conftest import MARKUP, Place
+
+
+@pytest.fixture
+def own(place: Place) -> Iterator[str]:
+    """A scene of one test."""
+    scene_id = place.new_scene("own")
+    yield scene_id
+    place.service.delete_scene(scene_id)
+
+
+def _ready(visit: Visit) -> Locator:
+    canvas = visit.page.locator("canvas")
+    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
+    return canvas
+
+
+def _names(place: Place, scene_id: str) -> list[str]:
+    return [thing.name for thing in place.service.answers.list_things(scene_id).things]
+
+
+def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> None:
+    place.service.versions.edit(own, [Edit("name", things=(1,), name="violin")])
+    place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        canvas, rows = _ready(visit), visit.page.locator(".thing-list li")
+        expect(rows).to_have_count(2)
+        canvas.focus()
+        for key, count, name in (
+            ("Control+z", 3, "violin"),
+            ("Control+z", 3, "mug"),
+            ("Control+y", 3, "violin"),
+            ("Control+Shift+Z", 2, "violin"),
+        ):
+            visit.page.keyboard.press(key)
+            expect(rows).to_have_count(count)
+            expect(rows.first).to_contain_text(name)
+            assert (len(_names(place, own)), _names(place, own)[0]) == (count, name)
+        visit.page.get_by_role("searchbox").fill("moon")
+        visit.page.keyboard.press("Control+z")  # takes back what was typed, and no edit
+        expect(visit.page.get_by_role("button", name="Redo")).to_have_count(0)
+    assert len(_names(place, own)) == 2
+
+
+def test_versions_are_listed_compared_and_restored(place: Place, browser: Browser, own: str) -> None:
+    trained = place.service.versions.resolve(own)
+    place.service.versions.edit(own, [Edit("recolor", things=(1,), color=Color(0.0, 0.0, 1.0))])
+    named = place.service.versions.edit(own, [Edit("name", things=(1,), name=MARKUP)])
+    with visiting(browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
+        canvas, page = _ready(visit), visit.page
+        page.locator(".versions summary").click()
+        rows = page.locator(".versions li")
+        expect(rows).to_have_count(3)
+        expect(rows.first).to_contain_text(f"Named thing 1 “{MARKUP}”")
+        expect(rows.last).to_contain_text("As it was trained")
+        visit.check_accessible()
+        page.wait_for_timeout(1_500)  # software WebGL draws late
+        here = canvas.screenshot()
+        url = page.url
+        rows.last.get_by_role("button", name="Compare").click()
+        expect(canvas).to_have_attribute("data-shown", re.compile(f"^{trained} "))
+        expect(page.get_by_text("On show: As it was trained.")).to_be_visible()
+        visit.check_accessible()
+        page.wait_for_timeout(1_500)
+        assert canvas.screenshot() != here and page.url == url  # from the same place
+        rows.last.get_by_role("button", name="Compare").click()
+        expect(canvas).not_to_have_attribute("data-shown", re.compile(f"^{trained} "))
+        assert len([one for one in visit.requests if "scene.ply" in one]) == 2
+        assert place.service.versions.resolve(own) == named.version  # to look is no change
+        rows.last.get_by_role("button", name="Restore").click()
+        expect(page.get_by_text("Restored: As it was trained.")).to_be_visible()
+        assert place.service.versions.resolve(own) == trained
+        expect(page.locator(".versions li.undone")).to_have_count(2)
+        page.get_by_role("button", name="Redo").click()
+        expect(page.locator(".versions li.undone")).to_have_count(1)
+        visit.check_accessible()
+    first = np.array([version.current for version in place.service.versions.all(own)])
+    assert first.tolist() == [False, True, False]
+
+
+def test_versions_on_a_phone_in_the_dark(place: Place, browser: Browser, own: str) -> None:
+    place.service.versions.edit(own, [Edit("name", things=(1,), name="violin")])
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
+    with visiting(browser, place.url, f"#/scenes/{own}", **phone) as visit:
+        _ready(visit)
+        visit.page.locator(".versions summary").click()
+        expect(visit.page.locator(".versions li")).to_have_count(2)
+        assert visit.fits()
+        visit.check_accessible()
