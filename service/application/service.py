@@ -13,6 +13,7 @@ from typing import Self
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.exports import Exports
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -64,6 +65,8 @@ class SceneService:
         self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
+        self.exports = Exports(self._scenes, self._memory)
+        """Finished scenes as files for other programs."""
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
@@ -92,6 +95,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
+        other.exports = self.exports.over(other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.known_names = KnownNames(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)
@@ -296,6 +300,7 @@ class SceneService:
         # On a full disk the row that frees space needs a little first.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         self._scenes.forget(scene_id)
+        self.exports.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills

@@ -16,7 +16,7 @@ import {
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
-import type { SplatColumns } from "./ply";
+import type { SplatColumns } from "./spz";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
 import { length, subtract } from "./vectors";
