@@ -14,7 +14,7 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellabl
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.exports import FILE_NAMES, MEDIA_TYPES
+from fastsplat.service.application.scene_exports import FILE_NAMES, MEDIA_TYPES
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.exports import ExportFormat, ExportRequest
 from fastsplat_contract.members import description_of
@@ -37,6 +37,8 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
             return unchanged
         content = await run_cancellable(request, threads.answer, lambda: service.exports.file(exact))
         headers["Content-Disposition"] = f'attachment; filename="{FILE_NAMES[export.format]}"'
+        if export.format == "html":  # a page of its own, not one of this server
+            headers["Content-Security-Policy"] = "sandbox"
         return Response(content, media_type=MEDIA_TYPES[export.format], headers=headers)
 
     @router.get(

@@ -10,7 +10,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz"]
+ExportFormat = Literal["ply", "spz", "html"]
 """What `ExportRequest.format` describes."""
 
 
@@ -25,7 +25,8 @@ class ExportRequest(Request):
         ExportFormat,
         Field(
             description="ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed "
-            "splat, less than a quarter of that; rows in their order in both"
+            "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
+            "own names; rows in their order in all"
         ),
     ] = "ply"
     version: Version = ""

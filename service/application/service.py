@@ -13,7 +13,6 @@ from typing import Self
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
-from fastsplat.service.application.exports import Exports
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -23,6 +22,7 @@ from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
@@ -65,7 +65,7 @@ class SceneService:
         self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
-        self.exports = Exports(self._scenes, self._memory)
+        self.exports = Exports(self._store, self._scenes, self._memory)
         """Finished scenes as files for other programs."""
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
@@ -95,7 +95,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
-        other.exports = self.exports.over(other._scenes)
+        other.exports = self.exports.over(other._store, other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.known_names = KnownNames(other._store, self._settings)
         other.keys = ProjectKeys(other._store, self._settings, project)

@@ -8,6 +8,7 @@ import grpc
 import numpy as np
 import pytest
 
+from fastsplat.service.application.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.spz import read_spz
@@ -41,6 +42,20 @@ def test_exports_are_the_same_bytes(
     assert (again.status_code, again.content) == (304, b"")
     with client_of(faces) as client:
         assert client.export(scene_id, name, things=things) == truth
+
+
+def test_the_page_of_a_scene_is_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
+    if not TEMPLATE.is_file():
+        refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html"))
+        assert refusal.code == 404 and "make page" in refusal.details["hint"]
+        pytest.skip("the page is not built: make page")
+    truth = service.exports.file(ExportRequest(scene_id, "html"))
+    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.html")
+    assert response.content == truth == _rpc(faces, scene_id, "html")
+    assert response.headers["content-disposition"].startswith("attachment")
+    assert response.headers["content-security-policy"] == "sandbox"
+    some = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html", params={"thing": 1}))
+    assert (some.code, some.details["field"]) == (400, "things")
 
 
 def test_one_thing_alone_has_the_rows_that_are_its(

@@ -14,7 +14,7 @@ from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.rows import SplatRows
 from fastsplat.service.capture.splat_files.spz import read_spz
 from fastsplat.service.scene import Gaussians
-from fastsplat.service.scene.spz import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
+from fastsplat.service.scene.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
 from tests.capture.splat_writers import spz_content
 
 

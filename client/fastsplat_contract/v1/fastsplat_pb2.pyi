@@ -466,6 +466,8 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """3DGS PLY"""
     EXPORT_FORMAT_SPZ: _ExportFormat.ValueType  # 2
     """Niantic's compressed splat"""
+    EXPORT_FORMAT_HTML: _ExportFormat.ValueType  # 3
+    """one page that needs no server"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -475,6 +477,8 @@ EXPORT_FORMAT_PLY: ExportFormat.ValueType  # 1
 """3DGS PLY"""
 EXPORT_FORMAT_SPZ: ExportFormat.ValueType  # 2
 """Niantic's compressed splat"""
+EXPORT_FORMAT_HTML: ExportFormat.ValueType  # 3
+"""one page that needs no server"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -3293,7 +3297,8 @@ class ExportSceneRequest(_message.Message):
     """which scene"""
     format: Global___ExportFormat.ValueType
     """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
-    quarter of that; rows in their order in both
+    quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
+    order in all
     """
     version: _builtins.str
     """of the scene; empty: the current one"""

@@ -13,15 +13,22 @@ from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.mask_encodings import mask_ply
 from fastsplat.service.application.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
+from fastsplat.service.application.scene_page import scene_page
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Gaussians
-from fastsplat.service.scene.spz import spz_bytes
+from fastsplat.service.scene.spz_writing import spz_bytes
+from fastsplat.service.store import Store
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import ExportFormat, ExportRequest
 
-MEDIA_TYPES: Mapping[ExportFormat, str] = {"ply": "application/x-ply", "spz": "application/octet-stream"}
+MEDIA_TYPES: Mapping[ExportFormat, str] = {
+    "ply": "application/x-ply",
+    "spz": "application/octet-stream",
+    "html": "text/html",
+}
 """Of each format, as HTTP names it."""
 
-FILE_NAMES: Mapping[ExportFormat, str] = {"ply": "scene.ply", "spz": "scene.spz"}
+FILE_NAMES: Mapping[ExportFormat, str] = {"ply": "scene.ply", "spz": "scene.spz", "html": "scene.html"}
 """Of each format, as a browser saves it."""
 
 _CACHED_BYTES = 128 << 20
@@ -34,14 +41,16 @@ class Exports:
     million Gaussians.
     """
 
-    def __init__(self, scenes: OpenScenes, memory: MemoryBudget) -> None:
+    def __init__(self, store: Store, scenes: OpenScenes, memory: MemoryBudget) -> None:
+        self._store = store
         self._scenes = scenes
         self._memory = memory
         self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
 
-    def over(self, scenes: OpenScenes) -> Exports:
+    def over(self, store: Store, scenes: OpenScenes) -> Exports:
         """The same memory, with the scenes of another view of the store."""
         other = copy.copy(self)
+        other._store = store
         other._scenes = scenes
         return other
 
@@ -53,7 +62,8 @@ class Exports:
         """The file that is asked for.
 
         Raises:
-            NotFoundError: unknown scene, version or thing.
+            NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
+            InvalidInputError: some things alone in a format that holds whole scenes.
             NotReadyError, LimitExceededError: as `Answers.query`.
         """
         write = _WRITERS[request.format]
@@ -79,10 +89,21 @@ class Exports:
             rows = thing_rows(index, request.things)
             return mask_ply(gaussians, every if rows is None else rows)
 
+    def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        if request.things:
+            raise InvalidInputError(
+                "a page of some things alone", field="things", hint="Ask for the whole scene, or for another format."
+            )
+        name = self._store.scenes.scene(request.scene_id).name
+        spz = self._spz(index, version, request)
+        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
+            return scene_page(index, name, spz)
+
 
 _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {
     "ply": Exports._ply,
     "spz": Exports._spz,
+    "html": Exports._html,
 }
 
 
