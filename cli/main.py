@@ -14,6 +14,7 @@ from fastsplat.cli import measure_commands  # noqa: F401  adds commands to thing
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
+from fastsplat.cli.export import export
 from fastsplat.cli.health import health
 from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
@@ -50,6 +51,7 @@ app.command()(restore)
 app.command()(doctor)
 app.command()(health)
 app.command()(evaluate)
+app.command()(export)
 app.command()(import_splat)
 app.command()(tags)
 

@@ -94,6 +94,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "DeleteKnownName": (_ADMIN, ("DELETE /v1/known-names/{name_id}",)),
     "DeleteKnownNames": (_ADMIN, ("DELETE /v1/known-names",)),
     "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
+    "ExportScene": (_WATCH, ("GET /v1/scenes/{scene_id}/scene.{format}",)),
     "DownloadThingIds": (_READ, ("GET /v1/scenes/{scene_id}/things.bin",)),
 }
 

@@ -18,6 +18,7 @@ from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
+from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measuring import MeasureRequest
@@ -272,6 +273,15 @@ class SceneServicer(JobServicer):
                 lambda: self._service.answers.mask_ply(request.scene_id, request.text, request.version)
             )
             for chunk in chunks(ply):
+                yield pb.Chunk(data=chunk)
+
+    async def ExportScene(  # noqa: N802
+        self, request: pb.ExportSceneRequest, context: Context
+    ) -> AsyncIterator[pb.Chunk]:
+        """The scene as a file for other programs."""
+        async with guarded(context, "ExportScene"):
+            content = await self._threads.answer(lambda: self._service.exports.file(from_proto(ExportRequest, request)))
+            for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
 
     async def DownloadThingIds(  # noqa: N802

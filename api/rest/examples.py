@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
-from fastsplat.service.application.paging import write_page_token
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.json_codec import to_plain
@@ -59,17 +59,6 @@ from fastsplat_contract.thing_messages import (
 )
 from fastsplat_contract.thing_prompts import ThingPrompt
 
-IDS = {
-    "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",
-    "operation_id": "9a7d5c3b1f2e4d6c8b0a1f3e5d7c9b2a",
-    "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
-    "key_id": "5d0c9a7e3b1f",
-    "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
-    "name_id": "8a6b1d2c4e5f4a3b9c7d0e1f2a3b4c5d-1",
-}
-"""Ids of things that are on no server: whoever tries an example puts their own in."""
-
-_TOKEN = write_page_token(1767225600.0, IDS["scene_id"])
 _POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 _DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)
 _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -190,7 +179,7 @@ ANSWERS: Mapping[str, Any] = {
     for value in (
         ServerInfo("0.1.0", ":8001"),
         _OPERATION,
-        OperationList((_OPERATION,), _TOKEN),
+        OperationList((_OPERATION,), PAGE_TOKEN),
         *JOB_WATCHING_ANSWERS,
         Scene(
             **vars(_SUMMARY),
@@ -199,7 +188,7 @@ ANSWERS: Mapping[str, Any] = {
             cameras=(_VIEW,),
             quality={"psnr": 28.4, "images": 60, "registered": 60},
         ),
-        SceneList((_SUMMARY,), _TOKEN),
+        SceneList((_SUMMARY,), PAGE_TOKEN),
         LabelList((_MUG, _BALL), ""),
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
@@ -219,8 +208,8 @@ ANSWERS: Mapping[str, Any] = {
         VersionList((_VERSION,)),
         _KEY,
         NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
-        KeyList((_KEY,), _TOKEN),
-        KnownNameList((_KNOWN_NAME,), _TOKEN),
+        KeyList((_KEY,), PAGE_TOKEN),
+        KnownNameList((_KNOWN_NAME,), PAGE_TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }
@@ -341,35 +330,6 @@ FORM: Mapping[str, Any] = {
     "request_id": "a-name-of-your-choice",
 }
 """The form that posts a capture which was sent as a resumable upload before."""
-
-PARAMETERS: Mapping[str, Any] = {
-    **IDS,
-    "coverage": 0.9,
-    "depth_scale": 0.001,
-    "encoding": "runs",
-    "format": "transforms",
-    "label": "mug",
-    "mask3d_encoding": "runs",
-    "max_matches": 5,
-    "max_views": 5,
-    "negatives": ["object", "things", "stuff", "texture"],
-    "outputs": ["objects"],
-    "page_size": 50,
-    "page_token": _TOKEN,
-    "parts": True,
-    "query text": ["mug", "ball"],
-    "scene": IDS["scene_id"],
-    "state": "RUNNING",
-    "templates": ["a photo of a {}"],
-    "text": "mug",
-    "things": [1],
-    "timeout_s": 20.0,
-    "view": "front.png",
-    "list_best_views text": "",
-    "view_array kind": "depth",
-    "view_picture kind": "overlay",
-}
-"""By the parameter's name, or by "operation name" where one operation needs another value."""
 
 
 def add_examples(document: dict[str, Any]) -> None:

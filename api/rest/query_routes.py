@@ -9,7 +9,6 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from fastsplat.api.rest.files import immutable_file
 from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, run_cancellable
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
@@ -167,22 +166,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         picture = PictureRequest(scene_id, **vars(body))
         content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
         return Response(content, media_type=_MEDIA_TYPES[body.format])
-
-    @router.get(
-        "/v1/scenes/{scene_id}/scene.ply",
-        response_class=Response,
-        responses={
-            **file_response(_PLY, description="3DGS PLY"),
-            206: {"description": "the range asked for"},
-            **_UNCHANGED,
-        },
-    )
-    async def scene_ply(request: Request, scene_id: str, version: Version = "") -> Response:
-        """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
-        path, current = await run_cancellable(
-            request, threads.answer, lambda: service.answers.scene_ply(scene_id, version)
-        )
-        return immutable_file(request, path, _PLY, "scene.ply", f"{scene_id}-{current}")
 
     @router.get(
         "/v1/scenes/{scene_id}/mask.ply",

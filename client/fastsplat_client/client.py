@@ -27,6 +27,7 @@ from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import DeadlineExceededError
+from fastsplat_contract.exports import ExportFormat
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
@@ -353,6 +354,13 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         """Just the Gaussians that answer, as a 3DGS PLY."""
         params = {"text": text, "version": version}
         return self._transport.call("GET", f"{scene_path(scene_id)}/mask.ply", params=params).content
+
+    def export(
+        self, scene_id: str, file_format: ExportFormat = "ply", *, version: str = "", things: Sequence[int] = ()
+    ) -> bytes:
+        """A scene, or only some of its things, as a file for other programs; formats as `ExportFormat`."""
+        params = {"version": version, "thing": list(things)}
+        return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]

@@ -83,6 +83,15 @@ def mask3d_bytes(encoding: Mask3dEncoding, texts: int, gaussians: Gaussians) -> 
     return int(texts * per_gaussian * len(gaussians))
 
 
+def export_bytes(gaussians: Gaussians) -> int:
+    """Estimated peak of writing Gaussians into a file for other programs, in bytes.
+
+    Args:
+        gaussians: those that are written.
+    """
+    return _FIXED_BYTES + 3 * _ply_row_bytes(gaussians) * len(gaussians)
+
+
 def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
     """Estimated peak of editing a scene: the copy of what changes, what choosing its Gaussians needs, and the index of
     the result, in bytes.

@@ -24,6 +24,7 @@ from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.running_jobs import RunningJobs
+from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.stored import label_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
@@ -66,6 +67,8 @@ class SceneService:
         self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
         """Questions, pictures and files of finished scenes."""
+        self.exports = Exports(self._store, self._scenes, self._memory)
+        """Finished scenes as files for other programs."""
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
@@ -98,6 +101,7 @@ class SceneService:
         other._store = self._store.in_project(project)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
+        other.exports = self.exports.over(other._store, other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
         other.known_names = KnownNames(other._store, self._settings)
@@ -304,6 +308,7 @@ class SceneService:
         # On a full disk the row that frees space needs a little first.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         self._scenes.forget(scene_id)
+        self.exports.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills

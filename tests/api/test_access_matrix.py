@@ -181,7 +181,7 @@ def test_every_route_by_every_caller(place: _Place, context: Any, method: str, c
     def ask(by: str, **values: str) -> httpx.Response:
         path = {"/web": "/web/icon.svg", "/docs-files": "/docs-files/swagger-ui.css"}.get(context.path, context.path)
         kind = "label_map" if path.endswith(".npy") else "rgb"
-        path = path.format(**values, kind=kind)
+        path = path.format(**values, kind=kind, format="spz")
         request = _REQUESTS.get(name, {})
         headers = {**request.get("headers", {}), **place.header(by)}
         params = {"text": "mug", "view": "front.png"}

@@ -94,6 +94,7 @@ _TWINS = {
     "POST /v1/scenes/{scene_id}:render": "RenderView",
     "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
     "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
+    "GET /v1/scenes/{scene_id}/scene.{format}": "ExportScene",
     "GET /v1/scenes/{scene_id}/things.bin": "DownloadThingIds",
     "GET /v1/scenes/{scene_id}/photos": "ListPhotos",
     "GET /v1/scenes/{scene_id}/photo.jpg": "DownloadPhoto",

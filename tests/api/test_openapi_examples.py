@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.api.rest import openapi
-from fastsplat.api.rest.examples import IDS
+from fastsplat.api.rest.example_parameters import IDS
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import add_known_name, add_scene

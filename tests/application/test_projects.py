@@ -13,6 +13,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
+from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
@@ -45,6 +46,7 @@ _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "camera_file": lambda service, scene: service.camera_file(scene, "json"),
     "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
     "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
+    "export": lambda service, scene: service.exports.file(ExportRequest(scene)),
     "thing_ids": lambda service, scene: service.answers.thing_ids(scene),
     "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))),
     "edit_scene": lambda service, scene: service.versions.edit(scene, [Edit("remove", label="mug")]),

@@ -39,6 +39,7 @@ _NOT_IN_OPENAPI = {
     "SceneOptions",  # fields of a multipart form
     "ListOperations",  # parameters of a URL
     "CameraFileRequest",
+    "ExportRequest",
     "QueryRequest",  # QueryIn is its body
     "PictureRequest",  # RenderIn is its body
     "PickRequest",  # PickIn is its body

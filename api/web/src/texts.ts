@@ -193,6 +193,13 @@ export const texts = {
       split: "Split",
     },
   },
+  offline: {
+    about: "This file holds the scene. It needs no server and asks nobody for anything.",
+    unknown: "Not answerable offline",
+    unknownText: (text: string) =>
+      `This file knows the scene’s own names only, and “${text}” is none of them. The server may find it all the same.`,
+    leftOut: (count: number) => `${plural(count, "more name is", "more names are")} known to the server only.`,
+  },
   upload: {
     title: "New scene",
     intro:

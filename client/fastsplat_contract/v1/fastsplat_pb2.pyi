@@ -525,6 +525,33 @@ CAMERA_FORMAT_COLMAP: CameraFormat.ValueType  # 3
 """a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"""
 Global___CameraFormat: _TypeAlias = CameraFormat  # noqa: Y015
 
+class _ExportFormat:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFormat.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    EXPORT_FORMAT_UNSPECIFIED: _ExportFormat.ValueType  # 0
+    """read as PLY"""
+    EXPORT_FORMAT_PLY: _ExportFormat.ValueType  # 1
+    """3DGS PLY"""
+    EXPORT_FORMAT_SPZ: _ExportFormat.ValueType  # 2
+    """Niantic's compressed splat"""
+    EXPORT_FORMAT_HTML: _ExportFormat.ValueType  # 3
+    """one page that needs no server"""
+
+class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
+
+EXPORT_FORMAT_UNSPECIFIED: ExportFormat.ValueType  # 0
+"""read as PLY"""
+EXPORT_FORMAT_PLY: ExportFormat.ValueType  # 1
+"""3DGS PLY"""
+EXPORT_FORMAT_SPZ: ExportFormat.ValueType  # 2
+"""Niantic's compressed splat"""
+EXPORT_FORMAT_HTML: ExportFormat.ValueType  # 3
+"""one page that needs no server"""
+Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
+
 class _Role:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -4034,6 +4061,45 @@ class DownloadThingIdsRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___DownloadThingIdsRequest: _TypeAlias = DownloadThingIdsRequest  # noqa: Y015
+
+@_typing.final
+class ExportSceneRequest(_message.Message):
+    """A version of a scene as one file."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    FORMAT_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    format: Global___ExportFormat.ValueType
+    """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
+    quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
+    order in all
+    """
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    @_builtins.property
+    def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """only the Gaussians of these things, by id, in their order; empty: all"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        format: Global___ExportFormat.ValueType = ...,
+        version: _builtins.str = ...,
+        things: _abc.Iterable[_builtins.int] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ExportSceneRequest: _TypeAlias = ExportSceneRequest  # noqa: Y015
 
 @_typing.final
 class Chunk(_message.Message):

@@ -185,6 +185,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
                 _registered_method=True)
+        self.ExportScene = channel.unary_stream(
+                '/fastsplat.v1.SceneService/ExportScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExportSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+                _registered_method=True)
         self.DownloadThingIds = channel.unary_stream(
                 '/fastsplat.v1.SceneService/DownloadThingIds',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadThingIdsRequest.SerializeToString,
@@ -456,6 +461,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ExportScene(self, request, context):
+        """The scene as a file for other programs, in chunks; see ExportFormat.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def DownloadThingIds(self, request, context):
         """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks.
         """
@@ -684,6 +696,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'DownloadMaskPly': grpc.unary_stream_rpc_method_handler(
                     servicer.DownloadMaskPly,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'ExportScene': grpc.unary_stream_rpc_method_handler(
+                    servicer.ExportScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExportSceneRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
             ),
             'DownloadThingIds': grpc.unary_stream_rpc_method_handler(
@@ -1551,6 +1568,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/DownloadMaskPly',
             fastsplat_dot_v1_dot_fastsplat__pb2.DownloadMaskPlyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ExportScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ExportScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ExportSceneRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
             options,
             channel_credentials,

@@ -110,6 +110,8 @@ class SceneServiceStub:
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    ExportScene: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.ExportSceneRequest, _fastsplat_pb2.Chunk]
+    """The scene as a file for other programs, in chunks; see ExportFormat."""
     DownloadThingIds: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     ListPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]
@@ -202,6 +204,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The whole scene as a standard 3DGS PLY, in chunks."""
     DownloadMaskPly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    ExportScene: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.ExportSceneRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
+    """The scene as a file for other programs, in chunks; see ExportFormat."""
     DownloadThingIds: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     ListPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]  # type: ignore[assignment]
@@ -471,6 +475,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+
+    @_abc_1.abstractmethod
+    def ExportScene(
+        self,
+        request: _fastsplat_pb2.ExportSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
+        """The scene as a file for other programs, in chunks; see ExportFormat."""
 
     @_abc_1.abstractmethod
     def DownloadThingIds(

@@ -1,4 +1,5 @@
 import { getJson, post, postJson, send } from "./http";
+import type { paths } from "./schema";
 import type {
   Answer,
   Edit,
@@ -123,9 +124,14 @@ export async function renderPicture(
   return (await post(`v1/scenes/${encodeURIComponent(sceneId)}:render`, body, signal)).blob();
 }
 
-/** The address of the whole scene as 3DGS PLY. */
-export function scenePlyPath(sceneId: string, version: string): string {
-  return `v1/scenes/${encodeURIComponent(sceneId)}/scene.ply?${new URLSearchParams({ version })}`;
+/** The formats in which a scene can be taken away. */
+export type ExportFormat = paths["/v1/scenes/{scene_id}/scene.{format}"]["get"]["parameters"]["path"]["format"];
+
+/** The address of a scene, or of some of its things, as a file. */
+export function exportPath(sceneId: string, format: ExportFormat, version: string, things: readonly number[] = []) {
+  const query = new URLSearchParams({ version });
+  for (const id of things) query.append("thing", String(id));
+  return `v1/scenes/${encodeURIComponent(sceneId)}/scene.${format}?${query}`;
 }
 
 /** An id for a request that may be sent twice. (crypto.randomUUID exists on https and localhost only.) */

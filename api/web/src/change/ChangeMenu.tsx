@@ -11,7 +11,8 @@ import { MovePanel } from "./MovePanel";
 export function ChangeMenu({ state }: { state: SceneState }) {
   const { change } = state;
   useSignalEffect(() => {
-    if (state.selected.value) change.motion.value = null; // it was of those that were selected before
+    void state.selected.value;
+    change.motion.value = null; // it was of those that were selected before
   });
   const things = state.selectedThings.value;
   const ids = things.map((thing) => thing.id);

@@ -1,4 +1,4 @@
-import type { SplatColumns } from "../viewer/ply";
+import type { SplatColumns } from "../viewer/spz";
 
 const KEPT = 2;
 

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 
-import { scenePlyPath } from "../api/calls";
+import { exportPath } from "../api/calls";
 import { send } from "../api/http";
 import type { Scene } from "../api/types";
 import { texts } from "../texts";
@@ -18,7 +18,7 @@ export function SceneFacts({ scene, version }: { scene: Scene; version: string }
     typeof psnr === "number" && texts.scene.psnr(psnr),
   ];
   const download = async () => {
-    const blob = await (await send(scenePlyPath(scene.id, version))).blob(); // a link of its own could not send the key
+    const blob = await (await send(exportPath(scene.id, "ply", version))).blob(); // a link of its own could not send the key
     const link = document.createElement("a");
     link.href = URL.createObjectURL(blob);
     link.download = "scene.ply";

@@ -2,7 +2,7 @@ import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
-import { scenePlyPath } from "../api/calls";
+import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
 import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
@@ -20,10 +20,10 @@ import { ErrorNote } from "../ui/parts";
 import { CameraMotion } from "./cameraMotion";
 import { Controls } from "./controls";
 import { Pointing } from "./pointing";
-import { bodyOf, readPly } from "./ply";
 import type { LookAt } from "./poses";
 import { firstView, parseView } from "./poses";
 import type { SplatView } from "./splatView";
+import { readSpz } from "./spz";
 import { statesOf } from "./states";
 
 /** What other parts of the page may ask of the 3D view. */
@@ -226,6 +226,6 @@ function markShown(canvas: HTMLCanvasElement, geometry: string, answered: boolea
 }
 
 async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
-  const response = await send(scenePlyPath(sceneId, version), { signal });
-  return readPly(bodyOf(response), progress);
+  const response = await send(exportPath(sceneId, "spz", version), { signal });
+  return readSpz(response.body ?? new ReadableStream(), progress);
 }

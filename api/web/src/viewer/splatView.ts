@@ -23,7 +23,7 @@ import { DEPTH_STOPS } from "../look/colors";
 import { DepthRange } from "./depthRange";
 import type { Tint } from "./glow";
 import { DIMMED, TINTS } from "./glow";
-import type { SplatColumns } from "./ply";
+import type { SplatColumns } from "./spz";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
 import { length, subtract } from "./vectors";

@@ -13,7 +13,7 @@ export function unpackBits(bits: Uint8Array, count: number): Uint8Array {
 }
 
 /** The bytes of base64 text. */
-export function fromBase64(text: string): Uint8Array {
+export function fromBase64(text: string): Uint8Array<ArrayBuffer> {
   return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 }
 

@@ -1,0 +1,94 @@
+import type { MutableRef } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
+
+import { texts } from "../texts";
+import { CameraMotion } from "../viewer/cameraMotion";
+import { Controls } from "../viewer/controls";
+import type { LookAt } from "../viewer/poses";
+import { firstView, parseView } from "../viewer/poses";
+import { SplatView } from "../viewer/splatView";
+import { readSpz } from "../viewer/spz";
+import { fromBase64, statesOf } from "../viewer/states";
+import type { SceneData } from "./data";
+import { parameter } from "./data";
+
+interface Properties {
+  data: SceneData;
+  /** Bytes by row, 1 for what glows; null for nothing. */
+  found: Uint8Array | null;
+  flyTo: MutableRef<(aim: (now: LookAt) => LookAt) => void>;
+}
+
+/** The scene of this file in 3D, with what was found in a color of its own. */
+export function OfflineViewer({ data, found, flyTo }: Properties) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const [view, setView] = useState<SplatView | null>(null);
+  const [problem, setProblem] = useState("");
+  const goHome = useRef<() => void>(() => undefined);
+
+  useEffect(() => {
+    const element = canvas.current;
+    if (!element) return;
+    let made: SplatView | null = null;
+    const start = firstView(data.cameras);
+    const camera = new CameraMotion(parseView(parameter("view"), start.up) ?? start, (now) => made?.setView(now));
+    flyTo.current = (aim) => camera.flyTo(aim(camera.view));
+    goHome.current = () => camera.flyTo(start);
+    const controls = new Controls(element, camera, goHome.current);
+    const resize = () => {
+      const ratio = Math.min(window.devicePixelRatio, 2);
+      made?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
+    };
+    const observer = new ResizeObserver(resize);
+    observer.observe(element);
+    const splat = readSpz(new Blob([fromBase64(data.splat)]).stream(), () => undefined);
+    SplatView.create(element).then(
+      async (created) => {
+        made = created;
+        made.setView(camera.view);
+        resize();
+        made.setSplat(await splat);
+        setView(made);
+      },
+      () => setProblem(texts.scene.noWebGL),
+    );
+    return () => {
+      observer.disconnect();
+      controls.destroy();
+      camera.stop();
+      made?.destroy();
+    };
+  }, [data, flyTo]);
+
+  useEffect(() => {
+    if (!view) return;
+    view.setStates(statesOf(data.gaussians, found, null, 0, []), found !== null);
+    if (canvas.current) canvas.current.dataset["shown"] = found ? "answer" : "plain";
+  }, [view, found, data]);
+
+  return (
+    <section class="viewer" aria-label={texts.scene.canvas}>
+      <canvas
+        ref={canvas}
+        tabIndex={0}
+        role="application"
+        aria-label={texts.scene.canvas}
+        aria-describedby="canvas-help"
+      />
+      {(problem || !view) && (
+        <p class="viewer-note" role="status">
+          {problem || texts.loading}
+        </p>
+      )}
+      <div class="viewer-tools">
+        <button type="button" onClick={() => goHome.current()}>
+          {texts.scene.home}
+        </button>
+        <details>
+          <summary>{texts.scene.help}</summary>
+          <p id="canvas-help">{texts.scene.canvasHelp}</p>
+        </details>
+      </div>
+    </section>
+  );
+}

@@ -1,0 +1,51 @@
+"""`fastsplat export`: a scene, or some of its things, as a file for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+
+from fastsplat.cli.remote import Ca, KeyFile, Server, connect
+from fastsplat.service.common.atomic import atomic_file
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.exports import ExportFormat, ExportRequest
+
+_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
+
+
+def export(
+    scene: Annotated[str, typer.Argument(help="The scene's id.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
+    format: Annotated[str, typer.Option(help=f"{', '.join(_FORMATS)}. Default: by FILE's ending.")] = "",  # noqa: A002
+    thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],  # noqa: B006
+    version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
+    project: Annotated[str, typer.Option(help="The project whose scene it is.")] = "",
+    server: Server = "",
+    key_file: KeyFile = None,
+    ca: Ca = None,
+) -> None:
+    """Write a scene, or some of its things, as a file for other programs."""
+    kind = format or file.suffix.removeprefix(".").lower()
+    if kind not in _FORMATS:
+        raise InvalidInputError(
+            f"no export format {kind[:40]!r}", field="--format", hint=f"There are {', '.join(_FORMATS)}."
+        )
+    request = ExportRequest(scene, kind, version, tuple(thing))
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            content = client.export(scene, request.format, version=version, things=thing)
+    else:
+        from fastsplat.service.application.service import open_service  # loads what answers questions
+
+        with open_service(load_settings()) as service:
+            content = service.in_project(project or DEFAULT_PROJECT).exports.file(request)
+    try:
+        with atomic_file(file) as beside:
+            beside.write_bytes(content)
+    except OSError as error:
+        raise InvalidInputError(f"{file} cannot be written: {error.strerror}", field="FILE") from error
+    typer.echo(f"{file}: {len(content)} bytes", err=True)

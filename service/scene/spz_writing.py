@@ -1,0 +1,99 @@
+"""Gaussians as Niantic's SPZ, version 3: a gzip stream of fixed-point columns, less than a quarter of the PLY.
+
+The layout is the one published with the reference library; its axes are right, up, back, those of 3DGS files right,
+down, front, so that y and z change their signs. `service.capture.splat_files.spz` reads it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.scene.types import F32, Gaussians
+
+MOST_FRACTIONAL_BITS = 16
+"""Of the 24 bits of a coordinate: a step of 2⁻¹⁶ scene units, where the scene fits into ±128 of them."""
+
+_LEAST_FRACTIONAL_BITS = 8
+_LARGEST = (1 << 23) - 1
+_HEADER = struct.Struct("<4sIIBBBB")
+_VERSION = 3
+_LEVEL = 6
+_COLOR_SCALE = 0.15
+_POWERS_OF_YZ = (1, 1, 0, 1, 2, 2, 1, 2, 3, 2, 3, 3, 2, 3, 2)
+"""How often y and z are factors of each harmonic from degree 1 on: y, z, x; xy, yz, z², xz, x² − y²; …"""
+
+U8 = NDArray[np.uint8]
+
+
+def spz_bytes(gaussians: Gaussians) -> bytes:
+    """The file of all Gaussians, in their order; the same bytes for the same Gaussians.
+
+    What comes back differs from what went in by at most half a step: positions 2^−(bits + 1) scene units with
+    `fractional_bits`, opacities 1/510, log scales 1/32, constant coefficients 1/76, higher ones 1/256, the three
+    smaller components of unit quaternions 1/1445. Beyond what the format holds the nearest value stands: log scales
+    −10 to 5.9, constant coefficients ±3.3, higher ones ±1, positions ±2^(23 − bits). Codes are left out.
+
+    Args:
+        gaussians: with at most 2³² − 1 rows.
+    """
+    count, bits = len(gaussians), fractional_bits(gaussians.means)
+    parts = [_HEADER.pack(b"NGSP", _VERSION, count, gaussians.sh_degree, bits, 0, 0)]
+    for column in (
+        lambda: _positions(gaussians.means, bits),
+        lambda: _bytes(255 / (1 + np.exp(-gaussians.logit_opacities.astype(np.float64)))),
+        lambda: _bytes((gaussians.sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
+        lambda: _bytes((gaussians.log_scales + 10) * 16),
+        lambda: _smallest_three(gaussians.quats),
+        lambda: _harmonics(gaussians.sh),
+    ):
+        check_cancelled()
+        parts.append(column().tobytes())
+    return gzip.compress(b"".join(parts), _LEVEL, mtime=0)
+
+
+def fractional_bits(means: F32) -> int:
+    """How many of the 24 bits of a coordinate of [G, 3] are behind the point: 16, fewer where the furthest needs them
+    in front, and at least 8."""
+    furthest = float(np.abs(means).max(initial=0.0))
+    for bits in range(MOST_FRACTIONAL_BITS, _LEAST_FRACTIONAL_BITS, -1):
+        if furthest * (1 << bits) <= _LARGEST:
+            return bits
+    return _LEAST_FRACTIONAL_BITS
+
+
+def _positions(means: F32, bits: int) -> U8:
+    """uint8 [G, 9]: three 24-bit two's complement numbers, least significant byte first."""
+    steps = np.rint(means.astype(np.float64) * np.array([1, -1, -1]) * (1 << bits))
+    fixed = np.clip(steps, -_LARGEST, _LARGEST).astype("<i4")
+    return np.ascontiguousarray(fixed.reshape(-1, 1).view(np.uint8)[:, :3])
+
+
+def _harmonics(sh: F32) -> U8:
+    signs = (-1.0) ** np.array(_POWERS_OF_YZ[: sh.shape[1] - 1], np.float32)
+    return _bytes(sh[:, 1:] * signs[:, None] * 128 + 128)
+
+
+def _smallest_three(quats: F32) -> NDArray[np.uint32]:
+    """uint32 [G]: the place of the largest component (of x y z w) in two bits, then the others in their order, each a
+    sign and nine bits."""
+    flip = np.array([-1.0, -1.0, 1.0])  # y, z, w of a rotation seen after a half turn about x
+    xyzw = np.concatenate([quats[:, 1:2], quats[:, 2:4] * flip[:2], quats[:, :1] * flip[2]], axis=1).astype(np.float64)
+    xyzw /= np.maximum(np.linalg.norm(xyzw, axis=1, keepdims=True), 1e-30)
+    largest = np.abs(xyzw).argmax(axis=1)
+    xyzw *= np.where(np.take_along_axis(xyzw, largest[:, None], axis=1) < 0, -1.0, 1.0)
+    words = largest.astype(np.uint32)
+    for place in range(3):
+        column = place + (largest <= place)
+        value = np.take_along_axis(xyzw, column[:, None], axis=1)[:, 0]
+        magnitude = np.clip(np.rint(np.abs(value) * (511 / np.sqrt(0.5))), 0, 511).astype(np.uint32)
+        words = words << np.uint32(10) | (value < 0).astype(np.uint32) << np.uint32(9) | magnitude
+    return np.asarray(words, "<u4")
+
+
+def _bytes(values: NDArray[np.floating]) -> U8:
+    return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
