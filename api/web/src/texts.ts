@@ -195,6 +195,7 @@ export const texts = {
   },
   offline: {
     about: "This file holds the scene. It needs no server and asks nobody for anything.",
+    noWebGL: "This browser has no WebGL 2, so the scene cannot be shown in 3D. Its names are listed all the same.",
     unknown: "Not answerable offline",
     unknownText: (text: string) =>
       `This file knows the scene’s own names only, and “${text}” is none of them. The server may find it all the same.`,

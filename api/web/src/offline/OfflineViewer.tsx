@@ -50,7 +50,7 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
         made.setSplat(await splat);
         setView(made);
       },
-      () => setProblem(texts.scene.noWebGL),
+      () => setProblem(texts.offline.noWebGL),
     );
     return () => {
       observer.disconnect();
