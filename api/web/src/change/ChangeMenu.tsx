@@ -1,5 +1,4 @@
-import { useSignalEffect } from "@preact/signals";
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
@@ -10,10 +9,8 @@ import { MovePanel } from "./MovePanel";
 /** What can be done to the selected things: hidden and isolated on show; recolored, moved, copied, removed as versions. */
 export function ChangeMenu({ state }: { state: SceneState }) {
   const { change } = state;
-  useSignalEffect(() => {
-    void state.selected.value;
-    change.motion.value = null; // it was of those that were selected before
-  });
+  // A motion is of the things that were selected when it began.
+  useEffect(() => state.selected.subscribe(() => (change.motion.value = null)), [state, change]);
   const things = state.selectedThings.value;
   const ids = things.map((thing) => thing.id);
   const box = things.find((thing) => thing.box)?.box;
