@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 
 import { isAbort } from "../api/http";
 import type { SceneState } from "../scene/sceneState";
@@ -68,17 +68,18 @@ function Picture({ state, view }: { state: SceneState; view: BestView }) {
       gone = true;
     };
   }, [state, view]);
-  return address ? <img src={address} alt="" /> : null;
+  return address ? <img class="picture" src={address} alt="" /> : null;
 }
 
 function Outline({ view }: { view: BestView }) {
-  const canvas = useRef<HTMLCanvasElement>(null);
   const { segmentation } = view.mask;
-  useEffect(() => {
-    if (!canvas.current || !segmentation) return;
+  const address = useMemo(() => {
+    if (!segmentation) return "";
     const mask = decodeRle(segmentation);
-    [canvas.current.width, canvas.current.height] = [mask.width, mask.height];
-    canvas.current.getContext("2d")?.putImageData(new ImageData(outlinePixels(mask, FOUND), mask.width), 0, 0);
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [mask.width, mask.height];
+    canvas.getContext("2d")?.putImageData(new ImageData(outlinePixels(mask, FOUND), mask.width), 0, 0);
+    return canvas.toDataURL();
   }, [segmentation]);
-  return <canvas ref={canvas} aria-hidden="true" />;
+  return address ? <img class="outline" src={address} alt="" /> : null;
 }

@@ -14,9 +14,9 @@ import { ErrorNote } from "../ui/parts";
 import { CameraMotion } from "./cameraMotion";
 import { Controls } from "./controls";
 import { Pointing } from "./pointing";
-import { bodyOf, readPly } from "./ply";
 import type { LookAt } from "./poses";
 import { firstView, parseView } from "./poses";
+import { readSplat } from "./readSplat";
 import type { SplatView } from "./splatView";
 import { statesOf } from "./states";
 
@@ -56,7 +56,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     let view: SplatView | null = null;
     let gone = false;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
-      view?.setView(now);
+      view?.setView(now, resting);
       state.look.moved(now, resting);
       if (resting) latest.current(now);
     });
@@ -135,7 +135,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const mask = found?.length === count ? found : null;
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     view.setStates(
-      statesOf(count, mask, owners, state.hovered.value, state.selected.value),
+      // Where a picture takes long, not every thing that the pointer passes is worth one.
+      statesOf(count, mask, owners, view.isSlow ? 0 : state.hovered.value, state.selected.value),
       mask !== null || state.selected.value.length > 0,
     );
     if (!canvas.current) return;
@@ -184,5 +185,5 @@ export function Viewer({ state, first, handle, onView }: Properties) {
 
 async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
   const response = await send(scenePlyPath(sceneId, version), { signal });
-  return readPly(bodyOf(response), progress);
+  return readSplat(response.body ?? new ReadableStream(), progress, signal);
 }
