@@ -19,8 +19,10 @@ interface Properties {
 /** The photos that show something best, with its outline; a click flies to where the photo was taken. */
 export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
   const [views, setViews] = useState<readonly BestView[]>([]);
-  const version = state.version.value;
+  // A thing of one version may be gone in the next: whoever asks for its views waits for the list of things.
+  const listed = text ? state.version.value : state.things.value;
   useEffect(() => {
+    const version = state.version.peek();
     const controller = new AbortController();
     const { signal } = controller;
     setViews([]);
@@ -31,7 +33,7 @@ export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
       },
     );
     return () => controller.abort();
-  }, [state, version, text, thing]);
+  }, [state, listed, text, thing]);
   if (views.length === 0) return null;
   const title = views.some((view) => view.photo) ? texts.look.bestPhotos : texts.look.bestViews;
   return (
