@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from urllib.parse import unquote
@@ -218,13 +219,11 @@ def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place,
         expect(photos.get_by_role("button")).to_have_count(len(best))
         names = [button.get_attribute("aria-label") for button in photos.get_by_role("button").all()]
         assert names == [f"Fly to {view.view}" for view in best]
-        expect(photos.locator("img")).to_have_count(len(best))
+        expect(photos.locator("img.picture")).to_have_count(len(best))
         # The outline lies on the ball's pixels.
-        drawn = photos.locator("canvas").first.evaluate(
-            "(canvas) => [canvas.width, canvas.height, [...canvas.getContext('2d')"
-            ".getImageData(0, 0, canvas.width, canvas.height).data].filter((_, place) => place % 4 === 3)]"
-        )
-        outlined = np.array(drawn[2]).reshape(drawn[1], drawn[0]) > 0
+        address = photos.locator("img.outline").first.get_attribute("src") or ""
+        with Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))) as drawn:
+            outlined = np.asarray(drawn.getchannel("A")) > 0
         assert (outlined == best[0].mask.array()).all()
         visit.check_accessible()
         photos.get_by_role("button").first.click()
@@ -243,7 +242,7 @@ def test_a_scene_without_photos_compares_with_nothing_and_says_so(place: Place, 
     with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug", viewport={"width": 390, "height": 844}) as visit:
         canvas = _ready(visit)
         expect(visit.page.locator(".ask .best-photos")).to_contain_text("Views that show it best")
-        expect(visit.page.locator(".ask .best-photos img")).to_have_count(3)  # pictures of the scene itself
+        expect(visit.page.locator(".ask .best-photos img.picture")).to_have_count(3)  # pictures of the scene itself
         canvas.focus()
         visit.page.keyboard.press("n")
         expect(visit.page.locator(".compare-bar")).to_contain_text("No photo is stored with this scene")

@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 
 import { isAbort } from "../api/http";
 import type { SceneState } from "../scene/sceneState";
@@ -19,8 +19,10 @@ interface Properties {
 /** The photos that show something best, with its outline; a click flies to where the photo was taken. */
 export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
   const [views, setViews] = useState<readonly BestView[]>([]);
-  const version = state.version.value;
+  // A thing of one version may be gone in the next: whoever asks for its views waits for the list of things.
+  const listed = text ? state.version.value : state.things.value;
   useEffect(() => {
+    const version = state.version.peek();
     const controller = new AbortController();
     const { signal } = controller;
     setViews([]);
@@ -31,7 +33,7 @@ export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
       },
     );
     return () => controller.abort();
-  }, [state, version, text, thing]);
+  }, [state, listed, text, thing]);
   if (views.length === 0) return null;
   const title = views.some((view) => view.photo) ? texts.look.bestPhotos : texts.look.bestViews;
   return (
@@ -68,17 +70,18 @@ function Picture({ state, view }: { state: SceneState; view: BestView }) {
       gone = true;
     };
   }, [state, view]);
-  return address ? <img src={address} alt="" /> : null;
+  return address ? <img class="picture" src={address} alt="" /> : null;
 }
 
 function Outline({ view }: { view: BestView }) {
-  const canvas = useRef<HTMLCanvasElement>(null);
   const { segmentation } = view.mask;
-  useEffect(() => {
-    if (!canvas.current || !segmentation) return;
+  const address = useMemo(() => {
+    if (!segmentation) return "";
     const mask = decodeRle(segmentation);
-    [canvas.current.width, canvas.current.height] = [mask.width, mask.height];
-    canvas.current.getContext("2d")?.putImageData(new ImageData(outlinePixels(mask, FOUND), mask.width), 0, 0);
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [mask.width, mask.height];
+    canvas.getContext("2d")?.putImageData(new ImageData(outlinePixels(mask, FOUND), mask.width), 0, 0);
+    return canvas.toDataURL();
   }, [segmentation]);
-  return <canvas ref={canvas} aria-hidden="true" />;
+  return address ? <img class="outline" src={address} alt="" /> : null;
 }

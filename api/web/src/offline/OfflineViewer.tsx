@@ -31,7 +31,9 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
     if (!element) return;
     let made: SplatView | null = null;
     const start = firstView(data.cameras);
-    const camera = new CameraMotion(parseView(parameter("view"), start.up) ?? start, (now) => made?.setView(now));
+    const camera = new CameraMotion(parseView(parameter("view"), start.up) ?? start, (now, resting) =>
+      made?.setView(now, resting),
+    );
     flyTo.current = (aim) => camera.flyTo(aim(camera.view));
     goHome.current = () => camera.flyTo(start);
     const controls = new Controls(element, camera, goHome.current);

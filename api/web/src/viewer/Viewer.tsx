@@ -22,6 +22,7 @@ import { Controls } from "./controls";
 import { Pointing } from "./pointing";
 import type { LookAt } from "./poses";
 import { firstView, parseView } from "./poses";
+import { readSplat } from "./readSplat";
 import type { SplatView } from "./splatView";
 import { readSpz } from "./spz";
 import { statesOf } from "./states";
@@ -63,7 +64,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     let view: SplatView | null = null;
     let gone = false;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
-      view?.setView(now);
+      view?.setView(now, resting);
       serverView.peek()?.setView(now, resting);
       state.look.moved(now, resting);
       state.change.view.value = now;
@@ -165,7 +166,10 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const mask = found?.length === count ? found : null;
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     view.setStates(
-      statesOf(count, mask, owners, state.hovered.value, state.selected.value, (thing) => state.change.shows(thing)),
+      // Where a picture takes long, not every thing that the pointer passes is worth one.
+      statesOf(count, mask, owners, view.isSlow ? 0 : state.hovered.value, state.selected.value, (thing) =>
+        state.change.shows(thing),
+      ),
       mask !== null || state.selected.value.length > 0,
     );
     if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
@@ -227,5 +231,5 @@ function markShown(canvas: HTMLCanvasElement, geometry: string, answered: boolea
 
 async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
   const response = await send(exportPath(sceneId, "spz", version), { signal });
-  return readSpz(response.body ?? new ReadableStream(), progress);
+  return readSplat(response.body ?? new ReadableStream(), progress, signal);
 }

@@ -9,6 +9,7 @@ export class CameraMotion {
   #view: LookAt;
   #frame = 0;
   #timer = 0;
+  #drawn = 0;
 
   /** @param changed called with the view, and whether it has come to rest. */
   constructor(
@@ -45,6 +46,7 @@ export class CameraMotion {
 
   stop(): void {
     cancelAnimationFrame(this.#frame);
+    cancelAnimationFrame(this.#drawn);
     window.clearTimeout(this.#timer);
   }
 
@@ -52,6 +54,12 @@ export class CameraMotion {
     this.#view = view;
     this.changed(view, false);
     window.clearTimeout(this.#timer);
-    this.#timer = window.setTimeout(() => this.changed(view, true), REST_MS);
+    cancelAnimationFrame(this.#drawn);
+    // Rest begins once this view has been drawn, however long that takes: by then the next one may be due.
+    this.#drawn = requestAnimationFrame(() => {
+      this.#drawn = requestAnimationFrame(() => {
+        this.#timer = window.setTimeout(() => this.changed(view, true), REST_MS);
+      });
+    });
   }
 }

@@ -7,22 +7,20 @@ import {
   Entity,
   GAMMA_SRGB,
   GSplatComponentSystem,
-  GSplatData,
-  GSplatResource,
   Mat4,
-  PIXELFORMAT_R8U,
-  PIXELFORMAT_RGBA8,
   Quat,
   TONEMAP_NONE,
-  WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
 import type { Motion } from "../change/motions";
 import { matrixOf, turnOf } from "../change/motions";
 import { DEPTH_STOPS } from "../look/colors";
 import { DepthRange } from "./depthRange";
+import { draftOf, ofRows } from "./draft";
 import type { Tint } from "./glow";
 import { DIMMED, TINTS } from "./glow";
+import { Layer } from "./layer";
+import { Pace } from "./pace";
 import type { SplatColumns } from "./spz";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
@@ -90,12 +88,14 @@ void modifySplatColor(vec2 gaussianUV, inout vec4 color) {
 export class SplatView {
   readonly #app: AppBase;
   readonly #camera: Entity;
-  #splat: Entity | null = null;
-  #resource: GSplatResource | null = null;
+  readonly #pace: Pace;
+  #full: Layer | null = null;
+  #draft: Layer | null = null;
+  #draftRows = new Uint32Array();
   #view: LookAt | null = null;
   #depthRange: DepthRange | null = null;
   #onDepths: ((range: readonly [number, number]) => void) | null = null;
-  #size = "";
+  #size: [number, number] = [0, 0];
 
   /** @throws NoWebGLError the browser has no WebGL 2. */
   static async create(canvas: HTMLCanvasElement): Promise<SplatView> {
@@ -128,42 +128,39 @@ export class SplatView {
     this.#app.root.addChild(this.#camera);
     // The order of the splats comes from a worker; the picture is due again when it has arrived.
     this.#app.systems.gsplat?.on("frame:request", () => this.redraw());
+    const { gl } = this.#app.graphicsDevice as unknown as { gl: WebGL2RenderingContext };
+    this.#pace = new Pace(gl);
+    this.#app.on("frameend", () => {
+      if (this.#full?.shown) this.#pace.drawn();
+    });
     this.#app.start();
   }
 
   /** Shows these Gaussians instead of those before. */
-  setSplat({ count, columns }: SplatColumns): void {
+  setSplat(splat: SplatColumns): void {
     this.#removeSplat();
-    const properties = [...columns].map(([name, storage]) => ({ type: "float", name, storage, byteSize: 4 }));
-    const data = new GSplatData([{ name: "vertex", count, properties }]);
-    const resource = new GSplatResource(this.#app.graphicsDevice, data);
-    resource.format.addExtraStreams([
-      { name: "splatState", format: PIXELFORMAT_R8U },
-      { name: "splatTint", format: PIXELFORMAT_RGBA8 },
-    ]);
-    const entity = new Entity("splat");
-    entity.addComponent("gsplat", { resource });
-    this.#app.root.addChild(entity);
-    this.#depthRange = new DepthRange(columns);
-    entity.gsplat?.setParameter("uDimmed", 1);
-    entity.gsplat?.setParameter("uColors", COLORINGS.own);
-    entity.gsplat?.setParameter("uEye", [0, 0, 0]);
-    entity.gsplat?.setParameter("uForward", [0, 0, 1]);
-    entity.gsplat?.setParameter("uDepths", [0, 1]);
-    this.#setMotion(entity, null);
-    entity.gsplat?.setWorkBufferModifier({ glsl: MODIFIER });
-    [this.#splat, this.#resource] = [entity, resource];
+    this.#depthRange = new DepthRange(splat.columns);
+    this.#full = new Layer(this.#app, splat, MODIFIER);
+    const draft = draftOf(splat);
+    if (draft) {
+      this.#draft = new Layer(this.#app, draft.splat, MODIFIER);
+      this.#draft.shown = false;
+      this.#draftRows = draft.rows;
+    }
+    this.#set("uDimmed", 1);
+    this.#set("uColors", COLORINGS.own);
+    this.#set("uEye", [0, 0, 0]);
+    this.#set("uForward", [0, 0, 1]);
+    this.#set("uDepths", [0, 1]);
+    this.#setMotion(null);
     this.redraw();
   }
 
   /** Shows a state of each Gaussian (see `states.ts`), by row; with `dimmed`, those without one recede. */
   setStates(states: Uint8Array, dimmed: boolean): void {
-    const texture = this.#resource?.getTexture("splatState");
-    if (!texture || !this.#splat?.gsplat) return;
-    (texture.lock() as Uint8Array).set(states);
-    texture.unlock();
-    this.#splat.gsplat.setParameter("uDimmed", dimmed ? DIMMED : 1);
-    this.#update();
+    this.#fill("splatState", states, 1);
+    this.#set("uDimmed", dimmed ? DIMMED : 1);
+    this.redraw();
   }
 
   /** Shows the Gaussians' own colors. */
@@ -173,10 +170,7 @@ export class SplatView {
 
   /** Shows the Gaussians in other colors: red, green, blue and 255 each, by row. */
   setTints(tints: Uint8Array): void {
-    const texture = this.#resource?.getTexture("splatTint");
-    if (!texture) return;
-    (texture.lock() as Uint8Array).set(tints);
-    texture.unlock();
+    this.#fill("splatTint", tints, 4);
     this.#recolor(COLORINGS.tint, null);
   }
 
@@ -186,47 +180,66 @@ export class SplatView {
     this.#measure();
   }
 
+  /** Whether this machine needs so long for a picture that a draft is drawn while the camera moves. */
+  get isSlow(): boolean {
+    return this.#draft !== null && this.#pace.isSlow;
+  }
+
   #recolor(coloring: number, told: ((range: readonly [number, number]) => void) | null): void {
     this.#onDepths = told;
-    this.#splat?.gsplat?.setParameter("uColors", coloring);
-    this.#update();
+    this.#set("uColors", coloring);
+    this.redraw();
   }
 
   /** Follows the view with the depths' colors. */
   #measure(): void {
-    const gsplat = this.#splat?.gsplat;
-    if (!this.#onDepths || !this.#view || !this.#depthRange || !gsplat) return;
+    if (!this.#onDepths || !this.#view || !this.#depthRange) return;
     const { forward } = axesOf(this.#view);
     const range = this.#depthRange.of(this.#view);
-    gsplat.setParameter("uEye", [...this.#view.position]);
-    gsplat.setParameter("uForward", [...forward]);
-    gsplat.setParameter("uDepths", [...range]);
+    this.#set("uEye", [...this.#view.position]);
+    this.#set("uForward", [...forward]);
+    this.#set("uDepths", [...range]);
     this.#onDepths(range);
-    this.#update();
   }
 
-  #update(): void {
-    if (this.#splat?.gsplat) this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
-    this.redraw();
+  #set(name: string, value: number | number[]): void {
+    this.#full?.set(name, value);
+    this.#draft?.set(name, value);
   }
 
   /** Shows the selected Gaussians moved, or where they are. */
   setMotion(motion: Motion | null): void {
-    if (!this.#splat?.gsplat) return;
-    this.#setMotion(this.#splat, motion);
-    this.#splat.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.#setMotion(motion);
     this.redraw();
   }
 
-  #setMotion(splat: Entity, motion: Motion | null): void {
+  #setMotion(motion: Motion | null): void {
     const shown = motion ?? { pivot: [0, 0, 0], shift: [0, 0, 0], angles: [0, 0, 0] };
     const turn = turnOf(shown);
-    splat.gsplat?.setParameter("uMotion", matrixOf(shown));
-    splat.gsplat?.setParameter("uTurn", [turn.x, turn.y, turn.z, turn.w]);
+    this.#set("uMotion", matrixOf(shown));
+    this.#set("uTurn", [turn.x, turn.y, turn.z, turn.w]);
   }
 
-  /** Looks from somewhere else. */
-  setView(view: LookAt): void {
+  #fill(stream: "splatState" | "splatTint", values: Uint8Array, width: number): void {
+    this.#full?.fill(stream, values);
+    if (this.#draft) this.#draft.fill(stream, ofRows(values, this.#draftRows, width));
+  }
+
+  /** Draws all Gaussians in full resolution, or the draft in half of it. */
+  #showDraft(shown: boolean): void {
+    if (!this.#full || !this.#draft || this.#draft.shown === shown) return;
+    this.#draft.shown = shown;
+    this.#full.shown = !shown;
+    this.#resize();
+  }
+
+  /** Looks from somewhere else; the camera moves on unless it is `resting`. */
+  setView(view: LookAt, resting = false): void {
+    this.#showDraft(!resting && this.isSlow);
+    if (this.#view === view) {
+      this.redraw();
+      return;
+    }
     this.#view = view;
     const { right, down, forward } = axesOf(view);
     const columns = new Mat4();
@@ -247,11 +260,18 @@ export class SplatView {
 
   /** The picture's size in device pixels; the field of view is that of its longer side. */
   setSize(width: number, height: number): void {
-    if (this.#size === `${width}x${height}` || width < 1 || height < 1) return;
-    this.#size = `${width}x${height}`;
-    this.#app.graphicsDevice.setResolution(width, height);
+    if (this.#size[0] === width && this.#size[1] === height) return;
+    if (width < 1 || height < 1) return;
+    this.#size = [width, height];
+    this.#resize();
+  }
+
+  #resize(): void {
+    const [width, height] = this.#size;
+    const part = this.#draft?.shown ? 0.5 : 1;
+    this.#app.graphicsDevice.setResolution(Math.ceil(width * part), Math.ceil(height * part));
     if (this.#camera.camera) this.#camera.camera.horizontalFov = width >= height;
-    if (this.#view) this.setView(this.#view);
+    this.redraw();
   }
 
   redraw(): void {
@@ -259,13 +279,14 @@ export class SplatView {
   }
 
   destroy(): void {
+    this.#pace.stop();
     this.#removeSplat();
     this.#app.destroy();
   }
 
   #removeSplat(): void {
-    this.#splat?.destroy();
-    this.#resource?.destroy();
-    this.#splat = this.#resource = null;
+    this.#full?.destroy();
+    this.#draft?.destroy();
+    this.#full = this.#draft = null;
   }
 }

@@ -1,0 +1,43 @@
+import type { SplatColumns } from "./spz";
+import type { FromWorker } from "./splatWorker";
+
+/** The file is no splat that the page can read, or ends too early. */
+export class SplatFileError extends Error {}
+
+/**
+ * Reads a scene's file in a worker, so that the page answers meanwhile.
+ *
+ * @param body the file's bytes.
+ * @param progress called with the share read, 0..1.
+ * @param signal ends the reading.
+ * @throws SplatFileError as said there.
+ */
+export async function readSplat(
+  body: ReadableStream<Uint8Array<ArrayBuffer>>,
+  progress: (share: number) => void,
+  signal: AbortSignal,
+): Promise<SplatColumns> {
+  const worker = new Worker(new URL("./splatWorker.ts", import.meta.url), { type: "module" });
+  try {
+    const read = new Promise<SplatColumns>((resolve, reject) => {
+      worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => {
+        if ("share" in data) progress(data.share);
+        else if ("problem" in data) reject(new SplatFileError(data.problem));
+        else resolve({ count: data.count, columns: new Map(data.columns) });
+      });
+      worker.addEventListener("error", (event) => reject(new SplatFileError(event.message)));
+      signal.addEventListener("abort", () => reject(new DOMException("given up", "AbortError")));
+    });
+    read.catch(() => undefined); // said below; the body may fail first
+    const reader = body.getReader();
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      worker.postMessage(value, [value.buffer]);
+    }
+    worker.postMessage(null);
+    return await read;
+  } finally {
+    worker.terminate();
+  }
+}
