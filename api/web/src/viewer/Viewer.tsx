@@ -24,7 +24,6 @@ import type { LookAt } from "./poses";
 import { firstView, parseView } from "./poses";
 import { readSplat } from "./readSplat";
 import type { SplatView } from "./splatView";
-import { readSpz } from "./spz";
 import { statesOf } from "./states";
 
 /** What other parts of the page may ask of the 3D view. */

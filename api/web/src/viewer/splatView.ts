@@ -216,7 +216,7 @@ export class SplatView {
   #setMotion(motion: Motion | null): void {
     const shown = motion ?? { pivot: [0, 0, 0], shift: [0, 0, 0], angles: [0, 0, 0] };
     const turn = turnOf(shown);
-    this.#set("uMotion", matrixOf(shown));
+    this.#set("uMotion", [...matrixOf(shown)]);
     this.#set("uTurn", [turn.x, turn.y, turn.z, turn.w]);
   }
 
