@@ -41,6 +41,7 @@ demo: setup  ## the main job on the sample capture, or on PHOTOS=folder, zip or 
 
 look: setup  ## the page with the trained sample of `make demo`, without keys, on this machine alone
 	@test -f demo-output/service/fastsplat.sqlite || { echo "Run make demo first: it trains the sample that is shown"; exit 1; }
+	@echo "The page is at http://localhost:8000/ as soon as the service runs; Ctrl-C ends it"
 	FASTSPLAT_DATA_DIR=demo-output/service $(BIN)/fastsplat serve --no-auth
 
 test: setup  ## every check: lint, types, architecture, laws
