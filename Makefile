@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import sample docker-check clean
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page page-picture sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -41,6 +41,7 @@ demo: setup  ## the main job on the sample capture, or on PHOTOS=folder, zip or 
 
 look: setup  ## the page with the trained sample of `make demo`, without keys, on this machine alone
 	@test -f demo-output/service/fastsplat.sqlite || { echo "Run make demo first: it trains the sample that is shown"; exit 1; }
+	@echo "The page is at http://localhost:8000/ as soon as the service runs; Ctrl-C ends it"
 	FASTSPLAT_DATA_DIR=demo-output/service $(BIN)/fastsplat serve --no-auth
 
 test: setup  ## every check: lint, types, architecture, laws
@@ -89,6 +90,12 @@ bench-things: setup  ## things without a vocabulary on the sample and FASTSPLAT_
 
 bench-import: setup  ## seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene: benchmarks/results/splat_import.json
 	$(BIN)/python -m benchmarks.splat_import
+
+bench-page: setup  ## the web page: load time, bytes, frames a second, from Enter to glow, without WebGL: benchmarks/results/page.json
+	$(BIN)/python -m benchmarks.page
+
+page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
+	$(BIN)/python -m benchmarks.page.picture
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,8 @@ from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.scenes import Scene
 
 _ROOT = Path(__file__).parent.parent
+_OUTPUT = Path("demo-output")
+"""What `make look` serves."""
 _SAMPLE = _ROOT / "demo" / "sample" / "images"
 _FIGURES = ("loss", "psnr", "iterations_per_second", "seconds_left")
 
@@ -57,6 +60,15 @@ def main() -> None:
         except FastSplatError as error:
             raise SystemExit(f"{error.reason}: {error.message} {error.details()}") from error
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
+    console.print(f"{how_to_look(output)}    then the scene is at http://localhost:8000/", soft_wrap=True)
+
+
+def how_to_look(output: Path) -> str:
+    """The command that serves the page with what was trained into `output`."""
+    if output == _OUTPUT:
+        return "make look"
+    program = Path(sys.executable).parent / "fastsplat"
+    return f"FASTSPLAT_DATA_DIR={shlex.quote(str(output / 'service'))} {program} serve --no-auth"
 
 
 def _run(client: Client, options: argparse.Namespace, console: Console, output: Path) -> None:
@@ -121,7 +133,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m demo", description=__doc__)
     parser.add_argument("--photos", type=Path, help="a folder of photos, a zip or tar, or a video; default: the sample")
     parser.add_argument("--ask", action="append", help="a question; may be given several times")
-    parser.add_argument("--output", type=Path, default=Path("demo-output"), help="emptied first; default: demo-output")
+    parser.add_argument("--output", type=Path, default=_OUTPUT, help="emptied first; default: demo-output")
     parser.add_argument(
         "--train-seconds", type=float, help="time budget of all that comes after the capture; default: the server's"
     )

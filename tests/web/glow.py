@@ -10,6 +10,7 @@ one has less.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from urllib.parse import parse_qs
 
 import numpy as np
@@ -79,3 +80,18 @@ def page_camera(page: Page, width: int, height: int, up: tuple[float, float, flo
 def overlap(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
     """Intersection over union."""
     return float((one & other).sum() / (one | other).sum())
+
+
+def scene_up(cameras: Sequence[PosedCamera]) -> tuple[float, float, float]:
+    """What is up in a scene, as the page takes it: in which direction the horizons of its pictures are level."""
+    forward, up = (
+        sign * np.array([posed.world_from_camera[:3, k] for posed in cameras]) for k, sign in ((2, 1), (1, -1))
+    )
+    horizons = np.cross(forward, up)
+    horizons /= np.linalg.norm(horizons, axis=1, keepdims=True)
+    matrix = horizons.T @ horizons + 1e-3 * len(cameras) * np.eye(3)
+    level = up.mean(axis=0)
+    for _ in range(20):
+        level = np.linalg.solve(matrix, level)
+        level /= np.linalg.norm(level)
+    return float(level[0]), float(level[1]), float(level[2])

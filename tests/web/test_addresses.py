@@ -50,6 +50,26 @@ def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, 
         assert elsewhere.page.url == address
 
 
+def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser: Browser) -> None:
+    scene_id = place.new_scene("edited")
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
+        page = visit.page
+        expect(page.get_by_role("heading", name="Things")).to_be_visible()
+        page.goto(f"{place.url}/#/scenes/{scene_id}?q=mug")  # followed while a version is on show
+        expect(page.get_by_text("Here it is")).to_be_visible()
+        page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
+        page.get_by_role("searchbox").fill("story book")
+        expect(page.get_by_role("button", name="Look at story book 1")).to_be_visible()
+        page.get_by_label("Name").fill("violin")
+        page.get_by_role("button", name="Save the name").click()
+        expect(page.get_by_role("heading", name="violin")).to_be_visible()
+        page.wait_for_timeout(1_000)
+        expect(page.get_by_role("searchbox")).to_have_value("story book")
+        expect(page.get_by_role("heading", name="violin")).to_be_visible()
+        assert "violin" in {thing.name for thing in place.service.answers.list_things(scene_id).things}
+    place.service.delete_scene(scene_id)
+
+
 def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None:
     scene_id = place.new_scene("versions")
     old = place.service.get_scene(scene_id).version

@@ -1,4 +1,4 @@
-import { batch, useComputed, useSignalEffect } from "@preact/signals";
+import { batch, untracked, useComputed, useSignalEffect } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { deleteScene } from "../api/calls";
@@ -52,12 +52,15 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   useSignalEffect(() => {
     const current = route.value;
     if (current.page !== "scene" || current.sceneId !== sceneId) return;
-    batch(() => {
-      state.askedVersion.value = current.version;
-      state.selected.value = current.things;
+    // What becomes of it later must not bring back what the address said.
+    untracked(() => {
+      batch(() => {
+        state.askedVersion.value = current.version;
+        state.selected.value = current.things;
+      });
+      if (current.text !== state.text.value.trim()) void state.ask(current.text);
+      if (current.view) viewer.current?.flyTo((now) => parseView(current.view, now.up) ?? now);
     });
-    if (current.text !== state.text.peek().trim()) void state.ask(current.text);
-    if (current.view) viewer.current?.flyTo((now) => parseView(current.view, now.up) ?? now);
   });
 
   const ready = useComputed(() => state.scene.value?.state === "READY");

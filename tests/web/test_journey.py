@@ -1,0 +1,176 @@
+"""The whole way of a person, with real workers and real models: photos in, a scene that answers, a thing named."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from demo.service_process import running_service
+from fastsplat_client import Client
+from fastsplat_contract.queries import QueryRequest
+from tests.web.browser import Visit, visiting
+from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
+
+_SAMPLE = Path(__file__).parents[2] / "demo/sample/images"
+_PHOTOS = sorted(_SAMPLE.glob("*.jpg"))[::2]
+_NEEDED = ("minilm_l6_int8", "mobile_sam", "picodet_416")
+_TRAINED_MS = 600_000  # a busy machine; a quiet one needs about a minute
+
+
+@dataclass(frozen=True)
+class Server:
+    """A running service with a worker.
+
+    Attributes:
+        url: of its page, without a slash at its end.
+        key: its first one.
+    """
+
+    url: str
+    key: str
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    """`fastsplat serve` as a person starts it."""
+    if missing := [name for name in _NEEDED if not (models_dir / name).is_dir()]:
+        pytest.skip(f"FASTSPLAT_MODELS has no {', '.join(missing)}")
+    monkeypatch.setenv("FASTSPLAT_JOBS__NICENESS", "0")  # on a busy machine a nice trainer would never end
+    port = _free_port()
+    with running_service(
+        data_dir=tmp_path / "data",
+        models=models_dir,
+        log=tmp_path / "service.log",
+        http_port=port,
+        grpc_port=_free_port(),
+    ) as key:
+        yield Server(f"http://127.0.0.1:{port}", key)
+
+
+def _shows(page: Page, what: str) -> None:
+    expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(what), timeout=60_000)
+
+
+def _ask(page: Page, text: str) -> None:
+    page.get_by_role("searchbox").fill(text)
+    expect(page.get_by_role("searchbox")).to_have_value(text)
+
+
+def _inside(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """x and y of the pixel of a mask that is nearest to its middle."""
+    rows, columns = np.nonzero(mask)
+    nearest = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
+    return int(columns[nearest]), int(rows[nearest])
+
+
+def _names(client: Client, scene_id: str) -> set[str]:
+    return {thing.name for thing in client.things(scene_id)}
+
+
+def _things(page: Page) -> Locator:
+    return page.get_by_role("region", name="Things")
+
+
+def test_from_photos_to_a_named_thing(server: Server, browser: Browser) -> None:
+    with visiting(browser, server.url, "#/new") as visit:
+        page = visit.page
+        visit.expected.append("401")
+        for key in ("fsk_wrong", server.key):
+            page.get_by_label("Access key").fill(key)
+            page.get_by_role("button", name="Sign in").click()
+            if key != server.key:
+                expect(page.get_by_role("alert")).to_contain_text("does not know this key")
+        page.get_by_label("Choose files").set_input_files(_PHOTOS)
+        expect(page.get_by_text(f"{len(_PHOTOS)} files")).to_be_visible()
+        page.get_by_label("Name", exact=True).fill("a table")
+        page.get_by_label("Quality").select_option("draft")
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_role("heading", name="a table")).to_be_visible()
+        training = page.get_by_role("progressbar", name="Training")
+        expect(training).to_be_visible(timeout=_TRAINED_MS)
+        visit.check_accessible()
+        expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
+        with Client(server.url, key=server.key) as client:
+            _look_ask_and_name(visit, client, server.url)
+
+
+def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
+    page, canvas = visit.page, visit.page.locator("canvas")
+    (summary,) = client.scenes()
+    scene = client.scene(summary.id)
+    assert scene.state == "READY" and scene.name == "a table"
+    _shows(page, "plain$")
+    visit.check_accessible()
+
+    _ask(page, "banana")
+    expect(page.get_by_text("Here it is")).to_be_visible()
+    _shows(page, "answer$")
+    expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
+    page.wait_for_timeout(1_500)
+    shown = canvas_pixels(page)
+    address = page.url
+    _ask(page, "")
+    _shows(page, "plain$")
+    plain = canvas_pixels(page)
+    height, width, _ = shown.shape
+    posed = page_camera(page, width, height, scene_up(scene.cameras))
+    request = QueryRequest(scene.id, ("banana",), cameras=(posed,), outputs=frozenset({"mask2d"}))
+    mask = client.ask(request)[0].masks[0].array()
+    iou = overlap(mask, glowing(plain, shown))
+    assert mask.sum() > 2_000 and iou >= 0.9, (mask.sum(), iou)
+
+    tab = Visit(page.context.new_page())
+    tab.watch()
+    tab.page.goto(f"{url}/#/scenes/{scene.id}")
+    expect(_things(tab.page).get_by_role("button", name="banana", exact=True)).to_be_visible()
+
+    page.bring_to_front()
+    page.goto(address)
+    x, y = _inside(mask)
+    canvas.click(position={"x": x, "y": y})
+    card = page.get_by_role("region", name="1 thing selected")
+    expect(card.get_by_role("heading", name="banana")).to_be_visible()
+    card.get_by_label("Name").fill("breakfast")
+    card.get_by_role("button", name="Save the name").click()
+    expect(page.get_by_text("Named “breakfast”.")).to_be_visible()
+    visit.check_accessible()
+    assert "breakfast" in _names(client, scene.id)
+
+    tab.page.bring_to_front()
+    expect(tab.page.get_by_text("The scene has changed.")).to_be_visible()
+    expect(_things(tab.page).get_by_role("button", name="breakfast", exact=True)).to_be_visible()
+    tab.check(url)
+    tab.page.close()
+    page.bring_to_front()
+
+    _ask(page, "breakfast")
+    expect(page.get_by_text("Here it is")).to_be_visible()
+    expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
+    _shows(page, "answer$")
+    expect(page).to_have_url(re.compile("q=breakfast.*things="))
+    page.reload()
+    expect(page.get_by_role("searchbox")).to_have_value("breakfast")
+    expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
+    expect(card.get_by_role("heading", name="breakfast")).to_be_visible()
+
+    page.get_by_role("button", name="Undo").first.click()
+    expect(card.get_by_role("heading", name="banana")).to_be_visible()
+    assert "breakfast" not in _names(client, scene.id) and "banana" in _names(client, scene.id)
+    page.reload()
+    expect(card.get_by_role("heading", name="banana")).to_be_visible()
+    page.get_by_role("link", name="Scenes", exact=True).click()
+    expect(page.get_by_role("link", name="a table")).to_contain_text("Ready")
