@@ -5,6 +5,7 @@ import { deleteScene } from "../api/calls";
 import { go, replaceAddress, route, sceneAddress } from "../app/router";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
+import { useJob } from "../jobs/useJob";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
@@ -28,6 +29,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   const [first] = useState(route.value.page === "scene" ? route.value.view : "");
   const [changed, setChanged] = useState(false);
 
+  useJob(state);
   useEffect(() => {
     void state.refresh();
     return () => state.close();
@@ -52,8 +54,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   useEffect(() => {
     const timer = window.setInterval(() => {
       if (document.hidden) return;
-      const done = state.operation.value?.done ?? state.scene.value !== null;
-      if (!done || state.scene.value === null) void state.refresh();
+      if (state.scene.value === null) void state.refresh();
     }, WATCH_MS);
     const slow = window.setInterval(() => {
       if (!document.hidden)
