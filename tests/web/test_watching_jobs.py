@@ -44,9 +44,8 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         before = cameras.evaluate("canvas => canvas.toDataURL()")
         assert cameras.evaluate(colors) > 1_000
         page.get_by_role("button", name="Turn left").press("Enter")
-        page.wait_for_function(
-            "([canvas, before]) => canvas.toDataURL() !== before", arg=[cameras.element_handle(), before]
-        )
+        both = [cameras.element_handle(), before]
+        page.wait_for_function("([canvas, before]) => canvas.toDataURL() !== before", arg=both)
         visit.check_accessible()
 
         for number in (2, 3):
