@@ -1,4 +1,4 @@
-"""`fastsplat jobs`: list the jobs of all keys, read their logs, and retry them."""
+"""`fastsplat jobs`: list the jobs of all keys, read their logs, end one early, and retry them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ from rich.text import Text
 
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
-from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import OperationState
 
 jobs_app = typer.Typer(
-    name="jobs", help="Training jobs: list them, read a failed one's log, retry it.", no_args_is_help=True
+    name="jobs",
+    help="Training jobs: list them, end one early, read a failed one's log, retry it.",
+    no_args_is_help=True,
 )
 
 _MAX_LOG = 1 << 20
@@ -83,6 +85,16 @@ def retry(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) 
     typer.echo(f"{operation.id} is {operation.state}")
 
 
+@jobs_app.command()
+def finish(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
+    """End the training of a job early, and make its scene of what is there."""
+    from fastsplat.service.application.service import open_service  # loads what answers questions
+
+    with open_service(load_settings()) as service:
+        operation = service.jobs.finish(job_id)
+    typer.echo(f"{operation.id} ends its training")
+
+
 @contextmanager
 def _store() -> Iterator[Store]:
     settings = load_settings()
@@ -100,7 +112,9 @@ def _progress(record: OperationRecord) -> str:
     if not record.stages:
         return counts
     last = record.stages[-1]
-    return f"{counts}\n{last['stage']} {last['fraction']:.0%} {last['message']}"
+    left = last["metrics"].get(SECONDS_LEFT, -1.0) if record.state == "RUNNING" else -1.0
+    ending = f"\nabout {left:.0f} s left in all, as of its last report" if left >= 0 else ""
+    return f"{counts}\n{last['stage']} {last['fraction']:.0%} {last['message']}{ending}"
 
 
 def _to_json(record: OperationRecord) -> dict[str, Any]:
@@ -111,6 +125,8 @@ def _to_json(record: OperationRecord) -> dict[str, Any]:
         "created_at": datetime.fromtimestamp(record.created_at, UTC).isoformat(),
         "updated_at": datetime.fromtimestamp(record.updated_at, UTC).isoformat(),
         "starts": record.starts,
+        "attempt": record.attempt,
+        "finish_requested": record.finish_requested,
         "priority": record.priority,
         "stages": list(record.stages),
         "error": record.error,

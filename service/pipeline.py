@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
@@ -108,7 +109,13 @@ def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress
 
 
 def build_views(
-    validated_dir: Path, out_dir: Path, settings: Settings, progress: Progress = silent, *, up: UpAxis | None = None
+    validated_dir: Path,
+    out_dir: Path,
+    settings: Settings,
+    progress: Progress = silent,
+    *,
+    up: UpAxis | None = None,
+    on_placed: Callable[[PlacedViews], None] | None = None,
 ) -> Capture:
     """The capture of any validated upload: of its images, or of pictures rendered around a splat that came alone.
 
@@ -118,12 +125,13 @@ def build_views(
         settings: of all rooms.
         progress: hears of the stage "capture"; may raise `CancelledError`.
         up: for a splat alone: which axis of its world is up; None: estimated.
+        on_placed: as for `build_capture`.
 
     Raises:
         FastSplatError: as `build_capture` and `render_views`.
     """
     if read_manifest(validated_dir)[0].source != "splat":
-        return build_capture(validated_dir, out_dir, settings.capture, progress)
+        return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed)
     backend = settings.training.backend
     return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
 

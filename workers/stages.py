@@ -33,7 +33,8 @@ _TRADEOFFS = "tradeoffs.json"
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
     files = ProgressFiles(job, "capture", progress)
-    capture = build_views(job.upload, folder, job_settings(job), files.progress, up=job.options.up)
+    settings, up = job_settings(job), job.options.up
+    capture = build_views(job.upload, folder, settings, files.progress, up=up, on_placed=files.placed)
     files.placed(placed_of(capture))
 
 

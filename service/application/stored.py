@@ -11,15 +11,12 @@ from typing import Any
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
-from fastsplat.service.store.records import OperationRecord, SceneRecord
+from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
 from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary
-
-_SECONDS_LEFT = "job_seconds_left"
-"""The metric of a stage that speaks of the whole job."""
 
 
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
@@ -31,7 +28,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
     """
     error, done = record.error, record.state in FINAL_STATES
     files = {} if done or record.progress_files is None else record.progress_files
-    left = record.stages[-1]["metrics"].get(_SECONDS_LEFT) if record.stages and worker == "working" else None
+    left = record.stages[-1]["metrics"].get(SECONDS_LEFT) if record.stages and worker == "working" else None
     return Operation(
         id=record.id,
         scene_id=record.scene_id,
@@ -103,7 +100,7 @@ def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
 
 
 def _stage_of(row: Mapping[str, Any]) -> StageProgress:
-    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != _SECONDS_LEFT}
+    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != SECONDS_LEFT}
     return StageProgress(**{**row, "metrics": metrics})
 
 

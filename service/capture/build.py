@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,8 @@ from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
+from fastsplat.service.capture.mapping_snapshots import take_placed
+from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import scale_of_views, scaled_capture
@@ -45,7 +47,13 @@ _DECODING = "decoding"
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 
 
-def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings, progress: Progress) -> Capture:
+def build_capture(
+    validated_dir: Path,
+    out_dir: Path,
+    settings: CaptureSettings,
+    progress: Progress,
+    on_placed: Callable[[PlacedViews], None] | None = None,
+) -> Capture:
     """The capture of a validated upload, written to `out_dir`, which appears only when complete.
 
     Images alone get their poses by structure from motion, and a normalized world with +z up (see `normalize_world`).
@@ -57,6 +65,7 @@ def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings,
         out_dir: new, empty, or an earlier capture, which is replaced.
         settings: sizes of images, limits and options of structure from motion.
         progress: receives events of the stage "capture".
+        on_placed: is shown the cameras while structure from motion places them, now and then.
 
     Raises:
         ReconstructionError: no usable geometry, or no view with a valid pixel.
@@ -79,7 +88,7 @@ def build_capture(validated_dir: Path, out_dir: Path, settings: CaptureSettings,
         for folder in (work, work / IMAGES, work / _DECODING):
             folder.mkdir()
         with ImageDecoder(work / _DECODING, (files, work / IMAGES), settings) as decoder:
-            build = _Build(manifest, files, partial, work, settings, progress, decoder)
+            build = _Build(manifest, files, partial, work, settings, progress, decoder, on_placed)
             capture = build.posed() if manifest.poses else build.reconstructed()
         shutil.rmtree(work)
         save_capture(capture, partial)
@@ -142,6 +151,7 @@ class _Build:
     settings: CaptureSettings
     progress: Progress
     decoder: ImageDecoder
+    on_placed: Callable[[PlacedViews], None] | None
 
     def reconstructed(self) -> Capture:
         """The capture of images or a video without poses."""
@@ -152,7 +162,7 @@ class _Build:
             "ordered": self.manifest.source == "video",
             **self.settings.model_dump(),
         }
-        result, points, colors = self._run_sfm("reconstruct", request, self._listener(0.15, 0.9))
+        result, points, colors = self._run_sfm("reconstruct", request, self._placing_listener(images))
         registered = [image for image in images if image.file in result["poses"]]
         poses, points = normalize_world(np.array([result["poses"][image.file] for image in registered]), points)
         table = self._label_table()
@@ -353,6 +363,18 @@ class _Build:
 
     def _listener(self, begin: float, end: float) -> Listener:
         return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
+
+    def _placing_listener(self, images: list[_SfmImage]) -> Listener:
+        """As `_listener`, and shows the cameras that are placed."""
+        names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
+
+        def heard(fraction: float, message: str) -> None:
+            listen(fraction, message)
+            placed = take_placed(folder / "reconstruct", names, len(images)) if self.on_placed else None
+            if placed is not None and self.on_placed is not None:
+                self.on_placed(placed)
+
+        return heard
 
     def _report(self, fraction: float, message: str) -> None:
         self.progress(ProgressEvent(_STAGE, min(1.0, fraction), message))

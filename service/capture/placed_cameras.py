@@ -43,15 +43,16 @@ def thinned(
     colors: NDArray[np.uint8],
     images: int,
     *,
+    placed: int,
     complete: bool,
 ) -> PlacedViews:
     """At most `MAX_CAMERAS` of the cameras and `MAX_POINTS` of the points [P, 3], evenly chosen."""
-    rows = _evenly(len(points), MAX_POINTS)
+    rows = evenly(len(points), MAX_POINTS)
     return PlacedViews(
-        tuple(cameras[row] for row in _evenly(len(cameras), MAX_CAMERAS)),
+        tuple(cameras[row] for row in evenly(len(cameras), MAX_CAMERAS)),
         points[rows].astype(np.float32),
         colors[rows],
-        len(cameras),
+        placed,
         images,
         complete,
     )
@@ -60,9 +61,8 @@ def thinned(
 def placed_of(capture: Capture) -> PlacedViews:
     """The cameras of a finished capture."""
     cameras = [view.posed for view in capture.views]
-    return thinned(
-        cameras, capture.points, capture.point_colors, max(capture.report.images, len(cameras)), complete=True
-    )
+    images = max(capture.report.images, len(cameras))
+    return thinned(cameras, capture.points, capture.point_colors, images, placed=len(cameras), complete=True)
 
 
 def placed_to_json(placed: PlacedViews) -> bytes:
@@ -72,6 +72,6 @@ def placed_to_json(placed: PlacedViews) -> bytes:
     return to_json(PlacedCameras(info, placed.cameras, points, colors))
 
 
-def _evenly(count: int, most: int) -> NDArray[np.int64]:
+def evenly(count: int, most: int) -> NDArray[np.int64]:
     """Indices of at most `most` of `count`."""
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).round().astype(np.int64)

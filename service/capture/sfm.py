@@ -18,7 +18,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.capture import geometry, pairs
+from fastsplat.service.capture import geometry, mapping_snapshots, pairs
 from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
@@ -40,7 +40,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
         request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one camera a group, focal
             length in pixels or 0 if unknown; "ordered" whether neighbors in the list are neighbors in time; and all
             settings.
-        folder: where the database and "points.npz" (points, colors) go.
+        folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
         report: receives progress.
 
     Returns:
@@ -225,14 +225,18 @@ def _map(database: Path, images: Path, folder: Path, count: int, report: Report)
     def report_next_image() -> None:
         nonlocal registered
         registered += 1
+        mapping_snapshots.keep_newest(snapshots, folder, pycolmap.Reconstruction)
         share = min(1.0, registered / count)
         fraction = _MATCHING_DONE + (_MAPPING_DONE - _MATCHING_DONE) * share
         report(fraction, f"registering images {min(registered, count)}/{count}")
 
-    output = folder / "models"
+    output, snapshots = folder / "models", folder / "snapshots"
     output.mkdir()
+    snapshots.mkdir()
+    options = _mapper_options()
+    options.snapshot_path, options.snapshot_frames_freq = snapshots, mapping_snapshots.frames_between(count)
     models = pycolmap.incremental_mapping(
-        database, images, output, options=_mapper_options(), next_image_callback=report_next_image
+        database, images, output, options=options, next_image_callback=report_next_image
     )
     return sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 

@@ -12,6 +12,9 @@ from fastsplat_contract.scenes import Scale, SceneState
 DEFAULT_PROJECT = "default"
 """The project of those who name none; every database has it."""
 
+SECONDS_LEFT = "job_seconds_left"
+"""The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
+
 LOOK_AGAIN, RESULT = "look_again", "result"
 """Keys of `OperationRecord.options` that only jobs that look again have."""
 

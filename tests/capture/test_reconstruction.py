@@ -16,11 +16,15 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture import build_capture, load_image, validate_upload
+from fastsplat.service.capture.mapping_snapshots import take_placed
+from fastsplat.service.capture.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError
 
 _FRAMES = range(0, 40, 4)
+_PLACED: list[PlacedViews] = []
+"""What the fixture `tabletop` was shown while images were placed."""
 
 
 def _photos(test_data: Path, folder: Path, frames: Sequence[int] = _FRAMES) -> Path:
@@ -45,7 +49,8 @@ def tabletop(test_data: Path, tmp_path_factory) -> tuple[Capture, list[ProgressE
     folder = _photos(test_data, tmp_path_factory.mktemp("sfm") / "upload")
     validate_upload(folder, settings)
     events: list[ProgressEvent] = []
-    return build_capture(folder, folder.parent / "out", settings, events.append), events
+    _PLACED.clear()
+    return build_capture(folder, folder.parent / "out", settings, events.append, _PLACED.append), events
 
 
 def test_poses_agree_with_the_truth_up_to_a_similarity(tabletop, test_data: Path) -> None:
@@ -77,6 +82,48 @@ def test_the_rest_of_the_capture(tabletop) -> None:
         camera = view.posed.camera
         assert load_image(view).shape == (camera.height, camera.width, 3)
         assert abs(camera.fx / camera.width - 1.0) < 0.03  # rendered with a focal length of the image's width
+
+
+def test_cameras_are_shown_while_they_are_placed(tabletop) -> None:
+    capture, _ = tabletop
+    assert _PLACED, "nothing was shown"
+    counts = [placed.placed for placed in _PLACED]
+    assert counts == sorted(counts) and 2 <= counts[0] < len(_FRAMES)
+    names = {view.posed.name for view in capture.views}
+    for placed in _PLACED:
+        assert not placed.complete and placed.images == len(_FRAMES)
+        assert {camera.name for camera in placed.cameras} <= names and len(placed.cameras) == placed.placed
+        assert 0 < len(placed.points) == len(placed.colors) <= 5_000 and placed.colors.std() > 5
+        distances = [np.linalg.norm(camera.world_from_camera[:3, 3]) for camera in placed.cameras]
+        assert np.median(distances) == pytest.approx(3)  # as large as a finished capture
+    whole = placed_of(capture)
+    assert whole.complete and whole.placed == whole.images == len(_FRAMES)
+    assert len(whole.points) == min(5_000, len(capture.points))
+
+
+def test_what_the_child_left_is_not_trusted(tmp_path: Path) -> None:
+    def left(content: bytes) -> Path:
+        (tmp_path / "placed.npz").write_bytes(content)
+        return tmp_path
+
+    file = io.BytesIO()
+    np.savez(file, names=np.array([object()]), allow_pickle=True)
+    poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+    arrays = {"names": ["a", "b"], "poses": poses, "pinholes": np.full((2, 5), 8.0), "placed": 2}
+    bad = io.BytesIO()
+    np.savez(bad, points=np.full((3, 3), np.nan), colors=np.zeros((3, 3), np.uint8), **arrays)
+    bomb = io.BytesIO()
+    np.savez_compressed(bomb, points=np.zeros((500_000, 3)), colors=np.zeros((500_000, 3), np.uint8), **arrays)
+    assert len(bomb.getvalue()) < 100_000
+    for content in (bomb.getvalue(), b"", b"PK\3\4 no archive", file.getvalue(), bad.getvalue(), bytes(5 << 20)):
+        assert take_placed(left(content), {"a": "a.jpg", "b": "b.jpg"}, 2) is None
+    good = io.BytesIO()
+    arrays["poses"] = poses + np.arange(2)[:, None, None] * np.eye(4)[3]
+    np.savez(good, points=np.eye(3) + 5, colors=np.zeros((3, 3), np.uint8), **arrays)
+    assert take_placed(left(good.getvalue()), {"a": "a.jpg"}, 2) is None  # a file that nobody gave it
+    placed = take_placed(left(good.getvalue()), {"a": "a.jpg", "b": "b.jpg"}, 2)
+    assert placed is not None and [camera.name for camera in placed.cameras] == ["a.jpg", "b.jpg"]
+    assert take_placed(tmp_path, {}, 2) is None  # taken once
 
 
 def test_colors_are_the_photos(tabletop) -> None:

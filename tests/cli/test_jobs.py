@@ -14,7 +14,7 @@ from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
-from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 
 NEW, BAD = "0123456789abcdef" * 2, "fedcba9876543210" * 2
 IDS = (NEW, "a" * 32, BAD, "b" * 32)
@@ -76,6 +76,21 @@ def test_a_failed_job_is_queued_again_if_its_upload_is_there(fastsplat, tmp_path
     (tmp_path / "uploads" / BAD).mkdir(parents=True)
     assert "QUEUED" in fastsplat("jobs", "retry", BAD).stdout
     assert json.loads(fastsplat("jobs", "list", "--json", "--state", "failed").stdout) == []
+
+
+def test_a_job_that_trains_is_ended_early_and_no_other(fastsplat, tmp_path):
+    assert isinstance(fastsplat("jobs", "finish", NEW).exception, NotReadyError)
+    store = open_store(tmp_path)
+    claim = store.jobs.claim(NEW)
+    assert claim is not None
+    metrics = {"iteration": 40.0, "job_seconds_left": 70.0}
+    row = {"stage": "training", "fraction": 0.2, "message": "iteration 40", "seconds": 1.0, "metrics": metrics}
+    store.jobs.report(claim, [row])
+    assert "about 70 s left" in fastsplat("jobs", "list").stdout
+    assert NEW in fastsplat("jobs", "finish", NEW).stdout
+    assert store.jobs.check(claim) == {"finish"}
+    assert json.loads(fastsplat("jobs", "list", "--json").stdout)[0]["finish_requested"]
+    store.close()
 
 
 def test_the_version_is_that_of_the_distribution(fastsplat):

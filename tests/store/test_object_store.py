@@ -180,3 +180,24 @@ def test_a_store_that_is_away_is_a_typed_error(tmp_path, s3):
 def test_a_url_that_nothing_speaks_is_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="nonsense"):
         open_blobs(tmp_path, ArtefactSettings(url="nonsense://x"))
+
+
+def test_what_can_be_looked_at_is_seen_everywhere_and_goes_with_its_job(
+    here: ObjectStoreBlobs, there: ObjectStoreBlobs
+) -> None:
+    for run, name in (("job", "preview-1-1.jpg"), ("job", "preview-1-2.jpg"), ("job.1", "preview-1-1.jpg")):
+        path = here.progress_file(run, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(f"{run} {name}".encode())
+        here.keep_progress_file(run, name)
+    assert there.read_progress_file("job", "preview-1-2.jpg") == b"job preview-1-2.jpg"
+    assert there.read_progress_file("job", "preview-1-3.jpg") is None
+    here.drop_progress_file("job", "preview-1-1.jpg")
+    assert there.read_progress_file("job", "preview-1-1.jpg") is None
+    assert set(there.ids("jobs")) == {"job", "job.1"}
+    there.drop_job("job")  # another machine's cleanup, e.g.
+    assert here.read_progress_file("job", "preview-1-2.jpg") is None
+    assert here.read_progress_file("job.1", "preview-1-1.jpg") == b"job.1 preview-1-1.jpg"
+    here.drop_job("job.1")
+    here.drop_job("job")
+    assert _objects(here) == [] and here.ids("jobs") == ()

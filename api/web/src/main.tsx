@@ -4,6 +4,7 @@ import "./styles/scene.css";
 import "./serverView/serverView.css";
 import "./look/look.css";
 import "./styles/change.css";
+import "./styles/job.css";
 
 import { render } from "preact";
 

@@ -90,6 +90,26 @@ export const texts = {
     minutes: (count: number) => `${count} min`,
     percent: (share: number) => `${Math.round(100 * share)} %`,
   },
+  jobWatching: {
+    left: (time: string) => `About ${time} left in all.`,
+    noWorker:
+      "No worker is running on the server, so nothing happens. The job begins, or goes on, when one is started.",
+    silent: "The worker of this job has stopped answering. Another one will go on where it was.",
+    attempt: (number: number) =>
+      `Attempt ${number}: the job went on after its worker, or its training, had stopped without warning.`,
+    pictureAlt: "The scene as it is trained so far",
+    steps: (count: number, time: string) => `${plural(count, "step", "steps")}, ${time}`,
+    camerasAlt: (placed: number, images: number) =>
+      `Drawing of the cameras of ${placed} of ${images} photos, and points`,
+    placed: (placed: number, images: number) => `${placed} of ${images} photos placed`,
+    turnLeft: "Turn left",
+    turnRight: "Turn right",
+    finish: "Stop early and keep it",
+    finishQuestion: "Stop the training now and make the scene of what is there? It cannot be trained further.",
+    finishYes: "Stop and keep",
+    finishNo: "Train on",
+    finishing: "The training is ending; the scene is made of what is there.",
+  },
   ask: {
     title: "Ask",
     label: "What are you looking for?",

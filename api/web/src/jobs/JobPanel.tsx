@@ -4,7 +4,11 @@ import { cancelOperation, retryOperation } from "../api/calls";
 import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
 import { ErrorNote, sentence } from "../ui/parts";
+import { FinishButton } from "./FinishButton";
+import { JobPreview } from "./JobPreview";
+import { PlacedView } from "./PlacedView";
 import { duration, secondsLeft } from "./timing";
+import { WorkerNote } from "./WorkerNote";
 
 /** The stages of a job, why it failed, and what can be done about it. */
 export function JobPanel({ operation, onChange }: { operation: Operation; onChange: () => void }) {
@@ -24,7 +28,10 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       <p class="sr-only" role="status">
         {announcement(operation)}
       </p>
-      {operation.state === "QUEUED" && <p>{texts.job.queued}</p>}
+      <WorkerNote operation={operation} />
+      {operation.seconds_left !== null && (
+        <p class="job-left">{texts.jobWatching.left(duration(operation.seconds_left))}</p>
+      )}
       {operation.state === "CANCELLED" && <p class="note">{texts.job.cancelled}</p>}
       {operation.error && (
         <div class="note error" role="alert">
@@ -34,11 +41,18 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
           {details?.["hint"] && <p class="hint">{details["hint"]}</p>}
         </div>
       )}
+      {(operation.preview || operation.placed) && (
+        <div class="job-figures">
+          {operation.preview && <JobPreview operationId={operation.id} info={operation.preview} />}
+          {operation.placed && <PlacedView operationId={operation.id} info={operation.placed} />}
+        </div>
+      )}
       <ol class="stages">
         {operation.stages.map((stage, index) => (
           <Stage key={stage.stage} stage={stage} active={!operation.done && index === operation.stages.length - 1} />
         ))}
       </ol>
+      {!operation.done && <FinishButton operation={operation} busy={busy} act={act} />}
       {!operation.done && (
         <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
           {texts.job.cancel}

@@ -6,6 +6,7 @@ import { go, replaceAddress, route, sceneAddress } from "../app/router";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
 import { VersionsPanel } from "../change/VersionsPanel";
+import { useJob } from "../jobs/useJob";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
@@ -29,6 +30,8 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   const view = useRef<LookAt | null>(null);
   const [first] = useState(route.value.page === "scene" ? route.value.view : "");
   const [changed, setChanged] = useState(false);
+
+  useJob(state);
 
   const note = () => {
     const current = route.peek();
@@ -80,8 +83,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   useEffect(() => {
     const timer = window.setInterval(() => {
       if (document.hidden) return;
-      const done = state.operation.value?.done ?? state.scene.value !== null;
-      if (!done || state.scene.value === null) void state.refresh();
+      if (state.scene.value === null) void state.refresh();
     }, WATCH_MS);
     const slow = window.setInterval(() => {
       if (!document.hidden)

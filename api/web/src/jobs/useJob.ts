@@ -1,0 +1,32 @@
+import { useEffect, useState } from "preact/hooks";
+
+import type { SceneState } from "../scene/sceneState";
+import { followOperation } from "./followOperation";
+
+/** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew once it is done. */
+export function useJob(state: SceneState): void {
+  const scene = state.scene.value;
+  const operationId = scene && scene.state !== "READY" ? scene.operation_id : "";
+  const done = state.operation.value?.done ?? false;
+  const visible = useVisible(); // a browser opens few connections to a server: tabs in the background leave theirs
+  useEffect(() => {
+    if (!operationId || done || !visible) return;
+    const controller = new AbortController();
+    followOperation(operationId, controller.signal, (operation) => {
+      if (controller.signal.aborted) return;
+      state.operation.value = operation;
+      if (operation.done) void state.refresh();
+    }).catch(() => void state.refresh()); // deleted meanwhile: the scene says so
+    return () => controller.abort();
+  }, [state, operationId, done, visible]);
+}
+
+function useVisible(): boolean {
+  const [visible, setVisible] = useState(!document.hidden);
+  useEffect(() => {
+    const look = () => setVisible(!document.hidden);
+    document.addEventListener("visibilitychange", look);
+    return () => document.removeEventListener("visibilitychange", look);
+  }, []);
+  return visible;
+}

@@ -1,0 +1,115 @@
+"""A job is watched on the page: pictures and cameras as they come, time left, who works on it, an early end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.store.job_repository import Claim
+from tests.api.training_job import add_training_job, show_training
+from tests.web.browser import visiting
+from tests.web.conftest import Place
+
+_PICTURE = "The scene as it is trained so far"
+
+
+@pytest.fixture
+def training(place: Place) -> Iterator[Claim]:
+    """A job that trains, as far as the server can tell."""
+    claim = add_training_job(place.service, "<i>grows</i>")
+    yield claim
+    place.service.delete_scene(claim.operation.scene_id)
+
+
+def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
+    place: Place, browser: Browser, training: Claim
+) -> None:
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
+        page = visit.page
+        picture = page.get_by_role("img", name=_PICTURE)
+        expect(picture).to_have_attribute("data-step", "300")
+        assert picture.evaluate("image => [image.naturalWidth, image.naturalHeight]") == [32, 24]
+        expect(page.get_by_text("300 steps, 4 s · 1,000 Gaussians · 21.0 dB PSNR")).to_be_visible()
+        expect(page.get_by_text("About 3 min left in all.")).to_be_visible()
+        expect(page.get_by_role("heading", name="<i>grows</i>")).to_be_visible()
+
+        cameras = page.get_by_role("img", name="Drawing of the cameras of 2 of 3 photos, and points")
+        expect(cameras).to_have_attribute("data-cameras", "2")
+        expect(cameras).to_have_attribute("data-points", "200")
+        colors = "canvas => canvas.getContext('2d').getImageData(0, 0, 640, 640).data.filter(value => value).length"
+        before = cameras.evaluate("canvas => canvas.toDataURL()")
+        assert cameras.evaluate(colors) > 1_000
+        page.get_by_role("button", name="Turn left").press("Enter")
+        both = [cameras.element_handle(), before]
+        page.wait_for_function("([canvas, before]) => canvas.toDataURL() !== before", arg=both)
+        visit.check_accessible()
+
+        for number in (2, 3):
+            show_training(place.service, training, number)
+            expect(picture).to_have_attribute("data-step", str(300 * number))
+        asked = [url for url in visit.requests if url.endswith(f"/operations/{training.operation.id}")]
+        assert len(asked) <= 1  # the rest came as events
+        assert any(url.endswith("/events") for url in visit.requests)
+
+
+@pytest.mark.parametrize("color_scheme", ["light", "dark"])
+def test_it_fits_a_phone(place: Place, browser: Browser, training: Claim, color_scheme: str) -> None:
+    phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": color_scheme}
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}", **phone) as visit:
+        expect(visit.page.get_by_role("img", name=_PICTURE)).to_be_visible()
+        expect(visit.page.get_by_role("button", name="Turn right")).to_be_visible()
+        assert visit.fits()
+        visit.check_accessible()
+
+
+def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
+        page = visit.page
+        page.get_by_role("button", name="Stop early and keep it").press("Enter")
+        visit.check_accessible()
+        assert not place.service.get_operation(training.operation.id).finish_requested
+        page.get_by_role("button", name="Stop and keep").press("Enter")
+        expect(page.get_by_text("The training is ending")).to_be_visible()
+        assert place.service.get_operation(training.operation.id).finish_requested
+        assert place.service._store.jobs.check(training) == {"finish"}
+
+
+def test_where_events_break_off_the_page_asks_instead(place: Place, browser: Browser, training: Claim) -> None:
+    with visiting(browser, place.url) as visit:
+        visit.expected.append("ERR_FAILED")
+        visit.page.route("**/events", lambda route: route.abort())
+        visit.page.goto(f"{place.url}/#/scenes/{training.operation.scene_id}")
+        picture = visit.page.get_by_role("img", name=_PICTURE)
+        expect(picture).to_have_attribute("data-step", "300")
+        show_training(place.service, training, 2)
+        expect(picture).to_have_attribute("data-step", "600")
+
+
+def test_a_dead_worker_is_shown_and_that_the_job_went_on(place: Place, browser: Browser, training: Claim) -> None:
+    workers, job = place.service._store.workers, training.operation.id
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
+        page = visit.page
+        expect(page.get_by_role("img", name=_PICTURE)).to_be_visible()
+        workers.update_heartbeat("another", "a machine", 1)
+        _age(place.service, job)
+        expect(page.get_by_text("The worker of this job has stopped answering.")).to_be_visible()
+        workers.unregister("another")
+        expect(page.get_by_text("No worker is running on the server")).to_be_visible()
+        visit.check_accessible()
+        again = place.service._store.jobs.claim(job)
+        assert again is not None
+        expect(page.get_by_text("Attempt 2:")).to_be_visible()
+        show_training(place.service, again, 4)
+        expect(page.get_by_role("img", name=_PICTURE)).to_have_attribute("data-step", "1200")
+
+
+def _age(service: SceneService, operation_id: str) -> None:
+    """Make a job's last report an hour old."""
+    with service._store.engine.begin() as connection:
+        connection.exec_driver_sql(
+            f"UPDATE operations SET updated_at = {time.time() - 3600} WHERE id = '{operation_id}'"
+        )
