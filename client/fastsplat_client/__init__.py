@@ -14,6 +14,7 @@ ones are here; all of them are in `fastsplat_contract`.
 
 from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
+from fastsplat_client.keys import share_link
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -105,4 +106,5 @@ __all__ = [
     "Vector3",
     "ViewMask",
     "decode_mask3d",
+    "share_link",
 ]

@@ -133,13 +133,11 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     before = _columns_of_all(empty)
     migrate(empty)
     after = _columns_of_all(empty)
+    new = {"scenes": {"project"}, "operations": {"project"}, "api_keys": {"project", "scene_id"}}
     assert {
         table: [row.keys() - old.keys() for row, old in zip(after[table], rows, strict=True)]
         for table, rows in before.items()
-    } == {
-        table: [{"project"}] * len(rows) if table in ("scenes", "operations", "api_keys") else [set()] * len(rows)
-        for table, rows in before.items()
-    }
+    } == {table: [new.get(table, set())] * len(rows) for table, rows in before.items()}
     changed = {
         (table, name): (old[name], row.get(name))
         for table, rows in before.items()

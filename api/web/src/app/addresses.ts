@@ -21,14 +21,29 @@ export function parseRoute(hash: string): Route {
   };
 }
 
+/** What the address of a scene says beside the scene. */
+export interface SceneAddress {
+  text?: string;
+  version?: string;
+  view?: string;
+  /** The key of a link that shows the scene to whoever has it. */
+  share?: string;
+}
+
 /** The address of a scene with what is asked, which version, and from where it is looked at; relative, begins with #. */
-export function sceneAddress(sceneId: string, more: { text?: string; version?: string; view?: string } = {}): string {
+export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
+  if (more.share) query.set("share", more.share);
   const tail = query.toString();
   return `#/scenes/${encodeURIComponent(sceneId)}${tail ? `?${tail}` : ""}`;
+}
+
+/** The key in an address that shows one scene; "" without one. Behind the `#`, so that it reaches no server's log. */
+export function shareKeyIn(hash: string): string {
+  return new URLSearchParams(hash.split("?", 2)[1] ?? "").get("share") ?? "";
 }
 
 function safelyDecoded(text: string): string {
