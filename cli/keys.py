@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fastsplat.cli.remote import Ca, KeyFile, Server, connect
+from fastsplat.cli.remote import Ca, KeyFile, Server, connect, link_to_share
 from fastsplat.service.application.keys import Keys
-from fastsplat.service.application.project_keys import as_key
+from fastsplat.service.application.project_keys import ProjectKeys, as_key
 from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import DEFAULT_PROJECT
-from fastsplat_contract.keys import Role
+from fastsplat_contract.keys import KeyIn, Role
 
 keys_app = typer.Typer(
     name="keys", help="Access keys: create, list, expire, revoke them, here or on a server.", no_args_is_help=True
@@ -66,6 +66,32 @@ def create(
     typer.echo(secret)
 
 
+@keys_app.command()
+def share(
+    scene: Annotated[str, typer.Argument(help="The scene's id.")],
+    name: Annotated[str, typer.Option(help="For whom, for people.")] = "link",
+    days: Annotated[float, typer.Option(help="It expires after so many days.")] = 7.0,
+    project: _Project = "",
+    page: Annotated[str, typer.Option(help="Where people open the page. Default: the server's URL.")] = "",
+    server: Server = "",
+    key_file: KeyFile = None,
+    ca: Ca = None,
+) -> None:
+    """Print a link that shows one scene, read-only, to whoever has it; list and revoke it as any key."""
+    request = KeyIn(name, "reader", days * _DAY_S, scene)
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            made = client.keys.share(scene, name, days * _DAY_S)
+    else:
+        own = project or DEFAULT_PROJECT
+        with _opened_store() as store:
+            made = ProjectKeys(store.in_project(own), load_settings(), own).create("operator", request)
+    settings = load_settings()
+    scheme = "http" if settings.tls_cert is None else "https"
+    typer.echo(f"key {made.key.id} shows scene {scene} alone, for {days:g} days:", err=True)
+    typer.echo(link_to_share(page or server or f"{scheme}://localhost:{settings.http_port}", made))
+
+
 @keys_app.command("list")
 def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = None, ca: Ca = None) -> None:
     """Show every key ever made; by --server, those of the project."""
@@ -77,11 +103,13 @@ def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = N
         with _keys() as keys:
             records = [as_key(record, now) for record in keys.all() if project in ("", record.project)]
     table = Table(title="Access keys")
-    for heading in ("id", "project", "role", "state", "created", "expires", "name"):
+    for heading in ("id", "project", "role", "state", "created", "expires", "name", "only scene"):
         table.add_column(heading)
     for key in records:
         expires = "never" if key.expires_at is None else _minute(key.expires_at)
-        table.add_row(key.id, key.project, key.role, key.state.lower(), _minute(key.created_at), expires, key.name)
+        table.add_row(
+            key.id, key.project, key.role, key.state.lower(), _minute(key.created_at), expires, key.name, key.scene_id
+        )
     Console().print(table)
 
 

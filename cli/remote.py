@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from fastsplat_client import Client
+from fastsplat_client import Client, share_link
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.keys import NewKey
 
 _KEY_VARIABLE = "FASTSPLAT_KEY"
 
@@ -40,3 +41,8 @@ def connect(server: str, key_file: Path | None, ca: Path | None, project: str) -
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidInputError(f"{key_file} cannot be read: {error}", field="key-file") from error
     return Client(server, key=key, ca=ca, project=project)
+
+
+def link_to_share(page: str, made: NewKey) -> str:
+    """The address of the page that shows the one scene of a key, see `share_link`."""
+    return share_link(page, made)

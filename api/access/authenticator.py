@@ -71,13 +71,13 @@ class Authenticator:
 
         Raises:
             UnauthenticatedError: no key, or none that is valid.
-            PermissionDeniedError: the key's role is too small for this call.
+            PermissionDeniedError: the key's role is too small for this call, or it is a key of one scene.
             NotFoundError: the call is about a project that is not there for this key.
             DatabaseError: the keys cannot be read.
         """
         if rule.role is None:
             return None
-        key_id, project, role = await self._key_of(credentials)
+        key_id, project, role, scene_id = await self._key_of(credentials)
         if credentials.project not in ("", project):
             await self._look_again_unless(credentials.project in self._ring.projects)
             if role != "operator" or credentials.project not in self._ring.projects:
@@ -92,7 +92,13 @@ class Authenticator:
                 field="authorization",
                 hint=f"Use a key of the role {rule.role}; make one with: fastsplat keys create",
             )
-        return Principal(key_id, credentials.project or project, role)
+        if scene_id and not rule.shared:
+            raise PermissionDeniedError(
+                f"key {key_id} shows one scene, and this call is about more, or changes something",
+                field="authorization",
+                hint="Use a key of the project.",
+            )
+        return Principal(key_id, credentials.project or project, role, scene_id)
 
     @contextmanager
     def watch(self, principal: Principal) -> Iterator[KeyWatch]:
@@ -117,9 +123,9 @@ class Authenticator:
             self._watches.discard(watch)
         watch.check()
 
-    async def _key_of(self, credentials: Credentials) -> tuple[str, str, Role]:
+    async def _key_of(self, credentials: Credentials) -> tuple[str, str, Role, str]:
         if not self._auth_enabled:
-            return "", DEFAULT_PROJECT, "operator"
+            return "", DEFAULT_PROJECT, "operator", ""
         if not credentials.key:
             raise UnauthenticatedError("this call carries no key", field="authorization", hint=_HOW)
         key_id = key_id_of(credentials.key)
@@ -130,7 +136,7 @@ class Authenticator:
         record = self._ring.find(credentials.key)
         if record is None:
             raise UnauthenticatedError("the key is unknown, expired or revoked", field="authorization", hint=_HOW)
-        return record.id, record.project, record.role
+        return record.id, record.project, record.role, record.scene_id
 
     async def _look_again_unless(self, known: bool) -> None:
         if not known:

@@ -19,11 +19,13 @@ class Principal:
         key_id: the key's; "" where keys are switched off.
         project: whose scenes the call is about.
         role: what the caller may do there.
+        scene_id: the one scene that there is for the caller; "" for all of the project.
     """
 
     key_id: str
     project: str
     role: Role
+    scene_id: str = ""
 
 
 current_principal: ContextVar[Principal | None] = ContextVar("current_principal", default=None)
@@ -67,7 +69,8 @@ class _InCallersProject:
         self._service = service
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._service.in_project(caller_project()), name)
+        caller = _caller()
+        return getattr(self._service.in_project(caller.project, caller.scene_id), name)
 
 
 def _caller() -> Principal:

@@ -21,11 +21,13 @@ class Rule(NamedTuple):
         role: the least one that will do; None: no key is needed.
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it brings files, for as long as its sender takes.
+        shared: a key of one scene may make it; that scene is then all that there is.
     """
 
     role: Role | None
     long_lived: bool = False
     upload: bool = False
+    shared: bool = False
 
     def allows(self, role: Role) -> bool:
         """Whether a caller of this role may make the call."""
@@ -34,6 +36,8 @@ class Rule(NamedTuple):
 
 _OPEN = Rule(None)
 _READ = Rule("reader")
+_SHOW = Rule("reader", shared=True)
+_FETCH = Rule("reader", long_lived=True, shared=True)
 _EDIT = Rule("editor")
 _ADMIN = Rule("admin")
 _OPERATE = Rule("operator")
@@ -45,8 +49,8 @@ UNMATCHED = Rule("reader", long_lived=True)
 
 _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "CreateScene": (_UPLOAD, ("POST /v1/scenes",)),
-    "GetScene": (_READ, ("GET /v1/scenes/{scene_id}",)),
-    "ListScenes": (_READ, ("GET /v1/scenes",)),
+    "GetScene": (_SHOW, ("GET /v1/scenes/{scene_id}",)),
+    "ListScenes": (_SHOW, ("GET /v1/scenes",)),
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
@@ -54,6 +58,11 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "MeasureScene": (_READ, ("POST /v1/scenes/{scene_id}:measure",)),
     "PickThing": (_READ, ("POST /v1/scenes/{scene_id}:pick",)),
     "ListVersions": (_READ, ("GET /v1/scenes/{scene_id}/versions",)),
+    "ListLabels": (_SHOW, ("GET /v1/scenes/{scene_id}/labels",)),
+    "ListObjects": (_SHOW, ("GET /v1/scenes/{scene_id}/objects",)),
+    "ListThings": (_SHOW, ("GET /v1/scenes/{scene_id}/things",)),
+    "PickThing": (_SHOW, ("POST /v1/scenes/{scene_id}:pick",)),
+    "ListVersions": (_SHOW, ("GET /v1/scenes/{scene_id}/versions",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
     "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
@@ -71,11 +80,11 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     ),
     "GetPlacedCameras": (_READ, ("GET /v1/operations/{operation_id}/cameras",)),
     "RetryOperation": (_EDIT, ("POST /v1/operations/{operation_id}:retry",)),
-    "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
-    "StreamQuery": (_WATCH, ()),
-    "DownloadCameras": (_READ, ("GET /v1/scenes/{scene_id}/cameras",)),
+    "Query": (_SHOW, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
+    "StreamQuery": (_FETCH, ()),
+    "DownloadCameras": (_SHOW, ("GET /v1/scenes/{scene_id}/cameras",)),
     "RenderView": (
-        _READ,
+        _SHOW,
         (
             "POST /v1/scenes/{scene_id}:render",
             "GET /v1/scenes/{scene_id}/{kind}.png",
@@ -86,6 +95,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListPhotos": (_READ, ("GET /v1/scenes/{scene_id}/photos",)),
     "DownloadPhoto": (_READ, ("GET /v1/scenes/{scene_id}/photo.jpg",)),
     "ListBestViews": (_READ, ("GET /v1/scenes/{scene_id}/views",)),
+    "DownloadScenePly": (_FETCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
     "CreateKey": (_ADMIN, ("POST /v1/keys",)),
     "ListKeys": (_ADMIN, ("GET /v1/keys",)),
     "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
@@ -93,9 +103,9 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListKnownNames": (_READ, ("GET /v1/known-names",)),
     "DeleteKnownName": (_ADMIN, ("DELETE /v1/known-names/{name_id}",)),
     "DeleteKnownNames": (_ADMIN, ("DELETE /v1/known-names",)),
-    "DownloadMaskPly": (_READ, ("GET /v1/scenes/{scene_id}/mask.ply",)),
-    "ExportScene": (_WATCH, ("GET /v1/scenes/{scene_id}/scene.{format}",)),
-    "DownloadThingIds": (_READ, ("GET /v1/scenes/{scene_id}/things.bin",)),
+    "DownloadMaskPly": (_SHOW, ("GET /v1/scenes/{scene_id}/mask.ply",)),
+    "ExportScene": (_FETCH, ("GET /v1/scenes/{scene_id}/scene.{format}",)),
+    "DownloadThingIds": (_SHOW, ("GET /v1/scenes/{scene_id}/things.bin",)),
 }
 
 _ONE_PROTOCOL: Mapping[str, Rule] = {
@@ -111,7 +121,7 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.health.v1.Health/List": _OPEN,
     "/grpc.health.v1.Health/Watch": _OPEN,
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
-    "GET /v1/server": _READ,
+    "GET /v1/server": _SHOW,
     # tus, by which CreateScene's files may come over HTTP
     "OPTIONS /v1/uploads": _READ,
     "POST /v1/uploads": _UPLOAD,

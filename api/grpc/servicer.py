@@ -339,7 +339,8 @@ class SceneServicer(JobServicer):
         async with guarded(context, "ListKeys"):
             role = caller_role()
             return await self._message(
-                pb.ListKeysResponse, lambda: self._service.keys.list(role, request.page_size, request.page_token)
+                pb.ListKeysResponse,
+                lambda: self._service.keys.list(role, request.page_size, request.page_token, request.scene_id),
             )
 
     async def RevokeKey(self, request: pb.RevokeKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from fastsplat.api.access.caller import caller_role
@@ -26,10 +28,17 @@ def key_routes(service: SceneService, threads: Threads) -> APIRouter:
         return json_response(to_json(made), 201, {"Cache-Control": "no-store"})
 
     @router.get("/keys", response_model=KeyList)
-    async def list_keys(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:
+    async def list_keys(
+        request: Request,
+        page_size: PageSize = 0,
+        page_token: PageToken = "",
+        scene_id: Annotated[str, Query(description="only keys that show this scene alone; empty: all")] = "",
+    ) -> Response:
         """Keys of the project in pages, newest first, of the caller's role at most; never their secrets."""
         role = caller_role()
-        return await json_of_call(request, threads.call, lambda: service.keys.list(role, page_size, page_token))
+        return await json_of_call(
+            request, threads.call, lambda: service.keys.list(role, page_size, page_token, scene_id)
+        )
 
     @router.post("/keys/{key_id}:revoke", response_model=AccessKey)
     async def revoke_key(request: Request, key_id: str) -> Response:

@@ -15,6 +15,7 @@ ones are here; all of them are in `fastsplat_contract`.
 from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.job_calls import Placed
+from fastsplat_client.keys import share_link
 from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
 from fastsplat_contract.assessments import Assessment, Finding
@@ -119,4 +120,5 @@ __all__ = [
     "Vector3",
     "ViewMask",
     "decode_mask3d",
+    "share_link",
 ]

@@ -28,11 +28,23 @@ class ClientKeys:
         body = to_plain(KeyIn(name, role, lifetime_s))
         return read(NewKey, self._transport.call("POST", "/v1/keys", json=body, repeatable=False))
 
-    def all(self) -> Iterator[AccessKey]:
-        """Keys, newest first, page by page; revoked and expired ones, too."""
+    def share(self, scene_id: str, name: str, lifetime_s: float) -> NewKey:
+        """Make a key that shows one scene alone, read-only; `share_link` makes a link to the page of it.
+
+        Args:
+            scene_id: which scene.
+            name: for whom, for people.
+            lifetime_s: seconds until it expires.
+        """
+        body = to_plain(KeyIn(name, "reader", lifetime_s, scene_id))
+        return read(NewKey, self._transport.call("POST", "/v1/keys", json=body, repeatable=False))
+
+    def all(self, scene_id: str = "") -> Iterator[AccessKey]:
+        """Keys, newest first, page by page; revoked and expired ones, too. With a scene, those that show it alone."""
         token = ""
         while True:
-            page = read(KeyList, self._transport.call("GET", "/v1/keys", params={"page_token": token}))
+            params = {"page_token": token} | ({"scene_id": scene_id} if scene_id else {})
+            page = read(KeyList, self._transport.call("GET", "/v1/keys", params=params))
             yield from page.keys
             if not (token := page.next_page_token):
                 return
@@ -45,3 +57,9 @@ class ClientKeys:
         """Let a valid key expire in `lifetime_s` seconds, sooner or later than it would."""
         path = f"/v1/keys/{quote(key_id, safe='')}:expire"
         return read(AccessKey, self._transport.call("POST", path, json=to_plain(LifetimeIn(lifetime_s))))
+
+
+def share_link(server: str, made: NewKey) -> str:
+    """The address of the page that shows the one scene of a key. The key stands behind the #, which browsers send to
+    nobody."""
+    return f"{server.rstrip('/')}/#/scenes/{quote(made.key.scene_id, safe='')}?share={made.secret}"

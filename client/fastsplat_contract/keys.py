@@ -33,6 +33,10 @@ class KeyIn(Request):
     lifetime_s: Annotated[
         float | None, Field(gt=0, le=MAX_LIFETIME_S, description="seconds until it expires; absent: never")
     ] = None
+    scene_id: Annotated[
+        str,
+        Field(description="the one scene that it shows, e.g. for a link; then a reader's, and it expires; empty: all"),
+    ] = ""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class AccessKey(Response):
     created_at: datetime
     expires_at: Annotated[datetime | None, Field(description="absent: never")]
     revoked_at: Annotated[datetime | None, Field(description="absent unless it was revoked")]
+    scene_id: Annotated[str, Field(description="the one scene that it shows; empty: all of the project")] = ""
 
 
 @dataclass(frozen=True)

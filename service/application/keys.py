@@ -13,6 +13,7 @@ import re
 import secrets
 import time
 from collections.abc import Mapping, Set
+from dataclasses import replace
 from pathlib import Path
 
 from fastsplat.service.common.atomic import sync_directory
@@ -35,7 +36,12 @@ class Keys:
         self._projects = projects
 
     def create(
-        self, name: str, role: Role, lifetime_s: float | None = None, project: str = DEFAULT_PROJECT
+        self,
+        name: str,
+        role: Role,
+        lifetime_s: float | None = None,
+        project: str = DEFAULT_PROJECT,
+        scene_id: str = "",
     ) -> tuple[KeyRecord, str]:
         """Make a key. Returns its record, and the key itself, which nobody can tell again.
 
@@ -44,6 +50,7 @@ class Keys:
             role: what it may do, see `KeyRecord`.
             lifetime_s: seconds until it expires; None: never.
             project: whose scenes it sees.
+            scene_id: the one scene of the project that it sees, if not all; then it is a reader's, and expires.
 
         Raises:
             InvalidInputError: an unusable name, role or lifetime.
@@ -55,6 +62,12 @@ class Keys:
             raise InvalidInputError(f"no role {str(role)[:80]!r}", field="role", hint=f"There are {', '.join(ROLES)}.")
         if lifetime_s is not None:
             _check_lifetime(lifetime_s)
+        if scene_id and (role != "reader" or lifetime_s is None):
+            raise InvalidInputError(
+                "a key of one scene looks only, and expires",
+                field="role" if role != "reader" else "lifetime_s",
+                hint='Send the role "reader" and a lifetime.',
+            )
         if not self._projects.exists(project):
             raise NotFoundError(
                 f"no project {project[:80]!r}",
@@ -62,7 +75,7 @@ class Keys:
                 hint="Make it with: fastsplat projects create NAME; or see which there are: fastsplat projects list",
             )
         key = _new_key()
-        record = _record(key, name, role, lifetime_s, project)
+        record = replace(_record(key, name, role, lifetime_s, project), scene_id=scene_id)
         self._rows.add(record)
         return record, key
 

@@ -11,7 +11,7 @@ from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.key_repository import ROLES, KeyRecord
-from fastsplat_contract.errors import NotFoundError, PermissionDeniedError, QuotaError
+from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDeniedError, QuotaError
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, KeyState, NewKey, Role
 
 MAX_KEYS = 1_000
@@ -34,7 +34,9 @@ class ProjectKeys:
 
         Raises:
             PermissionDeniedError: its role would be higher than the caller's.
-            InvalidInputError: an unusable name.
+            InvalidInputError: an unusable name; a key of one scene that is no reader's, or does not expire.
+            NotFoundError: the project has no such scene.
+            ConflictError: a key of one scene, where nobody needs a key.
             QuotaError: the project has, or was given in the last day, as many keys as may be.
         """
         if request.role not in _up_to(caller_role):
@@ -44,6 +46,14 @@ class ProjectKeys:
                 limit=f"{', '.join(_up_to(caller_role))}",
                 hint="Ask an operator.",
             )
+        if request.scene_id:
+            self._store.scenes.scene(request.scene_id)
+            if self._settings.auth == "off":
+                raise ConflictError(
+                    "this server asks nobody for a key, so that a key of one scene would hide nothing",
+                    field="scene_id",
+                    hint="Start it with keys (FASTSPLAT_AUTH=on).",
+                )
         now = time.time()
         if self._store.keys.count(self._project, now, now - _DAY_S) >= MAX_KEYS:
             raise QuotaError(
@@ -51,18 +61,21 @@ class ProjectKeys:
                 limit=f"{MAX_KEYS} valid keys, those made in the last day included",
                 hint="Revoke keys that nobody needs; tomorrow there is room again.",
             )
-        record, secret = self._keys.create(request.name, request.role, request.lifetime_s, self._project)
+        record, secret = self._keys.create(
+            request.name, request.role, request.lifetime_s, self._project, request.scene_id
+        )
         return NewKey(as_key(record, now), secret)
 
-    def list(self, caller_role: Role, page_size: int = 0, page_token: str = "") -> KeyList:
-        """Keys of the project, newest first, in pages as `SceneService.list_scenes`; never a secret.
+    def list(self, caller_role: Role, page_size: int = 0, page_token: str = "", scene_id: str = "") -> KeyList:
+        """Keys of the project, newest first, in pages as `SceneService.list_scenes`; never a secret. With a scene, only
+        those that show it alone.
 
         Raises:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
         after = read_page_token(page_token)
-        records = self._store.keys.of_project(self._project, _up_to(caller_role), size + 1, after)
+        records = self._store.keys.of_project(self._project, _up_to(caller_role), size + 1, after, scene_id)
         more = len(records) > size
         token = write_page_token(records[size - 1].created_at, records[size - 1].id) if more else ""
         now = time.time()
@@ -114,6 +127,7 @@ def as_key(record: KeyRecord, now: float) -> AccessKey:
         created_at=_moment(record.created_at),
         expires_at=None if record.expires_at is None else _moment(record.expires_at),
         revoked_at=None if record.revoked_at is None else _moment(record.revoked_at),
+        scene_id=record.scene_id,
     )
 
 

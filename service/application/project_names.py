@@ -61,14 +61,15 @@ class KnownNames:
         self._store.reserve.lend(self._store.known_names.forget_all)
 
     def suggest(self, scene_id: str, table: Things, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
-        """Listed things with the names of other scenes among their suggestions.
+        """Listed things with the names of other scenes among their suggestions; where there is one scene alone, as they
+        are: what others are called is nothing to show.
 
         Args:
             scene_id: whose things they are.
             table: all things of the scene's version.
             listed: some of them.
         """
-        if not any(thing.appearance for thing in table.table):
+        if self._store.only_scene or not any(thing.appearance for thing in table.table):
             return tuple(listed)
         records = self._store.known_names.all()
         known = [

@@ -92,13 +92,14 @@ class SceneService:
         self.admin = Admin(store, settings, self._scenes.count)
         """What those who run the service ask of it."""
 
-    def in_project(self, project: str) -> SceneService:
-        """This service as another project has it. Threads, open scenes and limits are shared, so close one of them."""
-        if project == self.project:
+    def in_project(self, project: str, scene_id: str = "") -> SceneService:
+        """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,
+        open scenes and limits are shared, so close one of them."""
+        if (project, scene_id) == (self.project, self._store.only_scene):
             return self
         other = copy.copy(self)
         other.project = project
-        other._store = self._store.in_project(project)
+        other._store = self._store.in_project(project, scene_id)
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.exports = self.exports.over(other._store, other._scenes)
@@ -310,6 +311,7 @@ class SceneService:
         self._scenes.forget(scene_id)
         self.exports.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
+        self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
             self._store.blobs.drop_upload(operation.upload_id)

@@ -33,6 +33,7 @@ class KeyRecord:
         expires_at: when it ends; None: never.
         revoked_at: when it was revoked; None: it was not.
         project: whose scenes it sees.
+        scene_id: the one scene of the project that it sees; "" for all.
     """
 
     id: str
@@ -43,6 +44,7 @@ class KeyRecord:
     expires_at: float | None = None
     revoked_at: float | None = None
     project: str = DEFAULT_PROJECT
+    scene_id: str = ""
 
     def valid(self, now: float) -> bool:
         """Whether it is accepted at time `now`."""
@@ -86,11 +88,19 @@ class KeyRepository:
         return None if row is None else KeyRecord(**row)
 
     def of_project(
-        self, project: str, roles: Sequence[Role], limit: int, after: tuple[float, str] | None = None
+        self,
+        project: str,
+        roles: Sequence[Role],
+        limit: int,
+        after: tuple[float, str] | None = None,
+        scene_id: str = "",
     ) -> Sequence[KeyRecord]:
-        """Up to `limit` keys of a project and of these roles, newest first, those after (created_at, id)."""
+        """Up to `limit` keys of a project and of these roles, newest first, those after (created_at, id); with a scene,
+        only those that show it alone."""
         rows = api_keys.c
         query = select(*_COLUMNS).where(rows.project == project, rows.role.in_(roles))
+        if scene_id:
+            query = query.where(rows.scene_id == scene_id)
         query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
         if after is not None:
             created, key_id = after
@@ -125,6 +135,12 @@ class KeyRepository:
                     f"no key {key_id[:80]!r}", field="key", hint="List the keys to see which there are."
                 )
             connection.execute(this_key.where(api_keys.c.revoked_at.is_(None)).values(revoked_at=now))
+
+    def revoke_of_scene(self, scene_id: str, now: float) -> None:
+        """Revoke the keys that show this scene alone."""
+        own = update(api_keys).where(api_keys.c.scene_id == scene_id, api_keys.c.revoked_at.is_(None))
+        with transaction(self._engine) as connection:
+            connection.execute(own.values(revoked_at=now))
 
 
 def _valid(now: float) -> ColumnElement[bool]:

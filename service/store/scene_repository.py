@@ -31,8 +31,9 @@ class SceneRepository:
         project: there are no scenes and operations but this project's; None: there are those of all projects.
     """
 
-    def __init__(self, engine: Engine, project: str | None = None) -> None:
+    def __init__(self, engine: Engine, project: str | None = None, scene_id: str = "") -> None:
         self._project = project
+        self._scene_id = scene_id
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
@@ -227,7 +228,9 @@ class SceneRepository:
             return self._operation(connection, record.operation_id)
 
     def _within(self, table: Table) -> Sequence[ColumnElement[bool]]:
-        return () if self._project is None else (table.c.project == self._project,)
+        within = () if self._project is None else (table.c.project == self._project,)
+        scene = table.c.id if table is scenes else table.c.scene_id
+        return (*within, scene == self._scene_id) if self._scene_id else within
 
     def _operation(self, connection: Connection, operation_id: str) -> OperationRecord:
         query = select(operations).where(operations.c.id == operation_id, *self._within(operations))

@@ -145,6 +145,8 @@ api_keys = Table(
     Column("expires_at", Double, nullable=True),
     Column("revoked_at", Double, nullable=True),
     _project(),
+    # The one scene that the key shows; "" for all of the project.
+    Column("scene_id", String(40), nullable=False, default="", server_default=""),
 )
 
 # What each scene counts against the quotas of its project.

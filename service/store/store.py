@@ -28,7 +28,7 @@ from fastsplat_contract.errors import ResourceError
 class Store:
     """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
 
-    `scenes` are those of all projects, see `in_project`.
+    `scenes` are those of all projects, see `in_project`. `only_scene` is the id of the one that there is, "" for all.
     """
 
     scenes: SceneRepository
@@ -43,13 +43,16 @@ class Store:
     blobs: Blobs
     reserve: Reserve
     engine: Engine
+    only_scene: str = ""
 
-    def in_project(self, project: str) -> Store:
-        """The same store, in which there are no scenes, operations and known names but those of one project."""
+    def in_project(self, project: str, scene_id: str = "") -> Store:
+        """The same store, in which there are no scenes, operations and known names but those of one project; with
+        `scene_id`, no scene but that one, and its operations."""
         return replace(
             self,
-            scenes=SceneRepository(self.engine, project),
+            scenes=SceneRepository(self.engine, project, scene_id),
             known_names=KnownNameRepository(self.engine, project),
+            only_scene=scene_id,
         )
 
     def close(self) -> None:

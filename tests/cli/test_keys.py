@@ -12,6 +12,7 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.keys import Keys
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
+from fastsplat.service.store.records import NewJob
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 
@@ -65,3 +66,21 @@ def test_serving_without_keys_is_refused_on_an_open_host(fastsplat: Callable[...
     refused = fastsplat("serve", "--no-auth")
     assert isinstance(refused.exception, InvalidInputError) and refused.exception.field == "auth"
     assert not (tmp_path / "data").exists()
+
+
+def test_a_link_to_a_scene_is_printed_and_its_key_shows_that_scene_alone(
+    fastsplat: Callable[..., Result], tmp_path: Path
+) -> None:
+    refused = fastsplat("keys", "share", "0" * 32)
+    assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
+    store = open_store(tmp_path / "data")
+    job = NewJob("a" * 32, "b" * 32, "a table", "", "", "c" * 32, {}, 0, "default")
+    store.scenes.create(job)
+    made = fastsplat("keys", "share", job.scene_id, "--name", "Ada", "--days", "2", "--page", "https://x.example/splat")
+    page, _, key = made.stdout.strip().partition("?share=")
+    assert page == f"https://x.example/splat/#/scenes/{job.scene_id}"
+    record = Keys(store.keys, store.projects).valid().find(key)
+    store.close()
+    assert record is not None and (record.scene_id, record.role, record.name) == (job.scene_id, "reader", "Ada")
+    assert record.expires_at is not None and record.expires_at - record.created_at == pytest.approx(2 * 86_400)
+    assert job.scene_id in fastsplat("keys", "list").stdout

@@ -5,6 +5,7 @@ import "./serverView/serverView.css";
 import "./look/look.css";
 import "./styles/change.css";
 import "./styles/job.css";
+import "./take/take.css";
 
 import { render } from "preact";
 

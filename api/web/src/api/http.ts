@@ -1,5 +1,6 @@
 import { signal } from "@preact/signals";
 
+import { shareKey } from "../app/share";
 import { texts } from "../texts";
 import type { Problem } from "./types";
 
@@ -60,12 +61,13 @@ window.addEventListener("storage", (event) => {
 
 /** The headers that say who asks. */
 export function keyHeaders(): Record<string, string> {
-  return accessKey.value ? { Authorization: `Bearer ${accessKey.value}` } : {};
+  const key = shareKey || accessKey.value;
+  return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
 /** Notes that the server does not take this browser's key: the page asks for another one, and sends nothing until then. */
 export function refuseKey(): void {
-  signInReason.value = accessKey.value ? "refused" : "missing";
+  signInReason.value = shareKey || accessKey.value ? "refused" : "missing";
 }
 
 /** The problem of a response that is not a success; a body that is none of ours gives one without details. */

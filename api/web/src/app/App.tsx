@@ -6,6 +6,7 @@ import { ScenesPage } from "../scenes/ScenesPage";
 import { texts } from "../texts";
 import { UploadPage } from "../upload/UploadPage";
 import { route } from "./router";
+import { isShared } from "./share";
 import { SignIn } from "./SignIn";
 
 /** The whole page: the header, and what the address names. */
@@ -24,12 +25,12 @@ export function App() {
         {texts.skip}
       </a>
       <header>
-        <a class="brand" href="#/">
+        <a class="brand" href={isShared ? undefined : "#/"}>
           <img src="web/icon.svg" alt="" width="24" height="24" />
           {texts.product}
         </a>
         <nav aria-label={texts.nav.label}>
-          {!signedOut && (
+          {!signedOut && !isShared && (
             <>
               <a href="#/" aria-current={route.value.page === "scenes" ? "page" : undefined}>
                 {texts.nav.scenes}
@@ -40,7 +41,7 @@ export function App() {
             </>
           )}
           <a href="docs">{texts.nav.api}</a>
-          {accessKey.value && !signedOut && (
+          {accessKey.value && !signedOut && !isShared && (
             <button type="button" class="plain" onClick={signOut}>
               {texts.nav.signOut}
             </button>
@@ -68,8 +69,17 @@ function Content({ signedOut }: { signedOut: boolean }) {
   }, [place]);
   return (
     <main id="content" tabIndex={-1} ref={main}>
-      {signedOut ? <SignIn /> : <Page />}
+      {!signedOut ? <Page /> : isShared ? <LinkEnded /> : <SignIn />}
     </main>
+  );
+}
+
+function LinkEnded() {
+  return (
+    <section class="sheet">
+      <h1>{texts.take.ended}</h1>
+      <p>{texts.take.endedText}</p>
+    </section>
   );
 }
 

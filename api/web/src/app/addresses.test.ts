@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { parseRoute, sceneAddress } from "./addresses";
+import { parseRoute, sceneAddress, shareKeyIn } from "./addresses";
 
 test.each(["", "#", "#/"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
 
@@ -25,3 +25,10 @@ test.each(["#/scenes/", "#/scenes/a/b", "#/elsewhere"])("%j leads nowhere", (has
 );
 
 test("a broken escape is taken as it is", () => expect(parseRoute("#/scenes/%zz")).toMatchObject({ sceneId: "%zz" }));
+
+test("a link's key is in its address", () => {
+  const address = sceneAddress("a", { text: "a?share=b", share: "fsk_1" });
+  expect(shareKeyIn(address)).toBe("fsk_1");
+  expect(parseRoute(address)).toMatchObject({ sceneId: "a", text: "a?share=b" });
+  expect(["", "#/", "#/scenes/a", sceneAddress("a", { text: "share=x" })].map(shareKeyIn)).toEqual(["", "", "", ""]);
+});

@@ -26,22 +26,38 @@ export function parseRoute(hash: string): Route {
   };
 }
 
+/** What the address of a scene says beside the scene. */
+export interface SceneAddress {
+  text?: string;
+  version?: string;
+  view?: string;
+  /** Ids of the things that are selected. */
+  things?: readonly number[];
+  /** How it is looked at, see `look/`. */
+  look?: string;
+  /** The key of a link that shows the scene to whoever has it. */
+  share?: string;
+}
+
 /**
  * The address of a scene with what is asked, which version, from where and how it is looked at, and the things that are
  * selected; relative, begins with #.
  */
-export function sceneAddress(
-  sceneId: string,
-  more: { text?: string; version?: string; view?: string; things?: readonly number[]; look?: string } = {},
-): string {
+export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
   if (more.things?.length) query.set("things", more.things.join(","));
   if (more.look) query.set("look", more.look);
+  if (more.share) query.set("share", more.share);
   const tail = query.toString().replaceAll("%2C", ",");
   return `#/scenes/${encodeURIComponent(sceneId)}${tail ? `?${tail}` : ""}`;
+}
+
+/** The key in an address that shows one scene; "" without one. Behind the `#`, so that it reaches no server's log. */
+export function shareKeyIn(hash: string): string {
+  return new URLSearchParams(hash.split("?", 2)[1] ?? "").get("share") ?? "";
 }
 
 function safelyDecoded(text: string): string {

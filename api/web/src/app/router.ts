@@ -1,14 +1,20 @@
 import { signal } from "@preact/signals";
 
-import type { Route } from "./addresses";
-import { parseRoute } from "./addresses";
+import type { Route, SceneAddress } from "./addresses";
+import { parseRoute, sceneAddress as addressOf, shareKeyIn } from "./addresses";
+import { shareKey } from "./share";
 
-export { sceneAddress } from "./addresses";
+/** See `addresses.ts`; on a page that a link has opened, its addresses go on with the link's key. */
+export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
+  return addressOf(sceneId, { ...more, share: shareKey });
+}
 
 /** The page's address, as it is now. */
 export const route = signal<Route>(parseRoute(location.hash));
 
 window.addEventListener("hashchange", () => {
+  const other = shareKeyIn(location.hash);
+  if (other && other !== shareKey) location.reload(); // another link, another caller
   route.value = parseRoute(location.hash);
 });
 

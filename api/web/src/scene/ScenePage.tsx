@@ -3,16 +3,19 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { deleteScene } from "../api/calls";
 import { go, replaceAddress, route, sceneAddress } from "../app/router";
+import { isShared } from "../app/share";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { useJob } from "../jobs/useJob";
+import { SharedThing } from "../take/SharedThing";
+import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
-import { lookAtBox, parseView, viewText } from "../viewer/poses";
+import { firstView, lookAtBox, parseView, viewText } from "../viewer/poses";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
 import { AssessmentNote } from "./AssessmentNote";
@@ -127,7 +130,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       <section class="sheet">
         <h1>{name}</h1>
         {state.operation.value && <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />}
-        {remove}
+        {!isShared && remove}
       </section>
     );
   return (
@@ -161,18 +164,33 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           onAsk={note}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
-        <ThingPanel
-          state={state}
-          onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
-        />
+        {isShared ? (
+          <SharedThing
+            state={state}
+            onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+          />
+        ) : (
+          <ThingPanel
+            state={state}
+            onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+          />
+        )}
         <ThingList
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
-        <VersionsPanel state={state} />
+        <SceneFacts scene={scene} />
+        <TakeAway
+          state={state}
+          scene={scene}
+          view={() => {
+            const start = firstView(scene.cameras);
+            return view.current ?? parseView(first, start.up) ?? start;
+          }}
+        />
+        {!isShared && <VersionsPanel state={state} />}
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
-        <SceneFacts scene={scene} version={state.version.value} />
-        {remove}
+        {!isShared && remove}
       </aside>
     </div>
   );

@@ -1,6 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { SceneThing } from "../api/types";
+import { isShared } from "../app/share";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
@@ -38,7 +39,7 @@ export function ThingList({ state, onFly }: Properties) {
       ) : (
         <p class="hint">{texts.things.unnamedCount(unnamed.length)}</p>
       )}
-      {unnamed.length > 0 && !current && (
+      {unnamed.length > 0 && !current && !isShared && (
         <div class="buttons">
           <button type="button" onClick={() => next(0)}>
             {texts.things.nameNext}

@@ -4,6 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import { isShared } from "../app/share";
 import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
 import { LoadedSplats } from "../change/loadedSplats";
@@ -212,7 +213,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.home}
         </button>
         <LookMenu state={state} />
-        <ChangeMenu state={state} />
+        {!isShared && <ChangeMenu state={state} />}
         <details>
           <summary>{texts.scene.help}</summary>
           <p id="canvas-help">{texts.scene.canvasHelp}</p>

@@ -1,0 +1,43 @@
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { titleOf } from "../things/ThingPanel";
+import { ErrorNote } from "../ui/parts";
+import { boxSize, centerOf } from "../viewer/boxes";
+import type { Vec } from "../viewer/vectors";
+
+/** What is selected, for who may only look. */
+export function SharedThing({ state, onFly }: { state: SceneState; onFly: (middle: Vec, size: number) => void }) {
+  const things = state.selectedThings.value;
+  return (
+    <section class="thing" aria-label={texts.things.selected(things.length)}>
+      <p class="hint" role="status">
+        {state.message.value}
+      </p>
+      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
+      {things.map((thing) => {
+        const { box } = thing;
+        const facts = [
+          thing.name && texts.things.probability(thing.probability),
+          texts.scenes.gaussians(thing.gaussian_count),
+          box && texts.things.sizeOf([box.size.x, box.size.y, box.size.z], thing.meters),
+        ];
+        return (
+          <div class="thing-card" key={thing.id}>
+            <h2>{titleOf(thing)}</h2>
+            <p class="hint">{facts.filter(Boolean).join(" · ")}</p>
+            {box && (
+              <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
+                {texts.things.lookAt}
+              </button>
+            )}
+          </div>
+        );
+      })}
+      {things.length > 0 && (
+        <button type="button" onClick={() => state.clearSelection()}>
+          {texts.things.close}
+        </button>
+      )}
+    </section>
+  );
+}

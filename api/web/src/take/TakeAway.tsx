@@ -1,0 +1,156 @@
+import { useState } from "preact/hooks";
+
+import type { ExportFormat } from "../api/calls";
+import { exportPath } from "../api/calls";
+import type { Scene } from "../api/types";
+import { isShared } from "../app/share";
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { titleOf } from "../things/ThingPanel";
+import { ErrorNote } from "../ui/parts";
+import type { LookAt } from "../viewer/poses";
+import { cameraOf } from "../viewer/poses";
+import { fileName } from "./fileName";
+import { save } from "./save";
+import { SharePanel } from "./SharePanel";
+
+const SIZES = [
+  [1280, 720],
+  [1920, 1080],
+  [1080, 1920],
+  [2048, 2048],
+] as const;
+
+interface Properties {
+  state: SceneState;
+  scene: Scene;
+  /** From where the scene is looked at now. */
+  view: () => LookAt;
+}
+
+interface Running {
+  label: string;
+  bytes: number;
+  of: number;
+}
+
+/** Everything that can be taken away: the scene, a thing, masks, cameras, a picture, a link. */
+export function TakeAway({ state, scene, view }: Properties) {
+  const [running, setRunning] = useState<Running | null>(null);
+  const [error, setError] = useState<unknown>(null);
+  const [size, setSize] = useState(0);
+  const version = state.version.value;
+  const path = `v1/scenes/${encodeURIComponent(scene.id)}`;
+  const answer = state.answer.value;
+  const named = (ending: string, of = scene.name, fallback = "scene") => fileName(of, fallback, ending);
+
+  const take = (label: string, name: string, address: string, body?: unknown) => {
+    setError(null);
+    setRunning({ label, bytes: 0, of: 0 });
+    const progress = (bytes: number, of: number) => setRunning({ label, bytes, of });
+    const options =
+      body === undefined
+        ? {}
+        : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+    save(address, name, progress, options)
+      .catch(setError)
+      .finally(() => setRunning(null));
+  };
+  const item = (label: string, name: string, address: string, body?: () => unknown) => (
+    <li key={label}>
+      <button type="button" disabled={running !== null} onClick={() => take(label, name, address, body?.())}>
+        {label}
+      </button>
+    </li>
+  );
+  const [width, height] = SIZES[size] ?? SIZES[0];
+  const camera = () => cameraOf(view(), width, height);
+  const formats: ExportFormat[] = ["ply", "spz", "html"];
+  return (
+    <details class="take">
+      <summary>{texts.take.title}</summary>
+      {running && (
+        <div role="status">
+          <p>{texts.take.running(running.label, running.bytes, running.of)}</p>
+          {running.of > 0 && <progress max={running.of} value={running.bytes} aria-label={running.label} />}
+        </div>
+      )}
+      {error !== null && <ErrorNote error={error} />}
+      <h3>{texts.take.whole}</h3>
+      <ul class="chips">
+        {formats.map((format) =>
+          item(texts.take.formats[format], named(format), exportPath(scene.id, format, version)),
+        )}
+      </ul>
+      {state.selectedThings.value.map((thing) => (
+        <div key={thing.id}>
+          <h3>{titleOf(thing)}</h3>
+          <ul class="chips">
+            {(["ply", "spz"] as const).map((format) =>
+              item(
+                texts.take.alone(titleOf(thing), format),
+                named(format, titleOf(thing), "thing"),
+                exportPath(scene.id, format, version, [thing.id]),
+              ),
+            )}
+          </ul>
+        </div>
+      ))}
+      {answer && answer.verdict !== "absent" && (
+        <>
+          <h3>{texts.take.masks(answer.text)}</h3>
+          <ul class="chips">
+            {item(
+              texts.take.maskPly,
+              named("ply", answer.text, "mask"),
+              `${path}/mask.ply?${new URLSearchParams({ text: answer.text, version })}`,
+            )}
+            {item(
+              texts.take.mask3d,
+              named("bin", answer.text, "mask"),
+              `${path}/mask3d.bin?${new URLSearchParams({ text: answer.text, version })}`,
+            )}
+            {item(texts.take.mask2d, named("mask.png", answer.text, "mask"), `${path}:render`, () => ({
+              kind: "mask",
+              text: answer.text,
+              version,
+              camera: camera(),
+            }))}
+          </ul>
+        </>
+      )}
+      <h3>{texts.take.picture}</h3>
+      <label>
+        {texts.take.size}
+        <select value={size} onChange={(event) => setSize(Number(event.currentTarget.value))}>
+          {SIZES.map(([w, h], index) => (
+            <option key={index} value={index}>
+              {`${w} × ${h}`}
+            </option>
+          ))}
+        </select>
+      </label>
+      <ul class="chips">
+        {item(texts.take.png, named("png"), `${path}:render`, () => ({ kind: "rgb", version, camera: camera() }))}
+        {item(texts.take.depth, named("depth.npy"), `${path}:render`, () => ({
+          kind: "depth",
+          format: "npy",
+          version,
+          camera: camera(),
+        }))}
+      </ul>
+      <h3>{texts.take.cameras}</h3>
+      <ul class="chips">
+        {item(texts.take.transforms, "transforms.json", `${path}/cameras?format=transforms`)}
+        {item(texts.take.colmap, named("colmap.zip"), `${path}/cameras?format=colmap`)}
+        {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
+      </ul>
+      {!isShared && (
+        <>
+          <h3>{texts.take.share}</h3>
+          <SharePanel sceneId={scene.id} />
+        </>
+      )}
+    </details>
+  );
+}

@@ -1,0 +1,38 @@
+import { send } from "../api/http";
+
+const KEEP_MS = 60_000;
+/**
+ * Fetches a file with the caller's key, and saves it. A link of its own could not send the key; the browser collects
+ * the bytes in a blob, which it keeps on disk where it is large.
+ *
+ * @param progress called with the bytes that have come and those of the whole file, 0 while that is unknown.
+ */
+export async function save(
+  path: string,
+  name: string,
+  progress: (bytes: number, of: number) => void,
+  options: Parameters<typeof send>[1] = {},
+): Promise<void> {
+  const response = await send(path, options);
+  const encoded = response.headers.has("Content-Encoding"); // the length is then not that of what comes out
+  const of = encoded ? 0 : Number(response.headers.get("Content-Length") ?? 0);
+  let bytes = 0;
+  const counter = new TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>>({
+    transform(piece, controller) {
+      bytes += piece.length;
+      progress(bytes, of);
+      controller.enqueue(piece);
+    },
+  });
+  const body = response.body?.pipeThrough(counter) ?? null;
+  keep(await new Response(body).blob(), name);
+}
+
+/** Saves what is here already. */
+export function keep(blob: Blob, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  window.setTimeout(() => URL.revokeObjectURL(link.href), KEEP_MS);
+}

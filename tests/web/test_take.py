@@ -1,0 +1,150 @@
+"""What a person takes away from a scene, and a link that shows one scene alone."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, expect
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.queries import PictureRequest
+from tests.api.served import serving
+from tests.web.browser import Visit, visiting
+from tests.web.conftest import Place, page_settings
+from tests.web.table import add_table, looking
+from tests.web.test_ask import _FIELD_OF_VIEW, _VIEW, _wait_for
+
+
+@dataclass(frozen=True)
+class _Guarded:
+    url: str
+    service: SceneService
+    settings: Settings
+    key: str
+
+
+@pytest.fixture(scope="module")
+def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Guarded]:
+    """A server that wants keys, and an admin's."""
+    settings = page_settings(tmp_path_factory.mktemp("guarded"), auth="on")
+    with open_service(settings) as service, serving(service, settings) as ports:
+        key = service.admin.keys.create("a person", "admin")[1]
+        yield _Guarded(f"http://127.0.0.1:{ports.http}", service, settings, key)
+
+
+def _saved(visit: Visit, button: str) -> tuple[str, bytes]:
+    """The name and the bytes of what a button of the menu saves."""
+    with visit.page.expect_download() as download:
+        visit.page.get_by_role("button", name=button, exact=True).click()
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
+
+
+def _shown_camera(width: int, height: int) -> PosedCamera:
+    numbers = np.array([float(number) for number in _VIEW.split("_")])
+    focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
+    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2))
+
+
+def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Browser) -> None:
+    scene_id = place.new_scene("../a <b>table</b>")
+    file = place.service.exports.file
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
+        _wait_for(visit, "answer$")
+        visit.page.locator("summary", has_text="Take away").click()
+        assert _saved(visit, "PLY, exact") == ("a _b_table_b.ply", file(ExportRequest(scene_id, "ply")))
+        assert _saved(visit, "SPZ, compressed") == ("a _b_table_b.spz", file(ExportRequest(scene_id, "spz")))
+        name, content = _saved(visit, "One HTML file")
+        assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
+        name, content = _saved(visit, "Its Gaussians as PLY")
+        assert name == "mug.ply" and content == place.service.answers.mask_ply(scene_id, "mug")
+
+        camera = _shown_camera(1280, 720)
+        for button, request in (
+            ("Picture as PNG", PictureRequest(scene_id, "rgb", camera=camera)),
+            ("Mask in this view as PNG", PictureRequest(scene_id, "mask", "mug", camera)),
+        ):
+            name, content = _saved(visit, button)
+            truth = np.asarray(Image.open(io.BytesIO(place.service.answers.picture(request)))).astype(int)
+            picture = np.asarray(Image.open(io.BytesIO(content))).astype(int)
+            assert name.endswith(".png") and picture.shape == truth.shape and np.abs(picture - truth).mean() < 0.5
+        _, content = _saved(visit, "nerfstudio transforms.json")
+        assert content == place.service.camera_file(scene_id, "transforms")
+
+        things = visit.page.get_by_role("region", name="Things")
+        things.get_by_role("button", name="ball", exact=True).click()
+        (ball,) = [thing for thing in place.service.answers.list_things(scene_id).things if thing.name == "ball"]
+        name, content = _saved(visit, "Only ball as PLY")
+        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", things=(ball.id,)))
+        visit.check_accessible()
+
+
+def test_what_cannot_be_taken_is_said(place: Place, browser: Browser) -> None:
+    scene_id = place.new_scene()
+    with visiting(browser, place.url, f"#/scenes/{scene_id}", viewport={"width": 390, "height": 844}) as visit:
+        _wait_for(visit, "plain$")
+        visit.expected += ["404", "409"]
+        visit.page.locator("summary", has_text="Take away").click()
+        visit.page.get_by_role("button", name="Make a link").click()
+        expect(visit.page.get_by_role("alert")).to_contain_text("This server asks nobody for a key")
+        assert visit.fits()
+        visit.check_accessible()
+
+
+def test_a_link_shows_one_scene_until_it_is_revoked(guarded: _Guarded, browser: Browser) -> None:
+    scene_id = add_table(guarded.service, guarded.settings, "for Ada")
+    other = add_table(guarded.service, guarded.settings, "for nobody else")
+    with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
+        visit.expected.append("401")
+        visit.page.get_by_label("Access key").fill(guarded.key)
+        visit.page.get_by_role("button", name="Sign in").click()
+        _wait_for(visit, "plain$")
+        visit.page.locator("summary", has_text="Take away").click()
+        visit.page.get_by_label("For whom").fill("Ada <b>")
+        visit.page.get_by_role("button", name="Make a link").click()
+        link = visit.page.get_by_label("The link; it is shown this once").input_value()
+        expect(visit.page.get_by_role("button", name="Revoke the link for Ada <b>")).to_be_visible()
+        visit.check_accessible()
+        (key,) = guarded.service.keys.list("admin", scene_id=scene_id).keys
+        assert (key.name, key.role, key.state) == ("Ada <b>", "reader", "VALID")
+        assert link.startswith(f"{guarded.url}/#/scenes/{scene_id}?share=fsk_{key.id}_")
+
+        address = link.removeprefix(f"{guarded.url}/")
+        with visiting(browser, guarded.url, address) as visitor:
+            _wait_for(visitor, "plain$")
+            expect(visitor.page.get_by_role("heading", level=1)).to_have_text("for Ada")
+            for absent in ("New scene", "Scenes"):
+                expect(visitor.page.get_by_role("link", name=absent)).to_have_count(0)
+            visitor.page.get_by_role("searchbox").fill("ball")
+            expect(visitor.page.get_by_text("Here it is")).to_be_visible()
+            expect(visitor.page).to_have_url(re.compile(r"q=ball.*share=fsk_"))
+            things = visitor.page.get_by_role("region", name="Things")
+            things.get_by_role("button", name="mug", exact=True).click()
+            expect(visitor.page.get_by_role("button", name="Look at it")).to_be_visible()
+            for absent in ("Save the name", "Discard", "Delete scene", "Name the next one", "Undo", "Make a link"):
+                expect(visitor.page.get_by_role("button", name=absent)).to_have_count(0)
+            visitor.check_accessible()
+            assert visitor.page.evaluate("localStorage.getItem('fastsplat-key')") is None
+            assert not [url for url in visitor.requests if "fsk_" in url]
+
+            visitor.page.reload()
+            expect(visitor.page.get_by_text("Here it is")).to_be_visible()
+            visitor.expected += ["404", "401"]
+            visitor.page.evaluate(f"location.hash = location.hash.replace('{scene_id}', '{other}')")
+            expect(visitor.page.get_by_role("alert")).to_contain_text("No scene")
+
+            visit.page.get_by_role("button", name="Revoke the link for Ada <b>").click()
+            expect(visit.page.get_by_text("revoked")).to_be_visible()
+            visitor.page.goto(f"{guarded.url}/{address}")
+            visitor.page.reload()
+            expect(visitor.page.get_by_text("This link has ended")).to_be_visible(timeout=30_000)
+            visitor.check_accessible()
