@@ -2,8 +2,10 @@ import { getJson, post, postJson, send } from "./http";
 import type {
   Answer,
   Edit,
+  Measurement,
   Operation,
   PickedThing,
+  Place,
   PosedCamera,
   QueryOut,
   Scene,
@@ -96,6 +98,11 @@ export async function thingsOfGaussians(sceneId: string, version: string, signal
 export function edit(sceneId: string, version: string, edits: Partial<Edit>[]): Promise<SceneVersion> {
   const body = { edits, version, request_id: newRequestId() };
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:edit`, body);
+}
+
+/** Where a place is, how large a thing is, or how far two places are from each other. */
+export function measure(sceneId: string, version: string, places: readonly Place[]): Promise<Measurement> {
+  return postJson<Measurement>(`v1/scenes/${encodeURIComponent(sceneId)}:measure`, { places, version });
 }
 
 export function undo(sceneId: string, version: string): Promise<SceneVersion> {

@@ -5,6 +5,9 @@ import { deleteScene } from "../api/calls";
 import { go, replaceAddress, route, sceneAddress } from "../app/router";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
+import { LookAlikes } from "../change/LookAlikes";
+import { ScaleFacts } from "../change/Ruler";
+import { MovePanel } from "../change/MovePanel";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
@@ -139,6 +142,11 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           onAsk={note}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
+        <MovePanel state={state} />
+        <LookAlikes
+          state={state}
+          onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+        />
         <ThingPanel
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
@@ -148,6 +156,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
         <VersionsPanel state={state} />
+        <ScaleFacts state={state} />
         <SceneFacts scene={scene} version={state.version.value} />
         {remove}
       </aside>
