@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, KNOWN_LENGTH, MEASUREMENT
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.paging import write_page_token
@@ -21,9 +22,7 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKe
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.measuring import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
-from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene
 from fastsplat_contract.scenes import (
@@ -34,8 +33,6 @@ from fastsplat_contract.scenes import (
     EditIn,
     LabelList,
     ObjectList,
-    RedoIn,
-    RestoreIn,
     Scene,
     SceneList,
     SceneObject,
@@ -171,9 +168,6 @@ _ANSWER = Answer(
     objects=(_OBJECT,),
     presence=0.99,
 )
-_KNOWN_LENGTH = KnownLength(
-    Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
-)
 _KEY = AccessKey(
     id=IDS["key_id"],
     name="robot in the kitchen",
@@ -212,15 +206,7 @@ ANSWERS: Mapping[str, Any] = {
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
         PickedThing(_THING, _VIEW_MASK, "1"),
-        Measurement(
-            places=(LocatedPlace(Vector3(0.1, 0.2, 0.3), 0.004, 1), LocatedPlace(Vector3(0.6, 0.2, 0.3), 0.003)),
-            distance=Length(0.46, 0.451, 0.469),
-            center_distance=Length(0.5, 0.49, 0.51),
-            sides=(),
-            box=None,
-            meters=True,
-            version="1",
-        ),
+        MEASUREMENT,
         _VERSION,
         VersionList((_VERSION,)),
         _KEY,
@@ -289,7 +275,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         ),
         "scale": (
             "make the scene metric by a length between two points",
-            EditIn((Edit("scale", known_lengths=(_KNOWN_LENGTH,)),)),
+            EditIn((Edit("scale", known_lengths=(KNOWN_LENGTH,)),)),
         ),
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
@@ -310,19 +296,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     },
     "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
-    "MeasureIn": {
-        "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
-        "points": (
-            "how far two points are apart",
-            MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
-        ),
-        "pixel": (
-            "how far a thing is from what a view shows at a pixel",
-            MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
-        ),
-    },
-    "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
-    "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
+    **CHANGE_BODIES,
 }
 """By the name of the type: bodies that a route takes which takes that, with a summary each."""
 
