@@ -8,13 +8,17 @@ from typing import Any
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import RedoIn, RestoreIn
+from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_prompts import Pixel
 
-KNOWN_LENGTH = KnownLength(
+_KNOWN_LENGTH = KnownLength(
     Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
 )
 
+SCALE = (
+    "make the scene metric by a length between two points",
+    EditIn((Edit("scale", known_lengths=(_KNOWN_LENGTH,)),)),
+)
 MEASUREMENT = Measurement(
     places=(LocatedPlace(Vector3(0.1, 0.2, 0.3), 0.004, 1), LocatedPlace(Vector3(0.6, 0.2, 0.3), 0.003)),
     distance=Length(0.46, 0.451, 0.469),

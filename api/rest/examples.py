@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
-from fastsplat.api.rest.change_examples import CHANGE_BODIES, KNOWN_LENGTH, MEASUREMENT
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, SCALE
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.paging import write_page_token
@@ -273,10 +273,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
                 )
             ),
         ),
-        "scale": (
-            "make the scene metric by a length between two points",
-            EditIn((Edit("scale", known_lengths=(KNOWN_LENGTH,)),)),
-        ),
+        "scale": SCALE,
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
     "PickIn": {
