@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
@@ -39,6 +40,12 @@ CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "pixel": (
             "how far a thing is from what a view shows at a pixel",
             MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
+        ),
+    },
+    "LookAgainIn": {
+        "texts": (
+            "name what looks like one of these",
+            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
         ),
     },
     "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},

@@ -20,7 +20,6 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoun
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
 from fastsplat_contract.known_names import KnownName, KnownNameList
-from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -284,12 +283,6 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     "KeyIn": {
         "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
         "person": ("a key that also creates and changes", KeyIn("Ada")),
-    },
-    "LookAgainIn": {
-        "texts": (
-            "name what looks like one of these",
-            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
-        ),
     },
     "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
