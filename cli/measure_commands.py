@@ -11,7 +11,7 @@ from fastsplat.cli.thing_commands import Project, Scene, Version, thing_service,
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.measuring import MeasureRequest
+from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit

@@ -21,7 +21,7 @@ from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFi
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.keys import KeyIn, LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.measuring import MeasureRequest
+from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, SCALE
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
@@ -21,12 +22,9 @@ from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
 from fastsplat_contract.known_names import KnownName, KnownNameList
-from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.measuring import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
-from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
@@ -37,8 +35,6 @@ from fastsplat_contract.scenes import (
     EditIn,
     LabelList,
     ObjectList,
-    RedoIn,
-    RestoreIn,
     Scene,
     SceneList,
     SceneObject,
@@ -151,9 +147,6 @@ _ANSWER = Answer(
     objects=(_OBJECT,),
     presence=0.99,
 )
-_KNOWN_LENGTH = KnownLength(
-    Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
-)
 _KEY = AccessKey(
     id=IDS["key_id"],
     name="robot in the kitchen",
@@ -195,15 +188,7 @@ ANSWERS: Mapping[str, Any] = {
         PickedThing(_THING, _VIEW_MASK, "1"),
         PhotoList((ScenePhoto("front.png", 98_304),), "", "1"),
         BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1"),
-        Measurement(
-            places=(LocatedPlace(Vector3(0.1, 0.2, 0.3), 0.004, 1), LocatedPlace(Vector3(0.6, 0.2, 0.3), 0.003)),
-            distance=Length(0.46, 0.451, 0.469),
-            center_distance=Length(0.5, 0.49, 0.51),
-            sides=(),
-            box=None,
-            meters=True,
-            version="1",
-        ),
+        MEASUREMENT,
         _VERSION,
         VersionList((_VERSION,)),
         _KEY,
@@ -280,10 +265,7 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
                 )
             ),
         ),
-        "scale": (
-            "make the scene metric by a length between two points",
-            EditIn((Edit("scale", known_lengths=(_KNOWN_LENGTH,)),)),
-        ),
+        "scale": SCALE,
         "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
     },
     "PickIn": {
@@ -295,27 +277,9 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
         "person": ("a key that also creates and changes", KeyIn("Ada")),
     },
-    "LookAgainIn": {
-        "texts": (
-            "name what looks like one of these",
-            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
-        ),
-    },
     "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
-    "MeasureIn": {
-        "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
-        "points": (
-            "how far two points are apart",
-            MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
-        ),
-        "pixel": (
-            "how far a thing is from what a view shows at a pixel",
-            MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
-        ),
-    },
-    "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
-    "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
+    **CHANGE_BODIES,
 }
 """By the name of the type: bodies that a route takes which takes that, with a summary each."""
 

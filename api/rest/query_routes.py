@@ -15,7 +15,7 @@ from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
-from fastsplat_contract.measuring import MeasureIn, Measurement, MeasureRequest
+from fastsplat_contract.measure_messages import MeasureIn, Measurement, MeasureRequest
 from fastsplat_contract.members import description_of
 from fastsplat_contract.queries import (
     PictureFormat,

@@ -15,7 +15,7 @@ from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.measuring import MeasureIn, Measurement
+from fastsplat_contract.measure_messages import MeasureIn, Measurement
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3

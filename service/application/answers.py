@@ -31,7 +31,7 @@ from fastsplat_contract.errors import (
     ObjectStoreError,
     SceneFileError,
 )
-from fastsplat_contract.measuring import Measurement, MeasureRequest
+from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
 from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList

@@ -15,7 +15,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.measuring import Length, LocatedPlace, Measurement
+from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import rigid, vector3
 from fastsplat_contract.scenes import Box

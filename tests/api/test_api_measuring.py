@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, KnownLength, Place, Vector3
-from fastsplat_contract.measuring import MeasureIn, Measurement, MeasureRequest
+from fastsplat_contract.measure_messages import MeasureIn, Measurement, MeasureRequest
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, Scene
 from fastsplat_contract.thing_prompts import Pixel

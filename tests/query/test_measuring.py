@@ -16,7 +16,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.measuring import Measurement
+from fastsplat_contract.measure_messages import Measurement
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_prompts import Pixel

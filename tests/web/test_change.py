@@ -76,12 +76,13 @@ def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
         page.get_by_role("button", name="Turn about z").focus()
         for _ in range(6):
             page.keyboard.press("ArrowUp")
-        expect(menu.get_by_label("z", exact=True).last).to_have_value("30")
+        panel = page.locator(".move")
+        expect(panel.get_by_label("z", exact=True).last).to_have_value("30")
         visit.check_accessible()
         shown = _picture(page)
         assert np.abs(shown - here).mean() > 1  # it moves on show
         assert len(place.service.versions.all(own)) == 1  # and nowhere else
-        menu.get_by_role("button", name="Move it").click()
+        panel.get_by_role("button", name="Move it").click()
         expect(page.get_by_text("Moved.")).to_be_visible()
         expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("^e"))
         moved = _picture(page)
@@ -103,8 +104,8 @@ def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -
         _ready(visit)
         menu = _menu(visit, "mug")
         menu.get_by_role("button", name="Move or turn").click()
-        menu.get_by_label("y", exact=True).first.fill("-0.8")
-        menu.get_by_role("button", name="Place a copy there").click()
+        visit.page.locator(".move").get_by_label("y", exact=True).first.fill("-0.8")
+        visit.page.locator(".move").get_by_role("button", name="Place a copy there").click()
         expect(visit.page.get_by_text("Copied.")).to_be_visible()
         expect(visit.page.locator(".thing-list li")).to_have_count(4)
     things = place.service.answers.list_things(own).things

@@ -3,8 +3,10 @@ import type { paths } from "./schema";
 import type {
   Answer,
   Edit,
+  Measurement,
   Operation,
   PickedThing,
+  Place,
   PosedCamera,
   QueryOut,
   RenderIn,
@@ -98,6 +100,11 @@ export async function thingsOfGaussians(sceneId: string, version: string, signal
 export function edit(sceneId: string, version: string, edits: Partial<Edit>[]): Promise<SceneVersion> {
   const body = { edits, version, request_id: newRequestId() };
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:edit`, body);
+}
+
+/** Where a place is, how large a thing is, or how far two places are from each other. */
+export function measure(sceneId: string, version: string, places: readonly Place[]): Promise<Measurement> {
+  return postJson<Measurement>(`v1/scenes/${encodeURIComponent(sceneId)}:measure`, { places, version });
 }
 
 export function undo(sceneId: string, version: string): Promise<SceneVersion> {

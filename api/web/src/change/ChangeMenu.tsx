@@ -1,27 +1,31 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { centerOf } from "../viewer/boxes";
-import { MovePanel } from "./MovePanel";
+import { beginPrompt } from "./prompts";
+import { beginRuler } from "./ruler";
 
 /** What can be done to the selected things: hidden and isolated on show; recolored, moved, copied, removed as versions. */
 export function ChangeMenu({ state }: { state: SceneState }) {
   const { change } = state;
-  // A motion is of the things that were selected when it began.
-  useEffect(() => state.selected.subscribe(() => (change.motion.value = null)), [state, change]);
+  useEffect(
+    () => state.selected.subscribe(() => (change.motion.value = null)), // it was of those that were selected before
+    [state, change],
+  );
+  const menu = useRef<HTMLDetailsElement>(null);
+  const close = () => menu.current && (menu.current.open = false);
   const things = state.selectedThings.value;
   const ids = things.map((thing) => thing.id);
   const box = things.find((thing) => thing.box)?.box;
   return (
-    <details class="change-menu">
+    <details class="change-menu" ref={menu}>
       <summary>{texts.change.title}</summary>
       <div class="change-body">
         {things.length === 0 && <p class="hint">{texts.change.selectFirst}</p>}
         {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
-        {things.length > 0 && <MovePanel state={state} />}
-        {things.length > 0 && !change.motion.value && (
+        {things.length > 0 && (
           <>
             <div class="buttons">
               <button type="button" onClick={() => change.hide(ids)}>
@@ -33,7 +37,10 @@ export function ChangeMenu({ state }: { state: SceneState }) {
               {box && (
                 <button
                   type="button"
-                  onClick={() => (change.motion.value = { pivot: centerOf(box), shift: [0, 0, 0], angles: [0, 0, 0] })}
+                  onClick={() => {
+                    change.motion.value = { pivot: centerOf(box), shift: [0, 0, 0], angles: [0, 0, 0] };
+                    close();
+                  }}
                 >
                   {texts.change.moveOrTurn}
                 </button>
@@ -50,13 +57,44 @@ export function ChangeMenu({ state }: { state: SceneState }) {
             <Recolor state={state} ids={ids} />
           </>
         )}
-        {change.hides.value && (
-          <div class="buttons">
+        <div class="buttons">
+          {things.length === 1 && (
+            <button
+              type="button"
+              disabled={state.busy.value}
+              onClick={() => {
+                beginPrompt(state, "split", ids[0]);
+                close();
+              }}
+            >
+              {texts.change.split}
+            </button>
+          )}
+          <button
+            type="button"
+            disabled={state.busy.value}
+            onClick={() => {
+              beginPrompt(state, "add");
+              close();
+            }}
+          >
+            {texts.change.add}
+          </button>
+          <button
+            type="button"
+            onClick={() => {
+              beginRuler(state);
+              close();
+            }}
+          >
+            {texts.change.measure}
+          </button>
+          {change.hides.value && (
             <button type="button" onClick={() => change.showAll()}>
               {texts.change.showAll}
             </button>
-          </div>
-        )}
+          )}
+        </div>
       </div>
     </details>
   );

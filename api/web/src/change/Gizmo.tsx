@@ -1,4 +1,4 @@
-import { useRef } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
@@ -24,6 +24,11 @@ export function Gizmo({ state }: { state: SceneState }) {
   const { change } = state;
   const [view, size, motion] = [change.view.value, change.size.value, change.motion.value];
   const drag = useRef<{ from: Point; motion: Motion } | null>(null);
+  const first = useRef<HTMLDivElement>(null);
+  const shown = motion !== null;
+  useEffect(() => {
+    if (shown) first.current?.querySelector("button")?.focus({ preventScroll: true });
+  }, [shown]);
   if (!view || !motion || !size.width) return null;
   const center = add(motion.pivot, motion.shift);
   const reach = SHARE * length(subtract(center, view.position));
@@ -67,7 +72,7 @@ export function Gizmo({ state }: { state: SceneState }) {
     ];
   });
   return (
-    <div class="gizmo">
+    <div class="gizmo" ref={first}>
       <svg aria-hidden="true" viewBox={`0 0 ${size.width} ${size.height}`}>
         {handles.map(({ kind, number, at }) => (
           <line key={`${kind}${number}`} class={`axis-${number}`} x1={middle.x} y1={middle.y} x2={at.x} y2={at.y} />

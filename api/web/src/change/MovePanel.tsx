@@ -19,13 +19,15 @@ export function MovePanel({ state }: { state: SceneState }) {
   const end = () => (change.motion.value = null);
   return (
     <form
-      class="move"
+      class="move thing-card"
+      aria-label={texts.change.moveOrTurn}
       onSubmit={(event) => {
         event.preventDefault();
         send("move", texts.change.moved);
       }}
       onKeyDown={(event) => event.key === "Escape" && end()}
     >
+      <h2>{texts.change.moveOrTurn}</h2>
       <fieldset>
         <legend>{texts.change.shift(unit)}</legend>
         {AXIS_NAMES.map((name, axis) => (

@@ -4,6 +4,8 @@ import type { PosedCamera } from "../api/types";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
 import type { Motion } from "./motions";
+import type { PromptTool } from "./prompts";
+import type { RulerTool } from "./ruler";
 
 /** A place in the picture on show, as the service takes it. */
 export interface SeenPlace {
@@ -18,6 +20,10 @@ export class ChangeState {
   readonly isolated = signal<ReadonlySet<number> | null>(null);
   /** How the selected things are moved on show. */
   readonly motion = signal<Motion | null>(null);
+  /** Clicks that say where a thing is, see `prompts.ts`. */
+  readonly prompt = signal<PromptTool | null>(null);
+  /** What is measured; null while nothing is. */
+  readonly ruler = signal<RulerTool | null>(null);
   /** Takes the next clicks in the view instead of selecting things; null for none. */
   readonly onPlace = signal<((place: SeenPlace) => void) | null>(null);
 

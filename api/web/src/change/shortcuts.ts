@@ -2,7 +2,7 @@ import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 
 /** Whether a key is for the field that has the focus, which undoes its own typing. */
-function typing(event: KeyboardEvent): boolean {
+export function typing(event: KeyboardEvent): boolean {
   const target = event.target;
   return target instanceof HTMLElement && target.matches("input:not([type=checkbox]), textarea, select");
 }

@@ -6,6 +6,9 @@ import { go, replaceAddress, route, sceneAddress } from "../app/router";
 import { isShared } from "../app/share";
 import { AskPanel } from "../ask/AskPanel";
 import { JobPanel } from "../jobs/JobPanel";
+import { LookAlikes } from "../change/LookAlikes";
+import { ScaleFacts } from "../change/Ruler";
+import { MovePanel } from "../change/MovePanel";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { useJob } from "../jobs/useJob";
 import { SharedThing } from "../take/SharedThing";
@@ -16,6 +19,7 @@ import { ThingList } from "../things/ThingList";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { firstView, lookAtBox, parseView, viewText } from "../viewer/poses";
+import type { Vec } from "../viewer/vectors";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
 import { AssessmentNote } from "./AssessmentNote";
@@ -115,6 +119,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         <Loading />
       </section>
     );
+  const fly = (middle: Vec, size: number) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size));
   const name = scene.name || texts.scenes.untitled;
   const remove = (
     <DeleteScene
@@ -162,22 +167,29 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         <AskPanel
           state={state}
           onAsk={note}
-          onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+          onFly={fly}
         />
         {isShared ? (
           <SharedThing
             state={state}
-            onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+            onFly={fly}
           />
         ) : (
-          <ThingPanel
-            state={state}
-            onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
-          />
+          <>
+            <MovePanel state={state} />
+            <LookAlikes
+              state={state}
+              onFly={fly}
+            />
+            <ThingPanel
+              state={state}
+              onFly={fly}
+            />
+          </>
         )}
         <ThingList
           state={state}
-          onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
+          onFly={fly}
         />
         <SceneFacts scene={scene} />
         <TakeAway
@@ -189,6 +201,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           }}
         />
         {!isShared && <VersionsPanel state={state} />}
+        <ScaleFacts state={state} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
         {!isShared && remove}
       </aside>

@@ -36,7 +36,7 @@ export class SceneState {
   readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
   /** What the person is changing on show. */
   readonly change = new ChangeState();
-  /** The version that the last change made, or made current. */
+  /** The version that the last edit made. */
   readonly made = signal<SceneVersion | null>(null);
   /** Another version that the 3D view shows meanwhile; empty for none. */
   readonly compared = signal("");
@@ -157,7 +157,8 @@ export class SceneState {
 
   /** Makes a new version; true if the server took the edit. */
   async edit(edit: Partial<Edit>, message: string): Promise<boolean> {
-    return this.#change(() => calls.edit(this.sceneId, this.version.value, [edit]), message);
+    const made = async () => (this.made.value = await calls.edit(this.sceneId, this.version.value, [edit]));
+    return this.#change(made, message);
   }
 
   async undo(message: string): Promise<boolean> {
@@ -179,7 +180,7 @@ export class SceneState {
     this.actionError.value = null;
     this.message.value = "";
     try {
-      this.made.value = await call();
+      await call();
       await this.refresh();
       await this.loadThings();
       if (this.text.value) await this.ask(this.text.value);

@@ -8,7 +8,7 @@ import { isShared } from "../app/share";
 import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
 import { LoadedSplats } from "../change/loadedSplats";
-import { ComparedNote } from "../change/VersionsPanel";
+import { ToolNote } from "../change/ToolNote";
 import { Frusta } from "../look/Frusta";
 import { Legend, LookMenu } from "../look/LookMenu";
 import { PhotoCompare } from "../look/PhotoCompare";
@@ -22,7 +22,7 @@ import { CameraMotion } from "./cameraMotion";
 import { Controls } from "./controls";
 import { Pointing } from "./pointing";
 import type { LookAt } from "./poses";
-import { firstView, parseView } from "./poses";
+import { firstView, parseView, rescaled } from "./poses";
 import { readSplat } from "./readSplat";
 import type { SplatView } from "./splatView";
 import { statesOf } from "./states";
@@ -52,6 +52,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const motion = useRef<CameraMotion | null>(null);
   const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
+  const shownUnit = useRef(1); // meters by a unit of the trained scene
   const latest = useRef(onView);
   latest.current = onView;
 
@@ -61,6 +62,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     if (!element || !scene) return;
     const start = firstView(scene.cameras);
     home.current = start;
+    shownUnit.current = scene.scaling?.meters_per_unit ?? 1;
     let view: SplatView | null = null;
     let gone = false;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
@@ -72,7 +74,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     });
     motion.current = camera;
     handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
-    const controls = new Controls(element, camera, () => camera.flyTo(start));
+    const controls = new Controls(element, camera, () => camera.flyTo(home.current ?? start));
     const pointing = new Pointing(element, state, () => camera.view);
     state.look.attach({
       canvas: element,
@@ -149,6 +151,14 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     splats.get(`${state.sceneId}/${version}`, fetched).then(
       (splat) => {
         if (controller.signal.aborted) return;
+        const unit = state.scene.peek()?.scaling?.meters_per_unit ?? 1;
+        const at = motion.current;
+        if (at && home.current && unit !== shownUnit.current) {
+          const factor = unit / shownUnit.current;
+          home.current = rescaled(home.current, factor);
+          at.set(rescaled(at.view, factor));
+        }
+        shownUnit.current = unit;
         view.setSplat(splat);
         loaded.value = splat.count;
         setShare(null);
@@ -200,7 +210,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.loading3d(Math.round(share * 100))}
         </p>
       )}
-      <ComparedNote state={state} />
+      <ToolNote state={state} />
       <Gizmo state={state} />
       {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
       {error !== null && (

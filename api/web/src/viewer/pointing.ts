@@ -1,4 +1,5 @@
 import { ApiError, isAbort } from "../api/http";
+import type { SeenPlace } from "../change/changeState";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import type { LookAt } from "./poses";
@@ -65,6 +66,11 @@ export class Pointing {
     const pressed = this.#pressed;
     this.#pressed = null;
     if (!pressed || Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) > CLICK_PIXELS) return;
+    const { onPlace } = this.state.change;
+    if (onPlace.value) {
+      onPlace.value(this.#place(event));
+      return;
+    }
     const more = event.shiftKey;
     this.#thingAt(event, this.#ended.signal).then(
       (id) => {
@@ -78,8 +84,8 @@ export class Pointing {
     );
   }
 
-  /** Id of the thing there; 0 for none. */
-  async #thingAt(event: PointerEvent, signal: AbortSignal): Promise<number> {
+  /** Where an event is in the picture. */
+  #place(event: PointerEvent): SeenPlace {
     const { width, height, left, top } = this.canvas.getBoundingClientRect();
     const ratio = Math.min(1, LONGEST_SIDE / Math.max(width, height));
     const [w, h] = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
@@ -87,8 +93,14 @@ export class Pointing {
       x: Math.min(w - 0.5, Math.max(0, ((event.clientX - left) * w) / width)),
       y: Math.min(h - 0.5, Math.max(0, ((event.clientY - top) * h) / height)),
     };
+    return { camera: cameraOf(this.view(), w, h), pixel };
+  }
+
+  /** Id of the thing there; 0 for none. */
+  async #thingAt(event: PointerEvent, signal: AbortSignal): Promise<number> {
+    const { camera, pixel } = this.#place(event);
     try {
-      const { id } = (await this.state.pick(cameraOf(this.view(), w, h), pixel, signal)).thing;
+      const { id } = (await this.state.pick(camera, pixel, signal)).thing;
       return this.state.change.shows(id) ? id : 0;
     } catch (error) {
       if (error instanceof ApiError && error.status === 404) return 0;

@@ -150,6 +150,11 @@ export function lookAtBox(view: LookAt, middle: Vec, size: number): LookAt {
   return { up: view.level ?? view.up, target: middle, position: add(middle, scale(direction, distance)) };
 }
 
+/** The same view of a scene whose lengths were multiplied by `factor`. */
+export function rescaled(view: LookAt, factor: number): LookAt {
+  return { ...view, position: scale(view.position, factor), target: scale(view.target, factor) };
+}
+
 /** The view at `share` (0..1) of the way between two. */
 export function between(from: LookAt, to: LookAt, share: number): LookAt {
   const [wide, narrow] = [from.fieldOfView ?? FIELD_OF_VIEW, to.fieldOfView ?? FIELD_OF_VIEW];

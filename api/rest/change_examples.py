@@ -1,0 +1,53 @@
+"""Examples of measuring and of going through versions, for the OpenAPI document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
+from fastsplat_contract.places import KnownLength, Place
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.thing_prompts import Pixel
+
+_KNOWN_LENGTH = KnownLength(
+    Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
+)
+
+SCALE = (
+    "make the scene metric by a length between two points",
+    EditIn((Edit("scale", known_lengths=(_KNOWN_LENGTH,)),)),
+)
+MEASUREMENT = Measurement(
+    places=(LocatedPlace(Vector3(0.1, 0.2, 0.3), 0.004, 1), LocatedPlace(Vector3(0.6, 0.2, 0.3), 0.003)),
+    distance=Length(0.46, 0.451, 0.469),
+    center_distance=Length(0.5, 0.49, 0.51),
+    sides=(),
+    box=None,
+    meters=True,
+    version="1",
+)
+
+CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
+    "MeasureIn": {
+        "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
+        "points": (
+            "how far two points are apart",
+            MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
+        ),
+        "pixel": (
+            "how far a thing is from what a view shows at a pixel",
+            MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
+        ),
+    },
+    "LookAgainIn": {
+        "texts": (
+            "name what looks like one of these",
+            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
+        ),
+    },
+    "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
+    "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
+}

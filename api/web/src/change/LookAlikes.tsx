@@ -1,0 +1,99 @@
+import { computed, signal, useSignalEffect } from "@preact/signals";
+import { useEffect, useMemo } from "preact/hooks";
+
+import type { SceneThing } from "../api/types";
+import type { SceneState } from "../scene/sceneState";
+import { titleOf } from "../things/ThingPanel";
+import { texts } from "../texts";
+import { boxSize, centerOf } from "../viewer/boxes";
+import type { Vec } from "../viewer/vectors";
+import { lookAlikes } from "./lookAlikeList";
+import { typing } from "./shortcuts";
+
+interface Properties {
+  state: SceneState;
+  onFly: (middle: Vec, size: number) => void;
+}
+
+/** After a thing was named: those that look like it, one by one, each settled by one key. */
+export function LookAlikes({ state, onFly }: Properties) {
+  const round = useMemo(() => new Round(state), [state]);
+  useSignalEffect(() => round.notice());
+  const name = round.name.value;
+  const [next, ...others] = round.open.value;
+  useEffect(() => {
+    if (!next) return;
+    state.hovered.value = next.id; // lights it up
+    const ended = new AbortController();
+    document.addEventListener(
+      "keydown",
+      (event) => {
+        if (event.ctrlKey || event.metaKey || event.altKey || typing(event)) return;
+        const key = event.key.toLowerCase();
+        if (key === "n") round.decline(next);
+        else if (key === "y" && !state.busy.value) round.confirm([next]);
+        else return;
+        event.preventDefault();
+      },
+      { signal: ended.signal },
+    );
+    return () => {
+      ended.abort();
+      state.hovered.value = 0;
+    };
+  }, [next, state, round]);
+  if (!next) return null;
+  const probability = next.suggestions.find((each) => each.name === name)?.probability ?? 0;
+  const { box } = next;
+  return (
+    <section class="note look-alikes" aria-label={texts.change.lookAlikes(name)}>
+      <p role="status">{texts.change.lookAlike(titleOf(next), name, probability)}</p>
+      <div class="buttons">
+        <button type="button" class="primary" disabled={state.busy.value} onClick={() => round.confirm([next])}>
+          {texts.change.lookAlikeYes}
+        </button>
+        <button type="button" onClick={() => round.decline(next)}>
+          {texts.change.lookAlikeNo}
+        </button>
+        {others.length > 0 && (
+          <button type="button" disabled={state.busy.value} onClick={() => round.confirm([next, ...others])}>
+            {texts.change.lookAlikeAll(others.length + 1)}
+          </button>
+        )}
+        {box && (
+          <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
+            {texts.things.lookAt}
+          </button>
+        )}
+      </div>
+    </section>
+  );
+}
+
+/** One name that was given, and what has not been said of the things that look like it. */
+class Round {
+  readonly name = signal("");
+  readonly #declined = signal<ReadonlySet<number>>(new Set());
+  readonly open = computed(() => lookAlikes(this.state.things.value ?? [], this.name.value, this.#declined.value));
+
+  constructor(private readonly state: SceneState) {}
+
+  /** Begins anew with another name, and ends when its version is left. */
+  notice(): void {
+    const made = this.state.made.value;
+    const edit = made?.edits.at(-1);
+    const name = edit?.action === "name" ? (edit.name ?? "") : "";
+    if (name === this.name.peek()) return;
+    this.name.value = name;
+    this.#declined.value = new Set();
+  }
+
+  confirm(things: SceneThing[]): void {
+    const name = this.name.value;
+    void this.state.edit({ action: "name", things: things.map((thing) => thing.id), name }, texts.things.saved(name));
+  }
+
+  decline(thing: SceneThing): void {
+    this.#declined.value = new Set([...this.#declined.value, thing.id]);
+  }
+}

@@ -1,0 +1,115 @@
+import { useState } from "preact/hooks";
+
+import type { SceneState } from "../scene/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import type { Vec } from "../viewer/vectors";
+import { projected } from "./projection";
+import { addPlace, endRuler } from "./ruler";
+import { MiddleButton } from "./ToolNote";
+import { parsePoint } from "./typedPoint";
+
+/** The places on show, and the line between them. */
+export function RulerLine({ state }: { state: SceneState }) {
+  const { change } = state;
+  const [ruler, view, size] = [change.ruler.value, change.view.value, change.size.value];
+  if (!ruler?.measured || !view || !size.width) return null;
+  const { places, distance, meters } = ruler.measured;
+  const ends = places.map(({ point }) => projected(view, size, [point.x, point.y, point.z] as Vec));
+  const [from, to] = ends;
+  return (
+    <svg class="ruler" aria-hidden="true" viewBox={`0 0 ${size.width} ${size.height}`}>
+      {from && to && <line x1={from.x} y1={from.y} x2={to.x} y2={to.y} />}
+      {ends.map((end, number) => end && <circle key={number} cx={end.x} cy={end.y} r="6" />)}
+      {from && to && distance && (
+        <text x={(from.x + to.x) / 2} y={(from.y + to.y) / 2 - 12}>
+          {texts.change.length(distance, meters)}
+        </text>
+      )}
+    </svg>
+  );
+}
+
+/** What the ruler says, and the form that makes the scene metric by a length that is known. */
+export function RulerNote({ state }: { state: SceneState }) {
+  const ruler = state.change.ruler.value;
+  const [typed, setTyped] = useState("");
+  if (!ruler) return null;
+  const { measured } = ruler;
+  const point = parsePoint(typed);
+  return (
+    <div class="viewer-note tool">
+      <p role="status">
+        {measured?.distance
+          ? texts.change.apart(texts.change.length(measured.distance, measured.meters))
+          : ruler.places.length === 1
+            ? texts.change.rulerSecond
+            : texts.change.rulerFirst}
+      </p>
+      {ruler.error !== null && <ErrorNote error={ruler.error} />}
+      {measured?.distance && ruler.places.length === 2 && <KnownLengthForm state={state} />}
+      <form
+        class="point"
+        onSubmit={(event) => {
+          event.preventDefault();
+          if (point) void addPlace(state, point).then(() => setTyped(""));
+        }}
+      >
+        <label>
+          {texts.change.point}
+          <input value={typed} autocomplete="off" onInput={(event) => setTyped(event.currentTarget.value)} />
+        </label>
+        <button disabled={!point}>{texts.change.takePoint}</button>
+      </form>
+      <div class="buttons">
+        <MiddleButton state={state} />
+        <button type="button" onClick={() => endRuler(state)}>
+          {texts.change.rulerEnd}
+        </button>
+      </div>
+    </div>
+  );
+}
+
+function KnownLengthForm({ state }: { state: SceneState }) {
+  const [meters, setMeters] = useState("");
+  const value = Number(meters);
+  const fits = meters.trim() !== "" && Number.isFinite(value) && value > 0;
+  const send = async () => {
+    const [first, second] = state.change.ruler.value?.places ?? [];
+    if (!first || !second) return;
+    const known_lengths = [{ first, second, meters: value, plus_minus: 0 }];
+    if (await state.edit({ action: "scale", known_lengths }, texts.change.scaled)) endRuler(state);
+  };
+  return (
+    <form
+      class="point"
+      onSubmit={(event) => {
+        event.preventDefault();
+        if (fits) void send();
+      }}
+    >
+      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
+      <label>
+        {texts.change.reallyMeters}
+        <input
+          inputMode="decimal"
+          value={meters}
+          autocomplete="off"
+          onInput={(event) => setMeters(event.currentTarget.value)}
+        />
+      </label>
+      <button class="primary" disabled={!fits || state.busy.value}>
+        {texts.change.setScale}
+      </button>
+    </form>
+  );
+}
+
+/** The size of the selected thing with its interval, and what the scene's scale comes from. */
+export function ScaleFacts({ state }: { state: SceneState }) {
+  const scaling = state.scene.value?.scaling;
+  if (!scaling) return null;
+  const percent = (100 * (scaling.high - scaling.low)) / (2 * scaling.meters_per_unit);
+  return <p class="hint">{texts.change.scaling(scaling.known_lengths, percent)}</p>;
+}

@@ -1,0 +1,15 @@
+import type { SceneThing } from "../api/types";
+
+/** Things without a name for which this one is suggested by the scene itself, the likeliest first. */
+export function lookAlikes(
+  things: readonly SceneThing[],
+  name: string,
+  declined: ReadonlySet<number> = new Set(),
+): SceneThing[] {
+  const likely = (thing: SceneThing) =>
+    thing.suggestions.find((each) => each.name === name && !each.scene_id)?.probability ?? 0;
+  const percent = (thing: SceneThing) => Math.round(100 * likely(thing)); // as it is shown
+  return things
+    .filter((thing) => name && !thing.name && !declined.has(thing.id) && likely(thing) > 0)
+    .sort((a, b) => percent(b) - percent(a) || a.id - b.id);
+}

@@ -1,0 +1,130 @@
+"""Things split and added by clicks on the page, and look-alikes that are settled by a key."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator, expect
+
+from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Edit
+from tests.api.made_scene import ENCODER
+from tests.api.served import serving
+from tests.color_segmenter import ADAPTER, write_color_segmenter
+from tests.web.browser import PATIENCE_MS, Visit, visiting
+from tests.web.conftest import Place, page_settings
+from tests.web.table import add_table
+
+_MADE = re.compile(r"Thing 4 has \d+ Gaussians")
+_VIEW = "0_-3.2_1.6_0_0_0.2"
+
+
+@pytest.fixture(scope="module")
+def place(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    """A server that has a segmenter."""
+    folder: Path = tmp_path_factory.mktemp("prompts")
+    write_color_segmenter(folder / "models")
+    perception = PerceptionSettings(text_encoder=ENCODER, segmenter=ADAPTER, open_set_detector="any")
+    settings = page_settings(folder, perception=perception)
+    with open_service(settings) as service, serving(service, settings) as ports:
+        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, add_table(service, settings))
+
+
+def _ready(visit: Visit) -> Locator:
+    canvas = visit.page.locator("canvas")
+    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
+    return canvas
+
+
+def _owner(place: Place, scene_id: str) -> np.ndarray:
+    return place.service.versions._scenes.reading(scene_id, "", lambda index, _: index.things.owner)
+
+
+def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser) -> None:
+    own = place.new_scene("own")
+    truth = _owner(place, own)
+    merged = place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
+    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        canvas, page = _ready(visit), visit.page
+        box = canvas.bounding_box()
+        assert box is not None
+        ball = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
+        page.locator(".thing-list").get_by_role("checkbox").first.check()  # without a flight
+        menu = page.locator(".change-menu")
+        menu.locator("summary").click()
+        menu.get_by_role("button", name="Split: click a part").click()
+        expect(page.get_by_text("Click the part that is a thing of its own.")).to_be_visible()
+        visit.check_accessible()
+        canvas.click(position=ball)
+        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        visit.check_accessible()
+        expect(page.locator(".thing-card h2").first).to_have_text("Thing 4, no name")
+        piece = _owner(place, own) == 4
+        overlap = (piece & (truth == 2)).sum() / (piece | (truth == 2)).sum()
+        assert overlap > 0.6, overlap
+        canvas.click(position={"x": ball["x"] + 15, "y": ball["y"] + 10})
+        expect(page.get_by_role("button", name="Done")).to_be_disabled()
+        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.get_by_role("button", name="Done")).to_be_enabled(timeout=PATIENCE_MS)
+        made = next(version for version in place.service.versions.all(own) if version.current)
+        assert made.parent == merged.version and made.edits[0].prompt is not None
+        assert len(made.edits[0].prompt.pixels) == 2  # in place of the first one
+        page.get_by_role("button", name="Undo it").click()
+        expect(page.locator(".thing-list li")).to_have_count(2)
+    assert place.service.versions.resolve(own) == merged.version
+    place.service.delete_scene(own)
+
+
+def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser) -> None:
+    own = place.new_scene("own")
+    place.service.versions.edit(own, [Edit("discard", things=(2,))])
+    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        _ready(visit)
+        page = visit.page
+        page.locator(".change-menu summary").focus()
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name="Add what is missing").focus()
+        page.keyboard.press("Enter")
+        middle = page.get_by_role("button", name="Take what is in the middle")
+        middle.focus()
+        page.keyboard.press("Enter")
+        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        page.get_by_role("button", name="Done").click()
+        expect(page.locator(".viewer-note.tool")).to_have_count(0)
+        expect(page.locator(".thing-list li")).to_have_count(3)
+    assert (_owner(place, own) == 4).sum() > 200
+    place.service.delete_scene(own)
+
+
+def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser) -> None:
+    own = place.new_scene("alike")
+    upright = Quaternion(0.0, 0.0, 0.0, 1.0)
+    place.service.versions.edit(own, [Edit("unname", things=(1, 2, 3))])
+    for height in (0.8, 1.6):
+        copy = Edit("duplicate", things=(1,), transform=Pose(Vector3(0.0, 0.0, height), upright))
+        place.service.versions.edit(own, [copy])
+    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        canvas, page = _ready(visit), visit.page
+        page.locator(".thing-list").get_by_role("button", name="Thing 1").click()
+        page.locator(".thing-card").get_by_label("Name").fill("violin")
+        page.get_by_role("button", name="Save the name").click()
+        panel = page.locator(".look-alikes")
+        expect(panel).to_contain_text("is it “violin”, too?")
+        expect(canvas).to_have_attribute("data-hovered", re.compile("[45]"))
+        visit.check_accessible()
+        canvas.focus()
+        page.keyboard.press("y")
+        expect(panel).to_contain_text("Thing 5")
+        page.keyboard.press("n")
+        expect(panel).to_have_count(0)
+        expect(page.locator(".thing-list")).to_contain_text("Thing 5, no name")
+    names = [thing.name for thing in place.service.answers.list_things(own).things]
+    assert names == ["violin", "", "", "violin", ""]
+    place.service.delete_scene(own)
