@@ -164,33 +164,17 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
             {texts.scene.changedElsewhere}
           </p>
         )}
-        <AskPanel
-          state={state}
-          onAsk={note}
-          onFly={fly}
-        />
+        <AskPanel state={state} onAsk={note} onFly={fly} />
         {isShared ? (
-          <SharedThing
-            state={state}
-            onFly={fly}
-          />
+          <SharedThing state={state} onFly={fly} />
         ) : (
           <>
             <MovePanel state={state} />
-            <LookAlikes
-              state={state}
-              onFly={fly}
-            />
-            <ThingPanel
-              state={state}
-              onFly={fly}
-            />
+            <LookAlikes state={state} onFly={fly} />
+            <ThingPanel state={state} onFly={fly} />
           </>
         )}
-        <ThingList
-          state={state}
-          onFly={fly}
-        />
+        <ThingList state={state} onFly={fly} />
         <SceneFacts scene={scene} />
         <TakeAway
           state={state}
