@@ -19,6 +19,7 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
+from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
@@ -42,6 +43,7 @@ app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
 app.add_typer(projects_app, name="projects")
 app.add_typer(jobs_app, name="jobs")
+app.add_typer(scenes_app, name="scenes")
 app.add_typer(things_app, name="things")
 app.command()(backup)
 app.command()(restore)

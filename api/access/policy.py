@@ -47,6 +47,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "CreateScene": (_UPLOAD, ("POST /v1/scenes",)),
     "GetScene": (_READ, ("GET /v1/scenes/{scene_id}",)),
     "ListScenes": (_READ, ("GET /v1/scenes",)),
+    "UpdateScene": (_EDIT, ("PATCH /v1/scenes/{scene_id}",)),
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),

@@ -23,7 +23,7 @@ from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
-from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
+from fastsplat_contract.scenes import EditIn, SceneUpdate, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
@@ -62,6 +62,13 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "ListScenes"):
             return await self._message(
                 pb.ListScenesResponse, lambda: self._service.list_scenes(request.page_size, request.page_token)
+            )
+
+    async def UpdateScene(self, request: pb.UpdateSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
+        """Rename a scene."""
+        async with guarded(context, "UpdateScene"):
+            return await self._message(
+                pb.Scene, lambda: self._service.update_scene(request.scene_id, from_proto(SceneUpdate, request))
             )
 
     async def DeleteScene(self, request: pb.DeleteSceneRequest, context: Context) -> empty_pb2.Empty:  # noqa: N802

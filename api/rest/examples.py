@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.admin_examples import ADMIN_BODIES, admin_answers
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.paging import write_page_token
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError, SceneFileError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
-from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
@@ -36,6 +35,7 @@ from fastsplat_contract.scenes import (
     SceneList,
     SceneObject,
     SceneSummary,
+    SceneUpdate,
     SceneVersion,
     UndoIn,
     VersionList,
@@ -167,26 +167,6 @@ _ANSWER = Answer(
     objects=(_OBJECT,),
     presence=0.99,
 )
-_KEY = AccessKey(
-    id=IDS["key_id"],
-    name="robot in the kitchen",
-    project="default",
-    role="reader",
-    state="VALID",
-    created_at=_POSTED,
-    expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
-    revoked_at=None,
-)
-_KNOWN_NAME = KnownName(
-    id=IDS["name_id"],
-    name="mug",
-    scene_id=IDS["scene_id"],
-    version=IDS["version"],
-    thing_id=1,
-    named_at=_POSTED,
-    picture=b"\xff\xd8\xff",
-)
-
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
     for value in (
@@ -207,10 +187,7 @@ ANSWERS: Mapping[str, Any] = {
         PickedThing(_THING, _VIEW_MASK, "1"),
         _VERSION,
         VersionList((_VERSION,)),
-        _KEY,
-        NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
-        KeyList((_KEY,), _TOKEN),
-        KnownNameList((_KNOWN_NAME,), _TOKEN),
+        *admin_answers(IDS, _TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }
@@ -278,17 +255,14 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
         "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     },
-    "KeyIn": {
-        "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
-        "person": ("a key that also creates and changes", KeyIn("Ada")),
-    },
+    **ADMIN_BODIES,
     "LookAgainIn": {
         "texts": (
             "name what looks like one of these",
             LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
         ),
     },
-    "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
+    "SceneUpdate": {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
 }
 """By the name of the type: bodies that a route takes which takes that, with a summary each."""

@@ -21,7 +21,17 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
-from fastsplat_contract.scenes import EditIn, LabelList, ObjectList, Scene, SceneList, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.scenes import (
+    EditIn,
+    LabelList,
+    ObjectList,
+    Scene,
+    SceneList,
+    SceneUpdate,
+    SceneVersion,
+    UndoIn,
+    VersionList,
+)
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import ThingList
 
@@ -65,6 +75,11 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def get_scene(request: Request, scene_id: str) -> Response:
         """One scene with its dictionary, cameras and quality."""
         return await json_of_call(request, threads.call, lambda: service.get_scene(scene_id))
+
+    @router.patch("/scenes/{scene_id}", response_model=Scene)
+    async def update_scene(request: Request, scene_id: str, body: SceneUpdate) -> Response:
+        """Rename a scene."""
+        return await json_of_call(request, threads.call, lambda: service.update_scene(scene_id, body))
 
     @router.delete("/scenes/{scene_id}", status_code=204, response_class=Response)
     async def delete_scene(scene_id: str) -> Response:

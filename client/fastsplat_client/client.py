@@ -45,6 +45,7 @@ from fastsplat_contract.scenes import (
     SceneList,
     SceneObject,
     SceneSummary,
+    SceneUpdate,
 )
 from fastsplat_contract.server_info import ServerInfo
 
@@ -207,6 +208,11 @@ class Client(ThingCalls):
     def scenes(self) -> Iterator[SceneSummary]:
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
         return self._pages(SceneList, "/v1/scenes")
+
+    def rename_scene(self, scene_id: str, name: str, *, expected_name: str | None = None) -> Scene:
+        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name."""
+        body = to_plain(SceneUpdate(name, expected_name))
+        return read(Scene, self._transport.call("PATCH", scene_path(scene_id), json=body))
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene and all its files."""

@@ -24,7 +24,12 @@ from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
 from fastsplat.service.application.uploads import UploadSession
-from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
+from fastsplat.service.application.validate import (
+    check_page_size,
+    check_request,
+    check_scene_name,
+    check_splat_options,
+)
 from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
@@ -40,7 +45,7 @@ from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.queries import CameraFormat
-from fastsplat_contract.scenes import LabelList, Scene, SceneList
+from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
@@ -247,6 +252,18 @@ class SceneService:
             NotFoundError: there is none of that id.
         """
         return scene_of(self._store.scenes.scene(scene_id), self._settings.calls.max_listed)
+
+    def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
+        """Rename a scene, in whatever state it is. Returns it as `get_scene`.
+
+        Raises:
+            NotFoundError: there is none of that id.
+            InvalidInputError, LimitExceededError: a name that no scene may have.
+            ConflictError: its name is not the expected one.
+        """
+        check_scene_name(update.name, self._settings.store)
+        self._store.scenes.rename(scene_id, update.name, update.expected_name)
+        return self.get_scene(scene_id)
 
     def list_labels(self, scene_id: str, page_size: int = 0, page_token: str = "") -> LabelList:
         """A scene's dictionary by label id, in pages as `list_scenes`.

@@ -179,6 +179,24 @@ class SceneRepository:
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 
+    def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
+        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name.
+
+        Raises:
+            NotFoundError: there is none of that id.
+            ConflictError: it has another name than was expected.
+        """
+        this_scene = update(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
+        if expected_name is not None:
+            this_scene = this_scene.where(scenes.c.name.in_((expected_name, name)))
+        with self._writing() as connection:
+            if connection.execute(this_scene.values(name=name)).rowcount:
+                return
+        self.current_version(scene_id)
+        raise ConflictError(
+            "the scene has another name by now", field="expected_name", hint="Look at its name, then send it again."
+        )
+
     def cancel(self, operation_id: str) -> OperationRecord:
         """Stop an operation: at once if it is queued, soon if it runs, not at all if it is over.
 

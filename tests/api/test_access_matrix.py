@@ -52,6 +52,7 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
+    "PATCH /v1/scenes/{scene_id}": {"json": {"name": "new"}},
     "POST /v1/keys": {"json": {"name": "new"}},
     "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
     "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},

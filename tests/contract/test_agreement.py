@@ -84,6 +84,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("CreateSceneHeader", "request_id"),
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("LookAgainRequest", "scene_id"),
+    ("UpdateSceneRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
     ("ExpireKeyRequest", "key_id"),
     ("QueryRequest", "scene_id"),

@@ -708,6 +708,37 @@ class ListScenesResponse(_message.Message):
 Global___ListScenesResponse: _TypeAlias = ListScenesResponse  # noqa: Y015
 
 @_typing.final
+class UpdateSceneRequest(_message.Message):
+    """What people change about a scene itself."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    EXPECTED_NAME_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    name: _builtins.str
+    """its new name, for people; need not be unique"""
+    expected_name: _builtins.str
+    """only if its name is still this one, or already the new one; absent: whatever it is"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        name: _builtins.str = ...,
+        expected_name: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name", "expected_name", b"expected_name"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name", "expected_name", b"expected_name", "name", b"name", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__expected_name: _TypeAlias = _typing.Literal["expected_name"]  # noqa: Y015
+    _WhichOneofArgType__expected_name: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__expected_name) -> _WhichOneofReturnType__expected_name | None: ...
+
+Global___UpdateSceneRequest: _TypeAlias = UpdateSceneRequest  # noqa: Y015
+
+@_typing.final
 class DeleteSceneRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 

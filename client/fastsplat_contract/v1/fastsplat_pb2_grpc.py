@@ -50,6 +50,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesResponse.FromString,
                 _registered_method=True)
+        self.UpdateScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/UpdateScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
+                _registered_method=True)
         self.DeleteScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/DeleteScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
@@ -216,6 +221,13 @@ class SceneServiceServicer:
 
     def ListScenes(self, request, context):
         """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def UpdateScene(self, request, context):
+        """Renames a scene.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -441,6 +453,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListScenes,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesResponse.SerializeToString,
+            ),
+            'UpdateScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.UpdateScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.SerializeToString,
             ),
             'DeleteScene': grpc.unary_unary_rpc_method_handler(
                     servicer.DeleteScene,
@@ -669,6 +686,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListScenes',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def UpdateScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/UpdateScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
             options,
             channel_credentials,
             insecure,

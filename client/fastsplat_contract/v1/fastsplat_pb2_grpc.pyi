@@ -51,6 +51,8 @@ class SceneServiceStub:
     GetScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]
     ListScenes: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
+    UpdateScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]
+    """Renames a scene."""
     DeleteScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]
     ListLabels: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]
     """The dictionary in pages, by label id."""
@@ -123,6 +125,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     GetScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
     ListScenes: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]  # type: ignore[assignment]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
+    UpdateScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
+    """Renames a scene."""
     DeleteScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]  # type: ignore[assignment]
     ListLabels: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]  # type: ignore[assignment]
     """The dictionary in pages, by label id."""
@@ -210,6 +214,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListScenesResponse, _abc.Awaitable[_fastsplat_pb2.ListScenesResponse]]:
         """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
+
+    @_abc_1.abstractmethod
+    def UpdateScene(
+        self,
+        request: _fastsplat_pb2.UpdateSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Scene, _abc.Awaitable[_fastsplat_pb2.Scene]]:
+        """Renames a scene."""
 
     @_abc_1.abstractmethod
     def DeleteScene(
