@@ -60,6 +60,7 @@ export const texts = {
     toCurrent: "Show the current one",
     changedElsewhere: "The scene has changed.",
   },
+  sceneName: { edit: "Rename", label: "Name of the scene", save: "Save" },
   job: {
     title: "Progress",
     queued: "Waiting for a worker.",

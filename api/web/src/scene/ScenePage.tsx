@@ -14,6 +14,7 @@ import { lookAtBox, viewText } from "../viewer/poses";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
 import { DeleteScene } from "./DeleteScene";
+import { SceneName } from "./SceneName";
 import { SceneFacts } from "./SceneFacts";
 import { SceneState } from "./sceneState";
 
@@ -104,7 +105,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   if (scene.state !== "READY")
     return (
       <section class="sheet">
-        <h1>{name}</h1>
+        <SceneName scene={scene} onChange={() => state.refresh()} />
         {state.operation.value && <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />}
         {remove}
       </section>
@@ -121,7 +122,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         }}
       />
       <aside class="panel">
-        <h1>{name}</h1>
+        <SceneName scene={scene} onChange={() => state.refresh()} />
         {!state.isCurrent.value && (
           <p class="note">
             {texts.scene.oldVersion}{" "}
