@@ -20,13 +20,15 @@ from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
 from fastsplat.workers.look_again_stages import dictionary_rows, look, name
 from fastsplat.workers.protocol import Job, Stages
-from fastsplat.workers.results import checkpoint_folder, intact, stage_seconds
+from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_seconds
+from fastsplat_contract.json_codec import to_plain
 
 _TRADEOFFS = "tradeoffs.json"
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
-    build_views(job.upload, folder, job_settings(job), progress, up=job.options.up)
+    capture = build_views(job.upload, folder, job_settings(job), progress, up=job.options.up)
+    (folder / PHOTOS).write_text(json.dumps([to_plain(photo) for photo in capture.report.photos]))
 
 
 def _perception(job: Job, folder: Path, progress: Progress) -> None:

@@ -104,6 +104,8 @@ class Supervisor:
             completed = event is not None and self._progress.update(event)
             if self._is_cancelled(report=isinstance(event, Done), completed=completed):
                 return CANCELLED
+        if stage == "capture":
+            self._job.note_photos()
         return DONE
 
     def finish(self, outcome: JobOutcome) -> None:

@@ -85,6 +85,14 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
             )
 
+    async def ListPhotos(self, request: pb.ListPhotosRequest, context: Context) -> pb.ListPhotosResponse:  # noqa: N802
+        """What became of each photo, in pages."""
+        async with guarded(context, "ListPhotos"):
+            return await self._message(
+                pb.ListPhotosResponse,
+                lambda: self._service.list_photos(request.scene_id, request.page_size, request.page_token),
+            )
+
     async def ListObjects(  # noqa: N802
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:

@@ -21,6 +21,7 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
+from fastsplat_contract.photo_verdicts import PhotoList, PhotoVerdict
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene
 from fastsplat_contract.scenes import (
@@ -137,6 +138,17 @@ _SUMMARY = SceneSummary(
     version="1",
     label_count=2,
 )
+_PHOTO = PhotoVerdict(
+    name="IMG_0042.jpg",
+    placed=False,
+    not_placed="few_matches",
+    defects=("blurred",),
+    duplicate_of="",
+    sharpness=0.31,
+    brightness=0.84,
+    matches=9,
+    advice="It is much less sharp than the others: hold the camera still, or take it again.",
+)
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],
     version=IDS["version"],
@@ -182,6 +194,7 @@ ANSWERS: Mapping[str, Any] = {
         ),
         SceneList((_SUMMARY,), _TOKEN),
         LabelList((_MUG, _BALL), ""),
+        PhotoList((_PHOTO,), _TOKEN, True, placed_count=59, photo_count=60),
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
         PickedThing(_THING, _VIEW_MASK, "1"),

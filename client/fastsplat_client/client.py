@@ -28,6 +28,7 @@ from fastsplat_contract.errors import DeadlineExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.photo_verdicts import PhotoList, PhotoVerdict
 from fastsplat_contract.queries import (
     Answer,
     CameraFormat,
@@ -221,6 +222,11 @@ class Client(ThingCalls):
     def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
         """A scene's whole dictionary, by label id."""
         return self._pages(LabelList, f"{scene_path(scene_id)}/labels")
+
+    def photos(self, scene_id: str) -> Iterator[PhotoVerdict]:
+        """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
+        of earlier releases."""
+        return self._pages(PhotoList, f"{scene_path(scene_id)}/photos")
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""

@@ -17,6 +17,7 @@ from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.photo_pages import photo_page
 from fastsplat.service.application.project_keys import ProjectKeys
 from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
@@ -44,6 +45,7 @@ from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRe
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.photo_verdicts import PhotoList
 from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 
@@ -276,6 +278,17 @@ class SceneService:
         scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(tuple(label_of(row) for row in page), token)
+
+    def list_photos(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoList:
+        """What became of each photo of a scene's capture, in pages as `list_scenes`; the scene need not be ready.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            InvalidInputError: a negative size, or a token that no page returned.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        self._store.scenes.current_version(scene_id)
+        return photo_page(self._store.photos.of_scene(scene_id), size, page_token, scene_id)
 
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
         """The scene's own cameras as a file, see `service.application.camera_files`.

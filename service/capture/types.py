@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.scenes import Scale
 
 Source = Literal["images", "video", "colmap", "nerfstudio", "splat"]
@@ -78,6 +79,7 @@ class CaptureReport:
         mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
+        photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
     """
 
     source: Source
@@ -87,6 +89,7 @@ class CaptureReport:
     mean_reprojection_error_px: float = 0.0
     warnings: tuple[str, ...] = ()
     splat: str = ""
+    photos: tuple[PhotoVerdict, ...] = ()
 
 
 @dataclass(frozen=True)

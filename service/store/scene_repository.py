@@ -12,6 +12,7 @@ from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
+from fastsplat.service.store.photo_repository import forget_photos
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
@@ -222,6 +223,7 @@ class SceneRepository:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
             forget_names(connection, scene_id)
+            forget_photos(connection, scene_id)
             here = operations.c.scene_id == scene_id
             for row in connection.execute(select(operations).where(here)).mappings().all():
                 _stop(connection, as_operation(row))

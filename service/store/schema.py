@@ -121,6 +121,14 @@ known_names = Table(
     Index("known_names_of_version", "scene_id", "version"),
 )
 
+# Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.
+scene_photos = Table(
+    "scene_photos",
+    metadata,
+    Column("scene_id", String(40), primary_key=True),
+    Column("photos", JSON, nullable=False),
+)
+
 api_keys = Table(
     "api_keys",
     metadata,

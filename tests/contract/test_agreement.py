@@ -58,6 +58,7 @@ _NOT_IN_PYTHON = {
     "ListKnownNamesRequest",
     "ListLabelsRequest",
     "ListObjectsRequest",
+    "ListPhotosRequest",
     "ListScenesRequest",
     "ListThingsRequest",
     "ListVersionsRequest",

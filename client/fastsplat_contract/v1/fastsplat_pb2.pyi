@@ -505,6 +505,51 @@ KEY_STATE_EXPIRED: KeyState.ValueType  # 2
 KEY_STATE_REVOKED: KeyState.ValueType  # 3
 Global___KeyState: _TypeAlias = KeyState  # noqa: Y015
 
+class _NotPlaced:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _NotPlacedEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NotPlaced.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    NOT_PLACED_UNSPECIFIED: _NotPlaced.ValueType  # 0
+    NOT_PLACED_FEW_FEATURES: _NotPlaced.ValueType  # 1
+    NOT_PLACED_NO_OVERLAP: _NotPlaced.ValueType  # 2
+    NOT_PLACED_FEW_MATCHES: _NotPlaced.ValueType  # 3
+    NOT_PLACED_OTHER_MODEL: _NotPlaced.ValueType  # 4
+    NOT_PLACED_MASKED: _NotPlaced.ValueType  # 5
+    NOT_PLACED_UNKNOWN: _NotPlaced.ValueType  # 6
+
+class NotPlaced(_NotPlaced, metaclass=_NotPlacedEnumTypeWrapper):
+    """---------------------------------------------------------------------------------------------------- photos"""
+
+NOT_PLACED_UNSPECIFIED: NotPlaced.ValueType  # 0
+NOT_PLACED_FEW_FEATURES: NotPlaced.ValueType  # 1
+NOT_PLACED_NO_OVERLAP: NotPlaced.ValueType  # 2
+NOT_PLACED_FEW_MATCHES: NotPlaced.ValueType  # 3
+NOT_PLACED_OTHER_MODEL: NotPlaced.ValueType  # 4
+NOT_PLACED_MASKED: NotPlaced.ValueType  # 5
+NOT_PLACED_UNKNOWN: NotPlaced.ValueType  # 6
+Global___NotPlaced: _TypeAlias = NotPlaced  # noqa: Y015
+
+class _PhotoDefect:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _PhotoDefectEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PhotoDefect.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    PHOTO_DEFECT_UNSPECIFIED: _PhotoDefect.ValueType  # 0
+    PHOTO_DEFECT_BLURRED: _PhotoDefect.ValueType  # 1
+    PHOTO_DEFECT_DARK: _PhotoDefect.ValueType  # 2
+    PHOTO_DEFECT_DUPLICATE: _PhotoDefect.ValueType  # 3
+
+class PhotoDefect(_PhotoDefect, metaclass=_PhotoDefectEnumTypeWrapper): ...
+
+PHOTO_DEFECT_UNSPECIFIED: PhotoDefect.ValueType  # 0
+PHOTO_DEFECT_BLURRED: PhotoDefect.ValueType  # 1
+PHOTO_DEFECT_DARK: PhotoDefect.ValueType  # 2
+PHOTO_DEFECT_DUPLICATE: PhotoDefect.ValueType  # 3
+Global___PhotoDefect: _TypeAlias = PhotoDefect  # noqa: Y015
+
 @_typing.final
 class CreateSceneRequest(_message.Message):
     """---------------------------------------------------------------------------------------------------- scenes"""
@@ -3644,3 +3689,138 @@ class DeleteKnownNamesRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___DeleteKnownNamesRequest: _TypeAlias = DeleteKnownNamesRequest  # noqa: Y015
+
+@_typing.final
+class PhotoVerdict(_message.Message):
+    """One photo of a capture."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    PLACED_FIELD_NUMBER: _builtins.int
+    NOT_PLACED_FIELD_NUMBER: _builtins.int
+    DEFECTS_FIELD_NUMBER: _builtins.int
+    DUPLICATE_OF_FIELD_NUMBER: _builtins.int
+    SHARPNESS_FIELD_NUMBER: _builtins.int
+    BRIGHTNESS_FIELD_NUMBER: _builtins.int
+    MATCHES_FIELD_NUMBER: _builtins.int
+    ADVICE_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """as in the upload, and as the camera of the scene that it is"""
+    placed: _builtins.bool
+    """whether it is one of the scene's cameras"""
+    not_placed: Global___NotPlaced.ValueType
+    """why it is none. few_features: hardly any texture; no_overlap: it shows nothing that another photo shows;
+    few_matches: too little of that; other_model: it belongs to a group of photos that shares nothing with the scene's;
+    masked: its mask leaves no pixel; unknown: structure from motion did not say
+    """
+    duplicate_of: _builtins.str
+    """for duplicate: the name of that photo, else empty"""
+    sharpness: _builtins.float
+    """1: as sharp as the middle one of the capture's photos"""
+    brightness: _builtins.float
+    """nine of ten pixels are darker than this, 0..1"""
+    matches: _builtins.int
+    """points that it shares with the photo that shares most; absent: poses came with the upload"""
+    advice: _builtins.str
+    """what to do about it, in plain words; empty where all is well"""
+    @_builtins.property
+    def defects(self) -> _containers.RepeatedScalarFieldContainer[Global___PhotoDefect.ValueType]:
+        """of the photo itself, placed or not. blurred: much less sharp than the others; dark: nearly black; duplicate: it
+        shows the same from the same place as another one
+        """
+
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        placed: _builtins.bool = ...,
+        not_placed: Global___NotPlaced.ValueType | None = ...,
+        defects: _abc.Iterable[Global___PhotoDefect.ValueType] | None = ...,
+        duplicate_of: _builtins.str = ...,
+        sharpness: _builtins.float = ...,
+        brightness: _builtins.float = ...,
+        matches: _builtins.int | None = ...,
+        advice: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "matches", b"matches", "not_placed", b"not_placed"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__matches: _TypeAlias = _typing.Literal["matches"]  # noqa: Y015
+    _WhichOneofArgType__matches: _TypeAlias = _typing.Literal["_matches", b"_matches"]  # noqa: Y015
+    _WhichOneofReturnType__not_placed: _TypeAlias = _typing.Literal["not_placed"]  # noqa: Y015
+    _WhichOneofArgType__not_placed: _TypeAlias = _typing.Literal["_not_placed", b"_not_placed"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__matches) -> _WhichOneofReturnType__matches | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__not_placed) -> _WhichOneofReturnType__not_placed | None: ...
+
+Global___PhotoVerdict: _TypeAlias = PhotoVerdict  # noqa: Y015
+
+@_typing.final
+class ListPhotosRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotosRequest: _TypeAlias = ListPhotosRequest  # noqa: Y015
+
+@_typing.final
+class ListPhotosResponse(_message.Message):
+    """One page of a capture's photos, in the order of their names."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    ASSESSED_FIELD_NUMBER: _builtins.int
+    PLACED_COUNT_FIELD_NUMBER: _builtins.int
+    PHOTO_COUNT_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    assessed: _builtins.bool
+    """whether the photos were looked at: not before the capture stage is done, not in scenes of earlier releases, and not
+    where there are no photos
+    """
+    placed_count: _builtins.int
+    """of all the photos, those that have a place"""
+    photo_count: _builtins.int
+    """of all the photos, not of this page alone"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoVerdict]: ...
+    def __init__(
+        self,
+        *,
+        photos: _abc.Iterable[Global___PhotoVerdict] | None = ...,
+        next_page_token: _builtins.str = ...,
+        assessed: _builtins.bool = ...,
+        placed_count: _builtins.int = ...,
+        photo_count: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessed", b"assessed", "next_page_token", b"next_page_token", "photo_count", b"photo_count", "photos", b"photos", "placed_count", b"placed_count"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotosResponse: _TypeAlias = ListPhotosResponse  # noqa: Y015

@@ -60,6 +60,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
                 response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                 _registered_method=True)
+        self.ListPhotos = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListPhotos',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
+                _registered_method=True)
         self.ListLabels = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListLabels',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListLabelsRequest.SerializeToString,
@@ -235,6 +240,13 @@ class SceneServiceServicer:
 
     def DeleteScene(self, request, context):
         """Missing associated documentation comment in .proto file."""
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListPhotos(self, request, context):
+        """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
@@ -463,6 +475,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.DeleteScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.FromString,
                     response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            ),
+            'ListPhotos': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListPhotos,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.SerializeToString,
             ),
             'ListLabels': grpc.unary_unary_rpc_method_handler(
                     servicer.ListLabels,
@@ -740,6 +757,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/DeleteScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
             google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListPhotos(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListPhotos',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
             options,
             channel_credentials,
             insecure,
