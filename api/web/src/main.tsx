@@ -1,6 +1,7 @@
 import "./styles/base.css";
 import "./styles/scenes.css";
 import "./styles/scene.css";
+import "./styles/photos.css";
 
 import { render } from "preact";
 

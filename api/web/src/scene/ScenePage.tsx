@@ -8,6 +8,8 @@ import { JobPanel } from "../jobs/JobPanel";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
+import { PhotosPanel } from "../photos/PhotosPanel";
+import { photosRound } from "../photos/photosRound";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { lookAtBox, viewText } from "../viewer/poses";
@@ -107,6 +109,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       <section class="sheet">
         <SceneName scene={scene} onChange={() => state.refresh()} />
         {state.operation.value && <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />}
+        <PhotosPanel sceneId={sceneId} ready={false} round={photosRound(state.operation.value)} />
         {remove}
       </section>
     );
@@ -147,6 +150,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
+        <PhotosPanel sceneId={sceneId} ready />
         <SceneFacts scene={scene} version={state.version.value} />
         {remove}
       </aside>
