@@ -20,6 +20,7 @@ from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
 from fastsplat.cli.scene_commands import scenes_app
+from fastsplat.cli.server_command import status
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_parent
 from fastsplat.service.settings import load_settings
@@ -49,6 +50,7 @@ app.command()(backup)
 app.command()(restore)
 app.command()(doctor)
 app.command()(health)
+app.command()(status)
 app.command()(evaluate)
 app.command()(import_splat)
 

@@ -67,7 +67,9 @@ class _InCallersProject:
         self._service = service
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._service.in_project(caller_project()), name)
+        caller = _caller()
+        own = self._service.in_project(caller.project)
+        return getattr(own.for_upload(caller.key_id) if caller.role == "uploader" else own, name)
 
 
 def _caller() -> Principal:

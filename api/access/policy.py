@@ -21,14 +21,18 @@ class Rule(NamedTuple):
         role: the least one that will do; None: no key is needed.
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it brings files, for as long as its sender takes.
+        one_upload: a key for one upload will do, too; it does nothing else.
     """
 
     role: Role | None
     long_lived: bool = False
     upload: bool = False
+    one_upload: bool = False
 
     def allows(self, role: Role) -> bool:
         """Whether a caller of this role may make the call."""
+        if role == "uploader":
+            return self.role is None or self.one_upload
         return self.role is None or ROLES.index(role) >= ROLES.index(self.role)
 
 
@@ -38,7 +42,10 @@ _EDIT = Rule("editor")
 _ADMIN = Rule("admin")
 _OPERATE = Rule("operator")
 _WATCH = Rule("reader", long_lived=True)
-_UPLOAD = Rule("editor", long_lived=True, upload=True)
+_UPLOAD = Rule("editor", long_lived=True, upload=True, one_upload=True)
+_MANAGE_UPLOAD = Rule("editor", one_upload=True)
+_FOLLOW = Rule("reader", one_upload=True)
+_FOLLOW_LONG = Rule("reader", long_lived=True, one_upload=True)
 
 UNMATCHED = Rule("reader", long_lived=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""
@@ -59,9 +66,9 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
     "ListOperations": (_READ, ("GET /v1/operations",)),
-    "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),
-    "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
-    "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
+    "GetOperation": (_FOLLOW, ("GET /v1/operations/{operation_id}",)),
+    "WaitOperation": (_FOLLOW_LONG, ("GET /v1/operations/{operation_id}:wait",)),
+    "WatchOperation": (_FOLLOW_LONG, ("GET /v1/operations/{operation_id}/events",)),
     "CancelOperation": (_EDIT, ("POST /v1/operations/{operation_id}:cancel",)),
     "RetryOperation": (_EDIT, ("POST /v1/operations/{operation_id}:retry",)),
     "Query": (_READ, ("GET /query", "POST /v1/scenes/{scene_id}:query", "GET /v1/scenes/{scene_id}/mask3d.bin")),
@@ -77,9 +84,11 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     ),
     "DownloadScenePly": (_WATCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
     "CreateKey": (_ADMIN, ("POST /v1/keys",)),
+    "CreateUploadKey": (_EDIT, ("POST /v1/upload-keys",)),
     "ListKeys": (_ADMIN, ("GET /v1/keys",)),
     "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
     "ExpireKey": (_ADMIN, ("POST /v1/keys/{key_id}:expire",)),
+    "GetServerStatus": (_FOLLOW, ("GET /v1/server/status",)),
     "ListKnownNames": (_READ, ("GET /v1/known-names",)),
     "DeleteKnownName": (_ADMIN, ("DELETE /v1/known-names/{name_id}",)),
     "DeleteKnownNames": (_ADMIN, ("DELETE /v1/known-names",)),
@@ -102,11 +111,11 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
     "GET /v1/server": _READ,
     # tus, by which CreateScene's files may come over HTTP
-    "OPTIONS /v1/uploads": _READ,
+    "OPTIONS /v1/uploads": _FOLLOW,
     "POST /v1/uploads": _UPLOAD,
-    "HEAD /v1/uploads/{upload_id}": _EDIT,
+    "HEAD /v1/uploads/{upload_id}": _MANAGE_UPLOAD,
     "PATCH /v1/uploads/{upload_id}": _UPLOAD,
-    "DELETE /v1/uploads/{upload_id}": _EDIT,
+    "DELETE /v1/uploads/{upload_id}": _MANAGE_UPLOAD,
 }
 
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name

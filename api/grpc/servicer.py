@@ -9,7 +9,7 @@ from typing import TypeVar
 from google.protobuf import empty_pb2
 from grpc import aio
 
-from fastsplat.api.access.caller import caller_role
+from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
@@ -17,7 +17,7 @@ from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
-from fastsplat_contract.keys import KeyIn, LifetimeIn
+from fastsplat_contract.keys import KeyIn, LifetimeIn, UploadKeyIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
@@ -278,6 +278,19 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
         async with guarded(context, "CreateKey"):
             role = caller_role()
             return await self._message(pb.NewKey, lambda: self._service.keys.create(role, from_proto(KeyIn, request)))
+
+    async def CreateUploadKey(self, request: pb.CreateUploadKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
+        """Make a key for one upload."""
+        async with guarded(context, "CreateUploadKey"):
+            return await self._message(
+                pb.NewKey, lambda: self._service.keys.create_for_upload(from_proto(UploadKeyIn, request))
+            )
+
+    async def GetServerStatus(self, request: empty_pb2.Empty, context: Context) -> pb.ServerStatus:  # noqa: N802
+        """What the server can do."""
+        async with guarded(context, "GetServerStatus"):
+            role, key_id = caller_role(), caller_id()
+            return await self._message(pb.ServerStatus, lambda: self._service.status(role, key_id))
 
     async def ListKeys(self, request: pb.ListKeysRequest, context: Context) -> pb.ListKeysResponse:  # noqa: N802
         """Keys of the project in pages."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.operation_waits import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
@@ -34,6 +35,7 @@ from fastsplat_contract.scenes import (
     VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import ThingList
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
@@ -43,7 +45,7 @@ PageToken = Annotated[str, Query(description="next_page_token of the page before
 Version = Annotated[str, Query(description="of the scene; empty: the current one")]
 
 
-def server_routes(info: ServerInfo) -> APIRouter:
+def server_routes(info: ServerInfo, service: SceneService, threads: Threads) -> APIRouter:
     """The server itself."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
@@ -51,6 +53,12 @@ def server_routes(info: ServerInfo) -> APIRouter:
     async def get_server() -> Response:
         """The release that runs, and where its gRPC interface is."""
         return json_response(to_json(info))
+
+    @router.get("/server/status", response_model=ServerStatus)
+    async def get_server_status(request: Request) -> Response:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
+        role, key_id = caller_role(), caller_id()
+        return await json_of_call(request, threads.call, lambda: service.status(role, key_id))
 
     return router
 

@@ -49,6 +49,7 @@ from fastsplat_contract.scenes import (
     SceneUpdate,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server_status import ServerStatus
 
 T = TypeVar("T")
 
@@ -114,6 +115,10 @@ class Client(ThingCalls):
     def server(self) -> ServerInfo:
         """What the server says of itself: its release, and where its gRPC interface is."""
         return self._get(ServerInfo, "/v1/server")
+
+    def server_status(self) -> ServerStatus:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
+        return self._get(ServerStatus, "/v1/server/status")
 
     def create_scene(
         self,

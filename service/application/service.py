@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Self
 
+from sqlalchemy import Connection
+
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
@@ -23,7 +25,9 @@ from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.application.server_abilities import server_status
 from fastsplat.service.application.stored import label_of, operation_of, scene_of, summary_of
+from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import (
     check_page_size,
@@ -43,11 +47,13 @@ from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
+from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoList
 from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
+from fastsplat_contract.server_status import ServerStatus
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
@@ -134,7 +140,9 @@ class SceneService:
         folder = self._store.blobs.upload(upload_id)
         return UploadSession(upload_id, folder, self._settings.capture, check_space)
 
-    def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
+    def create_scene(
+        self, upload: UploadSession, name: str, request_id: str, options: SceneOptions, upload_key: str = ""
+    ) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the upload is over either way.
 
         Args:
@@ -142,9 +150,10 @@ class SceneService:
             name: the scene's name for people; may be empty.
             request_id: the same id with the same content returns the same operation; "" for none.
             options: see `SceneOptions`.
+            upload_key: id of the key for one upload that this uses up; "" for none.
 
         Raises:
-            ConflictError: the request id was used before for other content.
+            ConflictError: the request id was used before for other content, or the key has made a scene before.
             InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
             FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
@@ -174,12 +183,24 @@ class SceneService:
                 priority=options.priority,
                 project=self.project,
             )
-            record, new = self._store.scenes.create(
-                job, lambda connection: self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
-            )
+
+            def within(connection: Connection) -> None:
+                self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
+                if upload_key:
+                    check_unused(connection, upload_key, job.operation_id)
+
+            record, new = self._store.scenes.create(job, within)
             if not new:
                 self._store.blobs.drop_upload(upload.id)
             return operation_of(record)
+
+    def for_upload(self, key_id: str) -> OneUpload:
+        """This service as a key for one upload has it."""
+        return OneUpload(self, self._store, key_id)
+
+    def status(self, role: Role, key_id: str) -> ServerStatus:
+        """What this server can do, and how much room the project has left, as a caller of this role may know it."""
+        return server_status(self._store, self._settings, self.project, role, key_id)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
         """Queue a job that searches a finished scene for more names. Durable once this returns.

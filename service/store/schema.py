@@ -140,6 +140,8 @@ api_keys = Table(
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),
     Column("revoked_at", Double, nullable=True),
+    # The operation that a key for one upload has made.
+    Column("operation_id", String(40), nullable=True),
     _project(),
 )
 

@@ -27,6 +27,7 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 
 _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
+_NEW_COLUMNS = {"scenes": {"project"}, "operations": {"project"}, "api_keys": {"project", "operation_id"}}
 _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
 
 
@@ -136,10 +137,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert {
         table: [row.keys() - old.keys() for row, old in zip(after[table], rows, strict=True)]
         for table, rows in before.items()
-    } == {
-        table: [{"project"}] * len(rows) if table in ("scenes", "operations", "api_keys") else [set()] * len(rows)
-        for table, rows in before.items()
-    }
+    } == {table: [_NEW_COLUMNS.get(table, set())] * len(rows) for table, rows in before.items()}
     changed = {
         (table, name): (old[name], row.get(name))
         for table, rows in before.items()
@@ -150,7 +148,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 5),
+        ("schema_version", "version"): (2, 6),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)

@@ -470,6 +470,8 @@ class _RoleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Role.ValueType],
     """also deletes, and makes and takes back keys of the project"""
     ROLE_OPERATOR: _Role.ValueType  # 4
     """all that in any project"""
+    ROLE_UPLOADER: _Role.ValueType  # 5
+    """posts one scene, watches its job, and does nothing else"""
 
 class Role(_Role, metaclass=_RoleEnumTypeWrapper):
     """------------------------------------------------------------------------------------------------------ keys"""
@@ -484,6 +486,8 @@ ROLE_ADMIN: Role.ValueType  # 3
 """also deletes, and makes and takes back keys of the project"""
 ROLE_OPERATOR: Role.ValueType  # 4
 """all that in any project"""
+ROLE_UPLOADER: Role.ValueType  # 5
+"""posts one scene, watches its job, and does nothing else"""
 Global___Role: _TypeAlias = Role  # noqa: Y015
 
 class _KeyState:
@@ -3364,8 +3368,8 @@ class CreateKeyRequest(_message.Message):
     name: _builtins.str
     """whose key it is, for people"""
     role: Global___Role.ValueType
-    """reader: query and view; editor: also create and change; admin: also delete, and keys of the project; operator: all
-    that in any project. At most the caller's own
+    """uploader: post one scene and watch its job; reader: query and view; editor: also create and change; admin: also
+    delete, and keys of the project; operator: all that in any project. At most the caller's own
     """
     lifetime_s: _builtins.float
     """seconds until it expires; absent: never"""
@@ -3385,6 +3389,32 @@ class CreateKeyRequest(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__lifetime_s) -> _WhichOneofReturnType__lifetime_s | None: ...
 
 Global___CreateKeyRequest: _TypeAlias = CreateKeyRequest  # noqa: Y015
+
+@_typing.final
+class CreateUploadKeyRequest(_message.Message):
+    """A new key for one upload: its bearer may post one scene, watch its job, and do nothing else."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LIFETIME_S_FIELD_NUMBER: _builtins.int
+    lifetime_s: _builtins.float
+    """seconds until it expires, if no upload has begun with it by then; one that has may go on for a day; absent: 15
+    minutes
+    """
+    def __init__(
+        self,
+        *,
+        lifetime_s: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__lifetime_s: _TypeAlias = _typing.Literal["lifetime_s"]  # noqa: Y015
+    _WhichOneofArgType__lifetime_s: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__lifetime_s) -> _WhichOneofReturnType__lifetime_s | None: ...
+
+Global___CreateUploadKeyRequest: _TypeAlias = CreateUploadKeyRequest  # noqa: Y015
 
 @_typing.final
 class ExpireKeyRequest(_message.Message):
@@ -3444,6 +3474,7 @@ class AccessKey(_message.Message):
     CREATED_AT_FIELD_NUMBER: _builtins.int
     EXPIRES_AT_FIELD_NUMBER: _builtins.int
     REVOKED_AT_FIELD_NUMBER: _builtins.int
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """part of the key, and of log lines"""
     name: _builtins.str
@@ -3452,6 +3483,8 @@ class AccessKey(_message.Message):
     """whose scenes it sees"""
     role: Global___Role.ValueType
     state: Global___KeyState.ValueType
+    operation_id: _builtins.str
+    """of a key for one upload: the operation that it made, if any"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -3473,10 +3506,11 @@ class AccessKey(_message.Message):
         created_at: _timestamp_pb2.Timestamp | None = ...,
         expires_at: _timestamp_pb2.Timestamp | None = ...,
         revoked_at: _timestamp_pb2.Timestamp | None = ...,
+        operation_id: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "revoked_at", b"revoked_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "id", b"id", "name", b"name", "project", b"project", "revoked_at", b"revoked_at", "role", b"role", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "id", b"id", "name", b"name", "operation_id", b"operation_id", "project", b"project", "revoked_at", b"revoked_at", "role", b"role", "state", b"state"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -3824,3 +3858,153 @@ class ListPhotosResponse(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___ListPhotosResponse: _TypeAlias = ListPhotosResponse  # noqa: Y015
+
+@_typing.final
+class ModelStatus(_message.Message):
+    """---------------------------------------------------------------------------------------------------- server
+
+    One model that the server's settings name, or could name.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ROLE_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    CALIBRATED_FIELD_NUMBER: _builtins.int
+    role: _builtins.str
+    """what it is for"""
+    name: _builtins.str
+    """as the settings name it; empty for none"""
+    state: _builtins.str
+    """ready: its files are there; missing: they are not; unset: no model is named"""
+    calibrated: _builtins.bool
+    """of a text encoder: whether its scores were measured, so that answers have probabilities"""
+    def __init__(
+        self,
+        *,
+        role: _builtins.str = ...,
+        name: _builtins.str = ...,
+        state: _builtins.str = ...,
+        calibrated: _builtins.bool | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated", "calibrated", b"calibrated"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated", "calibrated", b"calibrated", "name", b"name", "role", b"role", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__calibrated: _TypeAlias = _typing.Literal["calibrated"]  # noqa: Y015
+    _WhichOneofArgType__calibrated: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__calibrated) -> _WhichOneofReturnType__calibrated | None: ...
+
+Global___ModelStatus: _TypeAlias = ModelStatus  # noqa: Y015
+
+@_typing.final
+class QuotaStatus(_message.Message):
+    """What the project uses of one quota."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    USED_FIELD_NUMBER: _builtins.int
+    LIMIT_FIELD_NUMBER: _builtins.int
+    kind: _builtins.str
+    """scenes, bytes of their uploads, jobs that wait or run"""
+    used: _builtins.int
+    limit: _builtins.int
+    """absent: no bound"""
+    def __init__(
+        self,
+        *,
+        kind: _builtins.str = ...,
+        used: _builtins.int = ...,
+        limit: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "limit", b"limit"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "kind", b"kind", "limit", b"limit", "used", b"used"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__limit: _TypeAlias = _typing.Literal["limit"]  # noqa: Y015
+    _WhichOneofArgType__limit: _TypeAlias = _typing.Literal["_limit", b"_limit"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__limit) -> _WhichOneofReturnType__limit | None: ...
+
+Global___QuotaStatus: _TypeAlias = QuotaStatus  # noqa: Y015
+
+@_typing.final
+class ServerStatus(_message.Message):
+    """What a server can do, as the caller may know it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    PROJECT_FIELD_NUMBER: _builtins.int
+    ROLE_FIELD_NUMBER: _builtins.int
+    KEY_EXPIRES_AT_FIELD_NUMBER: _builtins.int
+    UPLOAD_OPERATION_FIELD_NUMBER: _builtins.int
+    MODELS_FIELD_NUMBER: _builtins.int
+    BACKEND_FIELD_NUMBER: _builtins.int
+    TRAINING_BACKEND_FIELD_NUMBER: _builtins.int
+    WORKERS_FIELD_NUMBER: _builtins.int
+    QUOTAS_FIELD_NUMBER: _builtins.int
+    MAX_UPLOAD_BYTES_FIELD_NUMBER: _builtins.int
+    MAX_IMAGES_FIELD_NUMBER: _builtins.int
+    ADDRESSES_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the release that runs"""
+    project: _builtins.str
+    """the one that the call is about"""
+    role: Global___Role.ValueType
+    """what the caller may do there"""
+    upload_operation: _builtins.str
+    """of a key for one upload: the operation that it made; empty: none yet, or another role"""
+    backend: _builtins.str
+    """what draws the answers: cpu, cuda or reference"""
+    training_backend: _builtins.str
+    """what this server's workers train with: cpu, cuda or reference"""
+    workers: _builtins.int
+    """worker processes that live; without one, jobs wait"""
+    max_upload_bytes: _builtins.int
+    """of one upload, all its files together"""
+    max_images: _builtins.int
+    """images in one upload"""
+    @_builtins.property
+    def key_expires_at(self) -> _timestamp_pb2.Timestamp:
+        """of the caller's key; absent: never, or no key"""
+
+    @_builtins.property
+    def models(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModelStatus]:
+        """empty for a key for one upload"""
+
+    @_builtins.property
+    def quotas(self) -> _containers.RepeatedCompositeFieldContainer[Global___QuotaStatus]:
+        """of the project"""
+
+    @_builtins.property
+    def addresses(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """where other machines reach the web page, as far as the server knows; empty for readers, for a key for one upload,
+        and for a server that listens on its own machine alone
+        """
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        project: _builtins.str = ...,
+        role: Global___Role.ValueType = ...,
+        key_expires_at: _timestamp_pb2.Timestamp | None = ...,
+        upload_operation: _builtins.str = ...,
+        models: _abc.Iterable[Global___ModelStatus] | None = ...,
+        backend: _builtins.str = ...,
+        training_backend: _builtins.str = ...,
+        workers: _builtins.int = ...,
+        quotas: _abc.Iterable[Global___QuotaStatus] | None = ...,
+        max_upload_bytes: _builtins.int = ...,
+        max_images: _builtins.int = ...,
+        addresses: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ServerStatus: _TypeAlias = ServerStatus  # noqa: Y015

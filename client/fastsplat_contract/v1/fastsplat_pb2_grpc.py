@@ -175,6 +175,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
                 _registered_method=True)
+        self.CreateUploadKey = channel.unary_unary(
+                '/fastsplat.v1.SceneService/CreateUploadKey',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+                _registered_method=True)
         self.ListKeys = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListKeys',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.SerializeToString,
@@ -189,6 +194,11 @@ class SceneServiceStub:
                 '/fastsplat.v1.SceneService/ExpireKey',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+                _registered_method=True)
+        self.GetServerStatus = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetServerStatus',
+                request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
                 _registered_method=True)
         self.ListKnownNames = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListKnownNames',
@@ -406,6 +416,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def CreateUploadKey(self, request, context):
+        """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListKeys(self, request, context):
         """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most.
         """
@@ -422,6 +439,13 @@ class SceneServiceServicer:
 
     def ExpireKey(self, request, context):
         """Lets a valid key expire at another time, sooner or later.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetServerStatus(self, request, context):
+        """What the server can do, and how much room the project has left, as the caller may know it.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -591,6 +615,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.SerializeToString,
             ),
+            'CreateUploadKey': grpc.unary_unary_rpc_method_handler(
+                    servicer.CreateUploadKey,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.SerializeToString,
+            ),
             'ListKeys': grpc.unary_unary_rpc_method_handler(
                     servicer.ListKeys,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.FromString,
@@ -605,6 +634,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ExpireKey,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
+            ),
+            'GetServerStatus': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetServerStatus,
+                    request_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.SerializeToString,
             ),
             'ListKnownNames': grpc.unary_unary_rpc_method_handler(
                     servicer.ListKnownNames,
@@ -1389,6 +1423,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def CreateUploadKey(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/CreateUploadKey',
+            fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def ListKeys(request,
             target,
             options=(),
@@ -1459,6 +1520,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ExpireKey',
             fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetServerStatus(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetServerStatus',
+            google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
             options,
             channel_credentials,
             insecure,

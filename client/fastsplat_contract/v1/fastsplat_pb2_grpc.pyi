@@ -104,12 +104,16 @@ class SceneServiceStub:
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    CreateUploadKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]
+    """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
     ListKeys: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]
     """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
     RevokeKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]
     """Lets a valid key expire at another time, sooner or later."""
+    GetServerStatus: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]
+    """What the server can do, and how much room the project has left, as the caller may know it."""
     ListKnownNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]
     """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
     DeleteKnownName: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]
@@ -180,12 +184,16 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    CreateUploadKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
+    """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
     ListKeys: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]  # type: ignore[assignment]
     """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
     RevokeKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Lets a valid key expire at another time, sooner or later."""
+    GetServerStatus: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]  # type: ignore[assignment]
+    """What the server can do, and how much room the project has left, as the caller may know it."""
     ListKnownNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]  # type: ignore[assignment]
     """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
     DeleteKnownName: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]  # type: ignore[assignment]
@@ -423,6 +431,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
 
     @_abc_1.abstractmethod
+    def CreateUploadKey(
+        self,
+        request: _fastsplat_pb2.CreateUploadKeyRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.NewKey, _abc.Awaitable[_fastsplat_pb2.NewKey]]:
+        """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
+
+    @_abc_1.abstractmethod
     def ListKeys(
         self,
         request: _fastsplat_pb2.ListKeysRequest,
@@ -445,6 +461,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
         """Lets a valid key expire at another time, sooner or later."""
+
+    @_abc_1.abstractmethod
+    def GetServerStatus(
+        self,
+        request: _empty_pb2.Empty,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ServerStatus, _abc.Awaitable[_fastsplat_pb2.ServerStatus]]:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
 
     @_abc_1.abstractmethod
     def ListKnownNames(
