@@ -2,6 +2,7 @@ import "./styles/base.css";
 import "./styles/scenes.css";
 import "./styles/scene.css";
 import "./styles/photos.css";
+import "./styles/server.css";
 
 import { render } from "preact";
 

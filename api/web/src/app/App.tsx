@@ -3,6 +3,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { accessKey, isOnline, signInReason, signOut } from "../api/http";
 import { ScenePage } from "../scene/ScenePage";
 import { ScenesPage } from "../scenes/ScenesPage";
+import { ServerPage } from "../server/ServerPage";
 import { texts } from "../texts";
 import { UploadPage } from "../upload/UploadPage";
 import { route } from "./router";
@@ -36,6 +37,9 @@ export function App() {
               </a>
               <a href="#/new" aria-current={route.value.page === "new" ? "page" : undefined}>
                 {texts.nav.newScene}
+              </a>
+              <a href="#/server" aria-current={route.value.page === "server" ? "page" : undefined}>
+                {texts.server.title}
               </a>
             </>
           )}
@@ -80,6 +84,8 @@ function Page() {
       return <ScenesPage />;
     case "new":
       return <UploadPage />;
+    case "server":
+      return <ServerPage />;
     case "scene":
       return <ScenePage key={current.sceneId} sceneId={current.sceneId} />;
     case "unknown":
