@@ -147,6 +147,24 @@ export const texts = {
       `${plural(count, "image", "images")} are more than the server takes in one upload (${limit.toLocaleString("en")}).`,
     toServer: "See what the project holds",
   },
+  phone: {
+    title: "Take them with your phone",
+    localhost: (host: string) => `A phone cannot reach this page at ${host}.`,
+    otherAddress: "The server says where it can be reached, by a phone in the same network:",
+    noAddress:
+      "Open it by this machine’s address in your network; for that the server must listen there (FASTSPLAT_HOST) and ask for keys.",
+    make: "Show a QR code",
+    makeFor: (page: string) => `Show a QR code for ${page}`,
+    code: "QR code of the link",
+    scan: "Scan it with the phone’s camera. Whoever opens the link may post one scene, and do nothing else.",
+    valid: (time: string) => `The upload must begin before ${time}.`,
+    link: "The link",
+    another: "Close",
+    invalid: "This link is not valid any more",
+    invalidHelp: "It has expired, or was taken back. Make a new one on the computer, and scan that.",
+    arrived: "Your photos have arrived",
+    arrivedHelp: "The scene is made now. Look at it on the computer; this page may be closed.",
+  },
   photos: {
     title: "Photos",
     placed: (placed: number, all: number) => `${placed} of ${plural(all, "photo", "photos")} placed.`,
@@ -267,5 +285,6 @@ export const texts = {
     oneArchive: "Send one archive, video or splat alone, not together with other files.",
     empty: (name: string) => `${name}: the file is empty.`,
     left: "Left out",
+    readOnly: "Your key may look, but not upload. Sign in with the key of an editor.",
   },
 };

@@ -1,5 +1,6 @@
 import { signal } from "@preact/signals";
 
+import { isPhone, linkRefused, uploadKey } from "../app/uploadLink";
 import { texts } from "../texts";
 import type { Problem } from "./types";
 
@@ -53,12 +54,14 @@ export function signOut(): void {
 
 /** The headers that say who asks. */
 export function keyHeaders(): Record<string, string> {
-  return accessKey.value ? { Authorization: `Bearer ${accessKey.value}` } : {};
+  const key = isPhone() ? uploadKey.value : accessKey.value;
+  return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
 /** Notes that the server does not take this browser's key: the page asks for another one, and sends nothing until then. */
 export function refuseKey(): void {
-  signInReason.value = accessKey.value ? "refused" : "missing";
+  if (isPhone()) linkRefused.value = true;
+  else signInReason.value = accessKey.value ? "refused" : "missing";
 }
 
 /** The problem of a response that is not a success; a body that is none of ours gives one without details. */

@@ -5,13 +5,15 @@ import { ScenePage } from "../scene/ScenePage";
 import { ScenesPage } from "../scenes/ScenesPage";
 import { ServerPage } from "../server/ServerPage";
 import { texts } from "../texts";
+import { PhonePage } from "../upload/PhonePage";
 import { UploadPage } from "../upload/UploadPage";
 import { route } from "./router";
 import { SignIn } from "./SignIn";
 
 /** The whole page: the header, and what the address names. */
 export function App() {
-  const signedOut = signInReason.value !== "";
+  const phone = route.value.page === "phone"; // a key for one upload opens no other page
+  const signedOut = signInReason.value !== "" && !phone;
   return (
     <>
       <a
@@ -25,12 +27,12 @@ export function App() {
         {texts.skip}
       </a>
       <header>
-        <a class="brand" href="#/">
+        <a class="brand" href={phone ? "#/phone" : "#/"}>
           <img src="web/icon.svg" alt="" width="24" height="24" />
           {texts.product}
         </a>
         <nav aria-label={texts.nav.label}>
-          {!signedOut && (
+          {!signedOut && !phone && (
             <>
               <a href="#/" aria-current={route.value.page === "scenes" ? "page" : undefined}>
                 {texts.nav.scenes}
@@ -43,8 +45,8 @@ export function App() {
               </a>
             </>
           )}
-          <a href="docs">{texts.nav.api}</a>
-          {accessKey.value && !signedOut && (
+          {!phone && <a href="docs">{texts.nav.api}</a>}
+          {accessKey.value && !signedOut && !phone && (
             <button type="button" class="plain" onClick={signOut}>
               {texts.nav.signOut}
             </button>
@@ -84,6 +86,8 @@ function Page() {
       return <ScenesPage />;
     case "new":
       return <UploadPage />;
+    case "phone":
+      return <PhonePage />;
     case "server":
       return <ServerPage />;
     case "scene":

@@ -2,6 +2,9 @@ import { signal } from "@preact/signals";
 
 import type { Route } from "./addresses";
 import { parseRoute } from "./addresses";
+import { takeUploadKey } from "./uploadLink";
+
+takeUploadKey();
 
 export { sceneAddress } from "./addresses";
 
@@ -9,6 +12,7 @@ export { sceneAddress } from "./addresses";
 export const route = signal<Route>(parseRoute(location.hash));
 
 window.addEventListener("hashchange", () => {
+  takeUploadKey();
   route.value = parseRoute(location.hash);
 });
 
