@@ -147,6 +147,22 @@ export const texts = {
       `${plural(count, "image", "images")} are more than the server takes in one upload (${limit.toLocaleString("en")}).`,
     toServer: "See what the project holds",
   },
+  lookAgain: {
+    title: "Look for more names",
+    help: "The server looks at the scene again for what you name, and names the things that it finds. It takes a while.",
+    names: "Names, separated by commas",
+    submit: "Look again",
+    states: {
+      QUEUED: "Waiting for a worker.",
+      RUNNING: "Looking.",
+      SUCCEEDED: "Done.",
+      FAILED: "It failed.",
+      CANCELLED: "It was cancelled.",
+    },
+    named: (names: string) => `Named: ${names}.`,
+    suggested: (names: string) => `Suggested, not sure enough for a name: ${names}.`,
+    nothing: "Nothing here is that.",
+  },
   phone: {
     title: "Take them with your phone",
     localhost: (host: string) => `A phone cannot reach this page at ${host}.`,

@@ -8,6 +8,7 @@ import { JobPanel } from "../jobs/JobPanel";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
+import { LookAgainPanel } from "../lookAgain/LookAgainPanel";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
 import { ErrorNote, Loading } from "../ui/parts";
@@ -150,6 +151,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           state={state}
           onFly={(middle, size) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size))}
         />
+        <LookAgainPanel sceneId={sceneId} onDone={() => void state.refresh()} />
         <PhotosPanel sceneId={sceneId} ready />
         <SceneFacts scene={scene} version={state.version.value} />
         {remove}
