@@ -49,10 +49,10 @@ def photos(
     """Show what became of each photo of a scene, and what to do about it."""
     listed: list[PhotoVerdict] = []
     with _service(project) as service:
-        page = service.list_photos(scene)
+        page = service.list_photo_verdicts(scene)
         listed += page.photos
         while page.next_page_token:
-            page = service.list_photos(scene, page_token=page.next_page_token)
+            page = service.list_photo_verdicts(scene, page_token=page.next_page_token)
             listed += page.photos
     if as_json:
         typer.echo(json.dumps([to_plain(photo) for photo in listed], indent=2, ensure_ascii=False))

@@ -57,7 +57,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "UpdateScene": (_EDIT, ("PATCH /v1/scenes/{scene_id}",)),
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "ListLabels": (_READ, ("GET /v1/scenes/{scene_id}/labels",)),
-    "ListPhotos": (_READ, ("GET /v1/scenes/{scene_id}/photos",)),
+    "ListPhotoVerdicts": (_READ, ("GET /v1/scenes/{scene_id}/photo-verdicts",)),
     "ListObjects": (_READ, ("GET /v1/scenes/{scene_id}/objects",)),
     "ListThings": (_READ, ("GET /v1/scenes/{scene_id}/things",)),
     "PickThing": (_READ, ("POST /v1/scenes/{scene_id}:pick",)),

@@ -85,12 +85,14 @@ class SceneServicer(pb_grpc.SceneServiceServicer):
                 lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
             )
 
-    async def ListPhotos(self, request: pb.ListPhotosRequest, context: Context) -> pb.ListPhotosResponse:  # noqa: N802
+    async def ListPhotoVerdicts(
+        self, request: pb.ListPhotoVerdictsRequest, context: Context
+    ) -> pb.ListPhotoVerdictsResponse:  # noqa: N802
         """What became of each photo, in pages."""
-        async with guarded(context, "ListPhotos"):
+        async with guarded(context, "ListPhotoVerdicts"):
             return await self._message(
-                pb.ListPhotosResponse,
-                lambda: self._service.list_photos(request.scene_id, request.page_size, request.page_token),
+                pb.ListPhotoVerdictsResponse,
+                lambda: self._service.list_photo_verdicts(request.scene_id, request.page_size, request.page_token),
             )
 
     async def ListObjects(  # noqa: N802

@@ -21,7 +21,7 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import Operation, OperationList, StageProgress
-from fastsplat_contract.photo_verdicts import PhotoList, PhotoVerdict
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene
 from fastsplat_contract.scenes import (
@@ -194,7 +194,7 @@ ANSWERS: Mapping[str, Any] = {
         ),
         SceneList((_SUMMARY,), _TOKEN),
         LabelList((_MUG, _BALL), ""),
-        PhotoList((_PHOTO,), _TOKEN, True, placed_count=59, photo_count=60),
+        PhotoVerdictList((_PHOTO,), _TOKEN, True, placed_count=59, photo_count=60),
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
         PickedThing(_THING, _VIEW_MASK, "1"),

@@ -21,7 +21,7 @@ from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
-from fastsplat_contract.photo_verdicts import PhotoList
+from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import (
     EditIn,
@@ -103,12 +103,14 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         """The dictionary in pages, by label id."""
         return await json_of_call(request, threads.call, lambda: service.list_labels(scene_id, page_size, page_token))
 
-    @router.get("/scenes/{scene_id}/photos", response_model=PhotoList)
-    async def list_photos(
+    @router.get("/scenes/{scene_id}/photo-verdicts", response_model=PhotoVerdictList)
+    async def list_photo_verdicts(
         request: Request, scene_id: str, page_size: PageSize = 0, page_token: PageToken = ""
     ) -> Response:
         """What became of each photo of a scene's capture, in pages, by name; once its capture stage is done."""
-        return await json_of_call(request, threads.call, lambda: service.list_photos(scene_id, page_size, page_token))
+        return await json_of_call(
+            request, threads.call, lambda: service.list_photo_verdicts(scene_id, page_size, page_token)
+        )
 
     @router.get("/scenes/{scene_id}/objects", response_model=ObjectList)
     async def list_objects(

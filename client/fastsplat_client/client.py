@@ -28,7 +28,7 @@ from fastsplat_contract.errors import DeadlineExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.photo_verdicts import PhotoList, PhotoVerdict
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.queries import (
     Answer,
     CameraFormat,
@@ -228,10 +228,10 @@ class Client(ThingCalls):
         """A scene's whole dictionary, by label id."""
         return self._pages(LabelList, f"{scene_path(scene_id)}/labels")
 
-    def photos(self, scene_id: str) -> Iterator[PhotoVerdict]:
+    def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
         """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
         of earlier releases."""
-        return self._pages(PhotoList, f"{scene_path(scene_id)}/photos")
+        return self._pages(PhotoVerdictList, f"{scene_path(scene_id)}/photo-verdicts")
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""

@@ -45,8 +45,8 @@ class PhotoVerdict(Response):
     advice: Annotated[str, Field(description="what to do about it, in plain words; empty where all is well")]
 
 
-@travels(request=False, proto="ListPhotosResponse")
-class PhotoList(NamedTuple):
+@travels(request=False, proto="ListPhotoVerdictsResponse")
+class PhotoVerdictList(NamedTuple):
     """One page of a capture's photos, in the order of their names."""
 
     photos: Many[PhotoVerdict]

@@ -50,7 +50,7 @@ from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.photo_verdicts import PhotoList
+from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
@@ -300,7 +300,7 @@ class SceneService:
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(tuple(label_of(row) for row in page), token)
 
-    def list_photos(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoList:
+    def list_photo_verdicts(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoVerdictList:
         """What became of each photo of a scene's capture, in pages as `list_scenes`; the scene need not be ready.
 
         Raises:

@@ -58,7 +58,7 @@ _NOT_IN_PYTHON = {
     "ListKnownNamesRequest",
     "ListLabelsRequest",
     "ListObjectsRequest",
-    "ListPhotosRequest",
+    "ListPhotoVerdictsRequest",
     "ListScenesRequest",
     "ListThingsRequest",
     "ListVersionsRequest",

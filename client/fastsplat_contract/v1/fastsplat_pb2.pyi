@@ -3793,7 +3793,7 @@ class PhotoVerdict(_message.Message):
 Global___PhotoVerdict: _TypeAlias = PhotoVerdict  # noqa: Y015
 
 @_typing.final
-class ListPhotosRequest(_message.Message):
+class ListPhotoVerdictsRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_ID_FIELD_NUMBER: _builtins.int
@@ -3817,10 +3817,10 @@ class ListPhotosRequest(_message.Message):
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___ListPhotosRequest: _TypeAlias = ListPhotosRequest  # noqa: Y015
+Global___ListPhotoVerdictsRequest: _TypeAlias = ListPhotoVerdictsRequest  # noqa: Y015
 
 @_typing.final
-class ListPhotosResponse(_message.Message):
+class ListPhotoVerdictsResponse(_message.Message):
     """One page of a capture's photos, in the order of their names."""
 
     DESCRIPTOR: _descriptor.Descriptor
@@ -3857,7 +3857,7 @@ class ListPhotosResponse(_message.Message):
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___ListPhotosResponse: _TypeAlias = ListPhotosResponse  # noqa: Y015
+Global___ListPhotoVerdictsResponse: _TypeAlias = ListPhotoVerdictsResponse  # noqa: Y015
 
 @_typing.final
 class ModelStatus(_message.Message):

@@ -60,10 +60,10 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
                 response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                 _registered_method=True)
-        self.ListPhotos = channel.unary_unary(
-                '/fastsplat.v1.SceneService/ListPhotos',
-                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
-                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
+        self.ListPhotoVerdicts = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListPhotoVerdicts',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.FromString,
                 _registered_method=True)
         self.ListLabels = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListLabels',
@@ -254,7 +254,7 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
-    def ListPhotos(self, request, context):
+    def ListPhotoVerdicts(self, request, context):
         """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
@@ -500,10 +500,10 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.FromString,
                     response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             ),
-            'ListPhotos': grpc.unary_unary_rpc_method_handler(
-                    servicer.ListPhotos,
-                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.FromString,
-                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.SerializeToString,
+            'ListPhotoVerdicts': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListPhotoVerdicts,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.SerializeToString,
             ),
             'ListLabels': grpc.unary_unary_rpc_method_handler(
                     servicer.ListLabels,
@@ -802,7 +802,7 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
-    def ListPhotos(request,
+    def ListPhotoVerdicts(request,
             target,
             options=(),
             channel_credentials=None,
@@ -815,9 +815,9 @@ class SceneService:
         return grpc.experimental.unary_unary(
             request,
             target,
-            '/fastsplat.v1.SceneService/ListPhotos',
-            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosRequest.SerializeToString,
-            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotosResponse.FromString,
+            '/fastsplat.v1.SceneService/ListPhotoVerdicts',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.FromString,
             options,
             channel_credentials,
             insecure,

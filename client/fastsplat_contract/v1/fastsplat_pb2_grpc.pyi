@@ -54,7 +54,7 @@ class SceneServiceStub:
     UpdateScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]
     """Renames a scene."""
     DeleteScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]
-    ListPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]
+    ListPhotoVerdicts: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotoVerdictsRequest, _fastsplat_pb2.ListPhotoVerdictsResponse]
     """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
     ListLabels: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]
     """The dictionary in pages, by label id."""
@@ -134,7 +134,7 @@ class SceneServiceAsyncStub(SceneServiceStub):
     UpdateScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
     """Renames a scene."""
     DeleteScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]  # type: ignore[assignment]
-    ListPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotosRequest, _fastsplat_pb2.ListPhotosResponse]  # type: ignore[assignment]
+    ListPhotoVerdicts: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotoVerdictsRequest, _fastsplat_pb2.ListPhotoVerdictsResponse]  # type: ignore[assignment]
     """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
     ListLabels: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]  # type: ignore[assignment]
     """The dictionary in pages, by label id."""
@@ -243,11 +243,11 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_empty_pb2.Empty, _abc.Awaitable[_empty_pb2.Empty]]: ...
 
     @_abc_1.abstractmethod
-    def ListPhotos(
+    def ListPhotoVerdicts(
         self,
-        request: _fastsplat_pb2.ListPhotosRequest,
+        request: _fastsplat_pb2.ListPhotoVerdictsRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_fastsplat_pb2.ListPhotosResponse, _abc.Awaitable[_fastsplat_pb2.ListPhotosResponse]]:
+    ) -> _typing.Union[_fastsplat_pb2.ListPhotoVerdictsResponse, _abc.Awaitable[_fastsplat_pb2.ListPhotoVerdictsResponse]]:
         """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
 
     @_abc_1.abstractmethod

@@ -1,5 +1,5 @@
 import { getJson, send } from "./http";
-import type { PhotoList, PhotoVerdict, Scene } from "./types";
+import type { PhotoVerdictList, PhotoVerdict, Scene } from "./types";
 
 const PAGE_SIZE = 100;
 
@@ -8,7 +8,7 @@ export async function listPhotos(sceneId: string): Promise<{ photos: PhotoVerdic
   const photos: PhotoVerdict[] = [];
   for (let token = ""; ;) {
     const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token });
-    const page = await getJson<PhotoList>(`v1/scenes/${encodeURIComponent(sceneId)}/photos?${query}`);
+    const page = await getJson<PhotoVerdictList>(`v1/scenes/${encodeURIComponent(sceneId)}/photo-verdicts?${query}`);
     photos.push(...page.photos);
     token = page.next_page_token;
     if (!token) return { photos, assessed: page.assessed };

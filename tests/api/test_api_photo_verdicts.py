@@ -38,18 +38,18 @@ def test_verdicts_are_the_same_over_each_face_while_the_job_still_runs(faces: Fa
     claim = service._store.jobs.claim(job.operation_id)
     assert claim is not None
     truth = tuple(_verdict(number) for number in range(7))
-    assert service.list_photos(job.scene_id) == ((), "", False, 0, 0)
+    assert service.list_photo_verdicts(job.scene_id) == ((), "", False, 0, 0)
     service._store.jobs.record_photos(claim, [to_plain(verdict) for verdict in truth])
-    page = service.list_photos(job.scene_id, page_size=3)
+    page = service.list_photo_verdicts(job.scene_id, page_size=3)
     assert (page.photos, page.assessed, page.placed_count, page.photo_count) == (truth[:3], True, 4, 7)
     with client_of(faces) as client:
-        assert_same(tuple(client.photos(job.scene_id)), truth)
-        over_rest = faces.rest.get(f"/v1/scenes/{job.scene_id}/photos", params={"page_size": 3}).json()
+        assert_same(tuple(client.photo_verdicts(job.scene_id)), truth)
+        over_rest = faces.rest.get(f"/v1/scenes/{job.scene_id}/photo-verdicts", params={"page_size": 3}).json()
         assert over_rest == to_plain(page)
         token, read = "", []
         while True:
-            request = pb.ListPhotosRequest(scene_id=job.scene_id, page_size=3, page_token=token)
-            answer = faces.rpc.ListPhotos(request)
+            request = pb.ListPhotoVerdictsRequest(scene_id=job.scene_id, page_size=3, page_token=token)
+            answer = faces.rpc.ListPhotoVerdicts(request)
             read += [from_proto(PhotoVerdict, photo) for photo in answer.photos]
             assert (answer.assessed, answer.placed_count, answer.photo_count) == (True, 4, 7)
             if not (token := answer.next_page_token):
@@ -57,15 +57,15 @@ def test_verdicts_are_the_same_over_each_face_while_the_job_still_runs(faces: Fa
         assert_same(tuple(read), truth)
         service.delete_scene(job.scene_id)
         with pytest.raises(NotFoundError):
-            list(client.photos(job.scene_id))
+            list(client.photo_verdicts(job.scene_id))
 
 
 def test_a_scene_of_an_earlier_release_says_that_nobody_has_looked(
     faces: Faces, service: SceneService, api_settings: Settings
 ) -> None:
     scene_id = add_scene(service, api_settings)
-    answer = faces.rpc.ListPhotos(pb.ListPhotosRequest(scene_id=scene_id))
+    answer = faces.rpc.ListPhotoVerdicts(pb.ListPhotoVerdictsRequest(scene_id=scene_id))
     assert not answer.assessed and list(answer.photos) == []
     with client_of(faces) as client:
-        assert list(client.photos(scene_id)) == []
+        assert list(client.photo_verdicts(scene_id)) == []
     service.delete_scene(scene_id)
