@@ -42,8 +42,8 @@ def create(
     role: Annotated[
         Role,
         typer.Option(
-            help="reader: query and view; editor: also create and change; admin: also delete, and keys of the project; "
-            "operator: all that in any project."
+            help="uploader: post one scene and watch its job; reader: query and view; editor: also create and change; "
+            "admin: also delete, and keys of the project; operator: all that in any project."
         ),
     ] = "editor",
     project: _Project = "",

@@ -21,6 +21,8 @@ from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.models import models_app
+from fastsplat.cli.scene_commands import scenes_app
+from fastsplat.cli.server_command import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_parent
@@ -45,11 +47,13 @@ app.add_typer(models_app, name="models")
 app.add_typer(keys_app, name="keys")
 app.add_typer(projects_app, name="projects")
 app.add_typer(jobs_app, name="jobs")
+app.add_typer(scenes_app, name="scenes")
 app.add_typer(things_app, name="things")
 app.command()(backup)
 app.command()(restore)
 app.command()(doctor)
 app.command()(health)
+app.command()(status)
 app.command()(evaluate)
 app.command()(export)
 app.command()(import_splat)

@@ -247,6 +247,10 @@ class Settings(BaseSettings):
     metrics_host: str = "127.0.0.1"
     metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")
 
+    page_address: str = Field(
+        "", description="where other machines reach the web page, for links to phones; empty: found by host and port"
+    )
+
     auth: Literal["on", "off"] = Field("on", description='"off": no keys; the server then binds to loopback alone')
     tls_cert: Path | None = Field(None, description="PEM certificate chain of both ports; needs tls_key")
     tls_key: Path | None = Field(None, description="PEM private key of both ports; needs tls_cert")

@@ -20,6 +20,7 @@ from fastsplat.service.store.job_repository import Claim, FencedError, JobReques
 from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.version_repository import NewVersion
+from fastsplat.workers.results import PHOTOS
 from fastsplat_contract.errors import DatabaseError, ObjectStoreError
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
@@ -176,6 +177,13 @@ class ClaimedJob:
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
         """Write progress in which a stage was completed, and how many starts count from then on."""
         self._report(stages, starts)
+
+    @_patient
+    def note_photos(self) -> None:
+        """Write what became of the photos, if the capture stage has said so: workers of earlier releases have not."""
+        path = self.folder / "capture" / PHOTOS
+        if path.is_file():
+            self._jobs.record_photos(self.claim, json.loads(path.read_text()))
 
     def poll_requests(self) -> frozenset[JobRequest]:
         """What was asked of the job, as far as is known: does not wait."""

@@ -20,6 +20,8 @@ from fastsplat.service.store.file_digests import check_files, write_digests
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError, SceneFileError
 
+PHOTOS = "photos.json"
+"""What became of each photo, in the result of the capture stage."""
 _TIMES = "stage.json"
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 

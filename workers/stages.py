@@ -26,7 +26,8 @@ from fastsplat.workers.forecasts import export_forecast, perception_forecast, tr
 from fastsplat.workers.look_again_stages import dictionary_rows, look, name
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stages
-from fastsplat.workers.results import checkpoint_folder, intact, stage_seconds
+from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_seconds
+from fastsplat_contract.json_codec import to_plain
 
 _TRADEOFFS = "tradeoffs.json"
 
@@ -36,6 +37,7 @@ def _capture(job: Job, folder: Path, progress: Progress) -> None:
     settings, up = job_settings(job), job.options.up
     capture = build_views(job.upload, folder, settings, files.progress, up=up, on_placed=files.placed)
     files.placed(placed_of(capture))
+    (folder / PHOTOS).write_text(json.dumps([to_plain(photo) for photo in capture.report.photos]))
 
 
 def _perception(job: Job, folder: Path, progress: Progress) -> None:

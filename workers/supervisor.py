@@ -111,6 +111,8 @@ class Supervisor:
                 return CANCELLED
             if "finish" in requests:
                 trainer.ask_to_finish()
+        if stage == "capture":
+            self._job.note_photos()
         return DONE
 
     def finish(self, outcome: JobOutcome) -> None:

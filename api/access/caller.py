@@ -70,7 +70,8 @@ class _InCallersProject:
 
     def __getattr__(self, name: str) -> Any:
         caller = _caller()
-        return getattr(self._service.in_project(caller.project, caller.scene_id), name)
+        own = self._service.in_project(caller.project, caller.scene_id)
+        return getattr(own.for_upload(caller.key_id) if caller.role == "uploader" else own, name)
 
 
 def _caller() -> Principal:

@@ -22,15 +22,19 @@ class Rule(NamedTuple):
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it brings files, for as long as its sender takes.
         shared: a key of one scene may make it; that scene is then all that there is.
+        one_upload: a key for one upload will do, too; it does nothing else.
     """
 
     role: Role | None
     long_lived: bool = False
     upload: bool = False
     shared: bool = False
+    one_upload: bool = False
 
     def allows(self, role: Role) -> bool:
         """Whether a caller of this role may make the call."""
+        if role == "uploader":
+            return self.role is None or self.one_upload
         return self.role is None or ROLES.index(role) >= ROLES.index(self.role)
 
 
@@ -42,7 +46,10 @@ _EDIT = Rule("editor")
 _ADMIN = Rule("admin")
 _OPERATE = Rule("operator")
 _WATCH = Rule("reader", long_lived=True)
-_UPLOAD = Rule("editor", long_lived=True, upload=True)
+_UPLOAD = Rule("editor", long_lived=True, upload=True, one_upload=True)
+_MANAGE_UPLOAD = Rule("editor", one_upload=True)
+_FOLLOW = Rule("reader", one_upload=True)
+_FOLLOW_LONG = Rule("reader", long_lived=True, one_upload=True)
 
 UNMATCHED = Rule("reader", long_lived=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""
@@ -51,6 +58,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "CreateScene": (_UPLOAD, ("POST /v1/scenes",)),
     "GetScene": (_SHOW, ("GET /v1/scenes/{scene_id}",)),
     "ListScenes": (_SHOW, ("GET /v1/scenes",)),
+    "UpdateScene": (_EDIT, ("PATCH /v1/scenes/{scene_id}",)),
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
     "MeasureScene": (_READ, ("POST /v1/scenes/{scene_id}:measure",)),
     "ListLabels": (_SHOW, ("GET /v1/scenes/{scene_id}/labels",)),
@@ -58,15 +66,16 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListThings": (_SHOW, ("GET /v1/scenes/{scene_id}/things",)),
     "PickThing": (_SHOW, ("POST /v1/scenes/{scene_id}:pick",)),
     "ListVersions": (_SHOW, ("GET /v1/scenes/{scene_id}/versions",)),
+    "ListPhotoVerdicts": (_READ, ("GET /v1/scenes/{scene_id}/photo-verdicts",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
     "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
     "RedoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:redo",)),
     "RestoreVersion": (_EDIT, ("POST /v1/scenes/{scene_id}:restore",)),
     "ListOperations": (_READ, ("GET /v1/operations",)),
-    "GetOperation": (_READ, ("GET /v1/operations/{operation_id}",)),
-    "WaitOperation": (_WATCH, ("GET /v1/operations/{operation_id}:wait",)),
-    "WatchOperation": (_WATCH, ("GET /v1/operations/{operation_id}/events",)),
+    "GetOperation": (_FOLLOW, ("GET /v1/operations/{operation_id}",)),
+    "WaitOperation": (_FOLLOW_LONG, ("GET /v1/operations/{operation_id}:wait",)),
+    "WatchOperation": (_FOLLOW_LONG, ("GET /v1/operations/{operation_id}/events",)),
     "CancelOperation": (_EDIT, ("POST /v1/operations/{operation_id}:cancel",)),
     "FinishOperation": (_EDIT, ("POST /v1/operations/{operation_id}:finish",)),
     "GetPreview": (
@@ -91,9 +100,11 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListBestViews": (_SHOW, ("GET /v1/scenes/{scene_id}/views",)),
     "DownloadScenePly": (_FETCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
     "CreateKey": (_ADMIN, ("POST /v1/keys",)),
+    "CreateUploadKey": (_EDIT, ("POST /v1/upload-keys",)),
     "ListKeys": (_ADMIN, ("GET /v1/keys",)),
     "RevokeKey": (_ADMIN, ("POST /v1/keys/{key_id}:revoke",)),
     "ExpireKey": (_ADMIN, ("POST /v1/keys/{key_id}:expire",)),
+    "GetServerStatus": (_FOLLOW, ("GET /v1/server/status",)),
     "ListKnownNames": (_READ, ("GET /v1/known-names",)),
     "DeleteKnownName": (_ADMIN, ("DELETE /v1/known-names/{name_id}",)),
     "DeleteKnownNames": (_ADMIN, ("DELETE /v1/known-names",)),
@@ -117,11 +128,11 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
     "GET /v1/server": _SHOW,
     # tus, by which CreateScene's files may come over HTTP
-    "OPTIONS /v1/uploads": _READ,
+    "OPTIONS /v1/uploads": _FOLLOW,
     "POST /v1/uploads": _UPLOAD,
-    "HEAD /v1/uploads/{upload_id}": _EDIT,
+    "HEAD /v1/uploads/{upload_id}": _MANAGE_UPLOAD,
     "PATCH /v1/uploads/{upload_id}": _UPLOAD,
-    "DELETE /v1/uploads/{upload_id}": _EDIT,
+    "DELETE /v1/uploads/{upload_id}": _MANAGE_UPLOAD,
 }
 
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name

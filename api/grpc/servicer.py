@@ -19,14 +19,14 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.keys import KeyIn, LifetimeIn
+from fastsplat_contract.keys import KeyIn, LifetimeIn, UploadKeyIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
-from fastsplat_contract.scenes import EditIn, SceneVersion, VersionList
+from fastsplat_contract.scenes import EditIn, SceneUpdate, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
@@ -66,6 +66,13 @@ class SceneServicer(JobServicer):
                 pb.ListScenesResponse, lambda: self._service.list_scenes(request.page_size, request.page_token)
             )
 
+    async def UpdateScene(self, request: pb.UpdateSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
+        """Rename a scene."""
+        async with guarded(context, "UpdateScene"):
+            return await self._message(
+                pb.Scene, lambda: self._service.update_scene(request.scene_id, from_proto(SceneUpdate, request))
+            )
+
     async def DeleteScene(self, request: pb.DeleteSceneRequest, context: Context) -> empty_pb2.Empty:  # noqa: N802
         """Forget a scene."""
         async with guarded(context, "DeleteScene"):
@@ -78,6 +85,16 @@ class SceneServicer(JobServicer):
             return await self._message(
                 pb.ListLabelsResponse,
                 lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
+            )
+
+    async def ListPhotoVerdicts(
+        self, request: pb.ListPhotoVerdictsRequest, context: Context
+    ) -> pb.ListPhotoVerdictsResponse:
+        """What became of each photo, in pages."""
+        async with guarded(context, "ListPhotoVerdicts"):
+            return await self._message(
+                pb.ListPhotoVerdictsResponse,
+                lambda: self._service.list_photo_verdicts(request.scene_id, request.page_size, request.page_token),
             )
 
     async def ListObjects(  # noqa: N802
@@ -333,6 +350,19 @@ class SceneServicer(JobServicer):
         async with guarded(context, "CreateKey"):
             role = caller_role()
             return await self._message(pb.NewKey, lambda: self._service.keys.create(role, from_proto(KeyIn, request)))
+
+    async def CreateUploadKey(self, request: pb.CreateUploadKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
+        """Make a key for one upload."""
+        async with guarded(context, "CreateUploadKey"):
+            return await self._message(
+                pb.NewKey, lambda: self._service.keys.create_for_upload(from_proto(UploadKeyIn, request))
+            )
+
+    async def GetServerStatus(self, request: empty_pb2.Empty, context: Context) -> pb.ServerStatus:  # noqa: N802
+        """What the server can do."""
+        async with guarded(context, "GetServerStatus"):
+            role, key_id = caller_role(), caller_id()
+            return await self._message(pb.ServerStatus, lambda: self._service.status(role, key_id))
 
     async def ListKeys(self, request: pb.ListKeysRequest, context: Context) -> pb.ListKeysResponse:  # noqa: N802
         """Keys of the project in pages."""

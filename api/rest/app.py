@@ -130,7 +130,8 @@ def create_app(
         )
     problem_answers.install(app)
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
-    app.include_router(server_routes(ServerInfo(version("fastsplat"), address)), tags=["server"])
+    info = ServerInfo(version("fastsplat"), address)
+    app.include_router(server_routes(info, service, threads), tags=["server"])
     app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
     app.include_router(
         tus_routes(service, threads, settings.capture.max_upload_bytes, settings.root_path), tags=["uploads"]

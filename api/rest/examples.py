@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.api.errors import refusal_of
+from fastsplat.api.rest.admin_examples import ADMIN_BODIES, admin_answers
 from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, SCALE
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
@@ -20,11 +21,10 @@ from fastsplat.service.application.camera_files import camera_file
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
-from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
@@ -39,6 +39,7 @@ from fastsplat_contract.scenes import (
     SceneList,
     SceneObject,
     SceneSummary,
+    SceneUpdate,
     SceneVersion,
     UndoIn,
     VersionList,
@@ -117,6 +118,17 @@ _SUMMARY = SceneSummary(
     version="1",
     label_count=2,
 )
+_PHOTO = PhotoVerdict(
+    name="IMG_0042.jpg",
+    placed=False,
+    not_placed="few_matches",
+    defects=("blurred",),
+    duplicate_of="",
+    sharpness=0.31,
+    brightness=0.84,
+    matches=9,
+    advice="It is much less sharp than the others: hold the camera still, or take it again.",
+)
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],
     version=IDS["version"],
@@ -147,26 +159,6 @@ _ANSWER = Answer(
     objects=(_OBJECT,),
     presence=0.99,
 )
-_KEY = AccessKey(
-    id=IDS["key_id"],
-    name="robot in the kitchen",
-    project="default",
-    role="reader",
-    state="VALID",
-    created_at=_POSTED,
-    expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
-    revoked_at=None,
-)
-_KNOWN_NAME = KnownName(
-    id=IDS["name_id"],
-    name="mug",
-    scene_id=IDS["scene_id"],
-    version=IDS["version"],
-    thing_id=1,
-    named_at=_POSTED,
-    picture=b"\xff\xd8\xff",
-)
-
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
     for value in (
@@ -183,6 +175,7 @@ ANSWERS: Mapping[str, Any] = {
         ),
         SceneList((_SUMMARY,), PAGE_TOKEN),
         LabelList((_MUG, _BALL), ""),
+        PhotoVerdictList((_PHOTO,), PAGE_TOKEN, True, placed_count=59, photo_count=60),
         ObjectList((_OBJECT,), "", "1"),
         ThingList((_THING, _UNNAMED), "", "1"),
         PickedThing(_THING, _VIEW_MASK, "1"),
@@ -191,10 +184,7 @@ ANSWERS: Mapping[str, Any] = {
         MEASUREMENT,
         _VERSION,
         VersionList((_VERSION,)),
-        _KEY,
-        NewKey(_KEY, f"fsk_{_KEY.id}_is-43-letters-digits-hyphens-or-underscores"),
-        KeyList((_KEY,), PAGE_TOKEN),
-        KnownNameList((_KNOWN_NAME,), PAGE_TOKEN),
+        *admin_answers(IDS, PAGE_TOKEN),
         QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1),
     )
 }
@@ -273,11 +263,8 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
         "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     },
-    "KeyIn": {
-        "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
-        "person": ("a key that also creates and changes", KeyIn("Ada")),
-    },
-    "LifetimeIn": {"hour": ("one hour more", LifetimeIn(3_600.0))},
+    **ADMIN_BODIES,
+    "SceneUpdate": {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))},
     "UndoIn": {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))},
     **CHANGE_BODIES,
 }

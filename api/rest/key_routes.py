@@ -13,7 +13,7 @@ from fastsplat.api.rest.routes import PageSize, PageToken
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.json_codec import to_json
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, UploadKeyIn
 
 
 def key_routes(service: SceneService, threads: Threads) -> APIRouter:
@@ -25,6 +25,12 @@ def key_routes(service: SceneService, threads: Threads) -> APIRouter:
         """Make a key of the project, of the caller's role at most; its secret is told this once."""
         role = caller_role()
         made = await threads.call(lambda: service.keys.create(role, body))
+        return json_response(to_json(made), 201, {"Cache-Control": "no-store"})
+
+    @router.post("/upload-keys", status_code=201, response_model=NewKey)
+    async def create_upload_key(body: UploadKeyIn) -> Response:
+        """Make a key with which somebody else, e.g. one's phone, may post one scene; its secret is told this once."""
+        made = await threads.call(lambda: service.keys.create_for_upload(body))
         return json_response(to_json(made), 201, {"Cache-Control": "no-store"})
 
     @router.get("/keys", response_model=KeyList)

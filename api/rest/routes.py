@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from fastsplat.api.access.caller import caller_id
+from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.operation_waits import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
@@ -21,6 +21,7 @@ from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation, OperationList, OperationState
+from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import (
     EditIn,
@@ -30,11 +31,13 @@ from fastsplat_contract.scenes import (
     RestoreIn,
     Scene,
     SceneList,
+    SceneUpdate,
     SceneVersion,
     UndoIn,
     VersionList,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import ThingList
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
@@ -44,7 +47,7 @@ PageToken = Annotated[str, Query(description="next_page_token of the page before
 Version = Annotated[str, Query(description="of the scene; empty: the current one")]
 
 
-def server_routes(info: ServerInfo) -> APIRouter:
+def server_routes(info: ServerInfo, service: SceneService, threads: Threads) -> APIRouter:
     """The server itself."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
@@ -52,6 +55,12 @@ def server_routes(info: ServerInfo) -> APIRouter:
     async def get_server() -> Response:
         """The release that runs, and where its gRPC interface is."""
         return json_response(to_json(info))
+
+    @router.get("/server/status", response_model=ServerStatus)
+    async def get_server_status(request: Request) -> Response:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
+        role, key_id = caller_role(), caller_id()
+        return await json_of_call(request, threads.call, lambda: service.status(role, key_id))
 
     return router
 
@@ -78,6 +87,11 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         """One scene with its dictionary, cameras and quality."""
         return await json_of_call(request, threads.call, lambda: service.get_scene(scene_id))
 
+    @router.patch("/scenes/{scene_id}", response_model=Scene)
+    async def update_scene(request: Request, scene_id: str, body: SceneUpdate) -> Response:
+        """Rename a scene."""
+        return await json_of_call(request, threads.call, lambda: service.update_scene(scene_id, body))
+
     @router.delete("/scenes/{scene_id}", status_code=204, response_class=Response)
     async def delete_scene(scene_id: str) -> Response:
         """Forget a scene and all its files; its job stops."""
@@ -90,6 +104,15 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     ) -> Response:
         """The dictionary in pages, by label id."""
         return await json_of_call(request, threads.call, lambda: service.list_labels(scene_id, page_size, page_token))
+
+    @router.get("/scenes/{scene_id}/photo-verdicts", response_model=PhotoVerdictList)
+    async def list_photo_verdicts(
+        request: Request, scene_id: str, page_size: PageSize = 0, page_token: PageToken = ""
+    ) -> Response:
+        """What became of each photo of a scene's capture, in pages, by name; once its capture stage is done."""
+        return await json_of_call(
+            request, threads.call, lambda: service.list_photo_verdicts(scene_id, page_size, page_token)
+        )
 
     @router.get("/scenes/{scene_id}/objects", response_model=ObjectList)
     async def list_objects(

@@ -31,6 +31,7 @@ from fastsplat_contract.exports import ExportFormat
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.queries import (
     Answer,
     CameraFormat,
@@ -49,8 +50,10 @@ from fastsplat_contract.scenes import (
     SceneList,
     SceneObject,
     SceneSummary,
+    SceneUpdate,
 )
 from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server_status import ServerStatus
 
 T = TypeVar("T")
 
@@ -116,6 +119,10 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
     def server(self) -> ServerInfo:
         """What the server says of itself: its release, and where its gRPC interface is."""
         return self._get(ServerInfo, "/v1/server")
+
+    def server_status(self) -> ServerStatus:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
+        return self._get(ServerStatus, "/v1/server/status")
 
     def create_scene(
         self,
@@ -212,6 +219,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
         return self._pages(SceneList, "/v1/scenes")
 
+    def rename_scene(self, scene_id: str, name: str, *, expected_name: str | None = None) -> Scene:
+        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name."""
+        body = to_plain(SceneUpdate(name, expected_name))
+        return read(Scene, self._transport.call("PATCH", scene_path(scene_id), json=body))
+
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene and all its files."""
         self._transport.call("DELETE", scene_path(scene_id), repeatable=False)
@@ -219,6 +231,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
     def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
         """A scene's whole dictionary, by label id."""
         return self._pages(LabelList, f"{scene_path(scene_id)}/labels")
+
+    def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
+        """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
+        of earlier releases."""
+        return self._pages(PhotoVerdictList, f"{scene_path(scene_id)}/photo-verdicts")
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""

@@ -8,7 +8,7 @@ from urllib.parse import quote
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, Role
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, Role, UploadKeyIn
 
 
 class ClientKeys:
@@ -27,6 +27,15 @@ class ClientKeys:
         """
         body = to_plain(KeyIn(name, role, lifetime_s))
         return read(NewKey, self._transport.call("POST", "/v1/keys", json=body, repeatable=False))
+
+    def create_for_upload(self, lifetime_s: float | None = None) -> NewKey:
+        """Make a key with which somebody else may post one scene; its `secret` is told this once.
+
+        Args:
+            lifetime_s: seconds until it expires, if no upload has begun with it by then; None: 15 minutes.
+        """
+        body = to_plain(UploadKeyIn(lifetime_s))
+        return read(NewKey, self._transport.call("POST", "/v1/upload-keys", json=body, repeatable=False))
 
     def share(self, scene_id: str, name: str, lifetime_s: float) -> NewKey:
         """Make a key that shows one scene alone, read-only; `share_link` makes a link to the page of it.

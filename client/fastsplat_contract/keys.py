@@ -10,10 +10,11 @@ from pydantic import Field
 
 from fastsplat_contract.wire import Many, Request, Response, travels
 
-Role = Literal["reader", "editor", "admin", "operator"]
+Role = Literal["uploader", "reader", "editor", "admin", "operator"]
 KeyState = Literal["VALID", "EXPIRED", "REVOKED"]
 
 MAX_LIFETIME_S = 3.2e9
+UPLOAD_KEY_S, MAX_UPLOAD_KEY_S = 900.0, 3_600.0
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,9 @@ class KeyIn(Request):
     role: Annotated[
         Role,
         Field(
-            description="reader: query and view; editor: also create and change; admin: also delete, and keys of the "
-            "project; operator: all that in any project. At most the caller's own"
+            description="uploader: post one scene and watch its job; reader: query and view; editor: also create and "
+            "change; admin: also delete, and keys of the project; operator: all that in any project. At most the "
+            "caller's own"
         ),
     ] = "editor"
     lifetime_s: Annotated[
@@ -37,6 +39,23 @@ class KeyIn(Request):
         str,
         Field(description="the one scene that it shows, e.g. for a link; then a reader's, and it expires; empty: all"),
     ] = ""
+
+
+@dataclass(frozen=True)
+class UploadKeyIn(Request):
+    """A new key for one upload: its bearer may post one scene, watch its job, and do nothing else."""
+
+    proto: ClassVar[str] = "CreateUploadKeyRequest"
+
+    lifetime_s: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            le=MAX_UPLOAD_KEY_S,
+            description="seconds until it expires, if no upload has begun with it by then; one that has may go on for "
+            "a day; absent: 15 minutes",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -63,6 +82,7 @@ class AccessKey(Response):
     expires_at: Annotated[datetime | None, Field(description="absent: never")]
     revoked_at: Annotated[datetime | None, Field(description="absent unless it was revoked")]
     scene_id: Annotated[str, Field(description="the one scene that it shows; empty: all of the project")] = ""
+    operation_id: Annotated[str, Field(description="of a key for one upload: the operation that it made, if any")] = ""
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,19 @@ class SceneList(NamedTuple):
 
 
 @dataclass(frozen=True)
+class SceneUpdate(Request):
+    """What people change about a scene itself."""
+
+    proto: ClassVar[str] = "UpdateSceneRequest"
+
+    name: Annotated[str, Field(description="its new name, for people; need not be unique")]
+    expected_name: Annotated[
+        str | None,
+        Field(description="only if its name is still this one, or already the new one; absent: whatever it is"),
+    ] = None
+
+
+@dataclass(frozen=True)
 class Box(Response):
     """An oriented box, as in vision_msgs/BoundingBox3D."""
 

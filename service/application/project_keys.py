@@ -12,7 +12,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat.service.store.key_repository import ROLES, KeyRecord
 from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDeniedError, QuotaError
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, KeyState, NewKey, Role
+from fastsplat_contract.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
 
 MAX_KEYS = 1_000
 """Valid keys of a project, and those made in a day: every server has all valid keys in memory."""
@@ -65,6 +65,14 @@ class ProjectKeys:
             request.name, request.role, request.lifetime_s, self._project, request.scene_id
         )
         return NewKey(as_key(record, now), secret)
+
+    def create_for_upload(self, request: UploadKeyIn) -> NewKey:
+        """Make a key with which one scene may be posted; nobody can tell its secret again.
+
+        Raises:
+            QuotaError: as `create`.
+        """
+        return self.create("uploader", KeyIn("one upload", "uploader", request.lifetime_s or UPLOAD_KEY_S))
 
     def list(self, caller_role: Role, page_size: int = 0, page_token: str = "", scene_id: str = "") -> KeyList:
         """Keys of the project, newest first, in pages as `SceneService.list_scenes`; never a secret. With a scene, only
@@ -128,6 +136,7 @@ def as_key(record: KeyRecord, now: float) -> AccessKey:
         expires_at=None if record.expires_at is None else _moment(record.expires_at),
         revoked_at=None if record.revoked_at is None else _moment(record.revoked_at),
         scene_id=record.scene_id,
+        operation_id=record.operation_id or "",
     )
 
 

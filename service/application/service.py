@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Self
 
+from sqlalchemy import Connection
+
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
@@ -17,6 +19,7 @@ from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.photo_pages import photo_page
 from fastsplat.service.application.photos import Photos
 from fastsplat.service.application.project_keys import ProjectKeys
 from fastsplat.service.application.project_names import KnownNames
@@ -25,9 +28,16 @@ from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.running_jobs import RunningJobs
 from fastsplat.service.application.scene_exports import Exports
+from fastsplat.service.application.server_abilities import server_status
 from fastsplat.service.application.stored import label_of, scene_of, summary_of
+from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
-from fastsplat.service.application.validate import check_page_size, check_request, check_splat_options
+from fastsplat.service.application.validate import (
+    check_page_size,
+    check_request,
+    check_scene_name,
+    check_splat_options,
+)
 from fastsplat.service.application.validation_slots import ValidationSlots
 from fastsplat.service.application.versions import Versions
 from fastsplat.service.capture.settings import CaptureSettings
@@ -40,10 +50,13 @@ from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
+from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFormat
-from fastsplat_contract.scenes import LabelList, Scene, SceneList
+from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
+from fastsplat_contract.server_status import ServerStatus
 
 Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
 
@@ -140,7 +153,9 @@ class SceneService:
         folder = self._store.blobs.upload(upload_id)
         return UploadSession(upload_id, folder, self._settings.capture, check_space)
 
-    def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
+    def create_scene(
+        self, upload: UploadSession, name: str, request_id: str, options: SceneOptions, upload_key: str = ""
+    ) -> Operation:
         """Check what came, and queue its job. Durable once this returns; the upload is over either way.
 
         Args:
@@ -148,9 +163,10 @@ class SceneService:
             name: the scene's name for people; may be empty.
             request_id: the same id with the same content returns the same operation; "" for none.
             options: see `SceneOptions`.
+            upload_key: id of the key for one upload that this uses up; "" for none.
 
         Raises:
-            ConflictError: the request id was used before for other content.
+            ConflictError: the request id was used before for other content, or the key has made a scene before.
             InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
             FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
@@ -180,12 +196,24 @@ class SceneService:
                 priority=options.priority,
                 project=self.project,
             )
-            record, new = self._store.scenes.create(
-                job, lambda connection: self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
-            )
+
+            def within(connection: Connection) -> None:
+                self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
+                if upload_key:
+                    check_unused(connection, upload_key, job.operation_id)
+
+            record, new = self._store.scenes.create(job, within)
             if not new:
                 self._store.blobs.drop_upload(upload.id)
             return self.jobs.operation(record)
+
+    def for_upload(self, key_id: str) -> OneUpload:
+        """This service as a key for one upload has it."""
+        return OneUpload(self, self._store, key_id)
+
+    def status(self, role: Role, key_id: str) -> ServerStatus:
+        """What this server can do, and how much room the project has left, as a caller of this role may know it."""
+        return server_status(self._store, self._settings, self.project, role, key_id)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
         """Queue a job that searches a finished scene for more names. Durable once this returns.
@@ -261,6 +289,18 @@ class SceneService:
         """
         return scene_of(self._store.scenes.scene(scene_id), self._settings.calls.max_listed)
 
+    def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
+        """Rename a scene, in whatever state it is. Returns it as `get_scene`.
+
+        Raises:
+            NotFoundError: there is none of that id.
+            InvalidInputError, LimitExceededError: a name that no scene may have.
+            ConflictError: its name is not the expected one.
+        """
+        check_scene_name(update.name, self._settings.store)
+        self._store.scenes.rename(scene_id, update.name, update.expected_name)
+        return self.get_scene(scene_id)
+
     def list_labels(self, scene_id: str, page_size: int = 0, page_token: str = "") -> LabelList:
         """A scene's dictionary by label id, in pages as `list_scenes`.
 
@@ -272,6 +312,17 @@ class SceneService:
         scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(tuple(label_of(row) for row in page), token)
+
+    def list_photo_verdicts(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoVerdictList:
+        """What became of each photo of a scene's capture, in pages as `list_scenes`; the scene need not be ready.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            InvalidInputError: a negative size, or a token that no page returned.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        self._store.scenes.current_version(scene_id)
+        return photo_page(self._store.photos.of_scene(scene_id), size, page_token, scene_id)
 
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
         """The scene's own cameras as a file, see `service.application.camera_files`.

@@ -84,9 +84,7 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
         InvalidInputError: a value that makes no sense.
         LimitExceededError: a value over the server's limits.
     """
-    _check_length("name", name, limits.max_name_chars, "FASTSPLAT_STORE__MAX_NAME_CHARS")
-    if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
-        raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
+    check_scene_name(name, limits)
     check_request_id(request_id)
     check_texts(options)
     if len(options.labels) > limits.max_labels:
@@ -101,6 +99,18 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
             raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
     _check_choices(options)
     _check_budgets(options, limits)
+
+
+def check_scene_name(name: str, limits: StoreSettings) -> None:
+    """Raise unless a scene may have this name; "" is none.
+
+    Raises:
+        InvalidInputError: control characters.
+        LimitExceededError: too long.
+    """
+    _check_length("name", name, limits.max_name_chars, "FASTSPLAT_STORE__MAX_NAME_CHARS")
+    if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
+        raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
 
 
 def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:

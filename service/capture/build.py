@@ -20,6 +20,7 @@ from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.mapping_snapshots import take_placed
+from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
@@ -112,6 +113,7 @@ class _SfmImage:
         camera_group: images of one group share a camera.
         focal_px: by EXIF; 0 if unknown.
         photo: what it was made from; None for a video's frame.
+        quality: of its pixels.
     """
 
     name: str
@@ -121,6 +123,7 @@ class _SfmImage:
     camera_group: str
     focal_px: float
     photo: PhotoInfo | None
+    quality: PhotoQuality
 
     def to_request(self) -> dict[str, Any]:
         """As `sfm.reconstruct` takes it."""
@@ -135,10 +138,11 @@ class _SfmImage:
 
 @dataclass(frozen=True)
 class _Views:
-    """Views as written, their label maps, and a warning about those without a valid pixel."""
+    """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
 
     views: tuple[View, ...]
     label_maps: tuple[Path | None, ...]
+    masked: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
@@ -178,6 +182,12 @@ class _Build:
             models=tuple(result["models"]),
             mean_reprojection_error_px=result["error_px"],
             warnings=(*self.manifest.warnings, *result["warnings"], *written.warnings),
+            photos=judge_photos(
+                [image.quality for image in images],
+                _poses(written.views),
+                {image.name: PhotoMatches(*result["matches"][image.file]) for image in images},
+                written.masked,
+            ),
         )
         labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
         capture = Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
@@ -191,7 +201,8 @@ class _Build:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
-        sources = (self._posed_source(image, photo_by_path[image.path], table) for image in dataset.images)
+        qualities: list[PhotoQuality] = []
+        sources = (self._posed_source(image, photo_by_path[image.path], table, qualities) for image in dataset.images)
         written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         if len(points) == 0 and not self.manifest.splat:  # a splat needs no points to start from
@@ -204,6 +215,7 @@ class _Build:
             mean_reprojection_error_px=error_px,
             warnings=(*self.manifest.warnings, *_mask_warning(dataset), *written.warnings),
             splat=self.manifest.splat,
+            photos=judge_photos(qualities, _poses(written.views), None, written.masked),
         )
         names = {view.posed.name for view in written.views}
         capture = Capture(
@@ -244,9 +256,11 @@ class _Build:
             self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
             width, height = reduced_size(*photo.upright_size, self.settings.max_side)
             file = f"{index:05d}.png"
-            save_rgb(self.decoder.photo(self.files, photo, (width, height)), self.work / IMAGES / file)
+            pixels = self.decoder.photo(self.files, photo, (width, height))
+            save_rgb(pixels, self.work / IMAGES / file)
             focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
-            images.append(_SfmImage(name, file, width, height, f"{photo.lens} {width}×{height}", focal_px, photo))
+            group, quality = f"{photo.lens} {width}×{height}", measure_photo(name, pixels)
+            images.append(_SfmImage(name, file, width, height, group, focal_px, photo, quality))
         return images
 
     def _video_frames(self) -> list[_SfmImage]:
@@ -258,7 +272,11 @@ class _Build:
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
         width, height = (int(number) for number in result["size"])
-        return [_SfmImage(file, file, width, height, "video", 0.0, None) for file in result["files"]]
+        images = []
+        for file in result["files"]:
+            frame = self.decoder.photo(self.work / IMAGES, _frame_info(file, width, height), (width, height))
+            images.append(_SfmImage(file, file, width, height, "video", 0.0, None, measure_photo(file, frame)))
+        return images
 
     def _reconstructed_source(
         self, image: _SfmImage, pose: NDArray[np.float64], camera: list[Any], table: LabelTable | None
@@ -275,7 +293,7 @@ class _Build:
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
         # Frames of a video were written by a child that met a stranger's bytes, photos by this process.
-        frame = PhotoInfo(image.file, image.width, image.height, orientation=1, lens="", focal_35mm=0.0)
+        frame = _frame_info(image.file, image.width, image.height)
         return SourceImage(
             name=image.name,
             pixels=self.decoder.photo(self.work / IMAGES, frame, (image.width, image.height))
@@ -287,15 +305,19 @@ class _Build:
             label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
         )
 
-    def _posed_source(self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None) -> SourceImage:
+    def _posed_source(
+        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, qualities: list[PhotoQuality]
+    ) -> SourceImage:
         geometry = view_geometry(image, photo, self.settings)
+        pixels = self.decoder.photo(self.files, photo, geometry.size)
+        qualities.append(measure_photo(image.name, pixels))
         mask = None
         if image.mask is not None:
             mask = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
         unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
         return SourceImage(
             name=image.name,
-            pixels=self.decoder.photo(self.files, photo, geometry.size),
+            pixels=pixels,
             undistortion=geometry.undistortion,
             world_from_camera=geometry.world_from_camera,
             lossless=photo.path.lower().endswith(".png") or unchanged,
@@ -333,6 +355,7 @@ class _Build:
         return _Views(
             views=tuple(view for view, _ in written),
             label_maps=tuple(label_map for _, label_map in written),
+            masked=tuple(blank),
             warnings=(warning,) if blank else (),
         )
 
@@ -378,6 +401,14 @@ class _Build:
 
     def _report(self, fraction: float, message: str) -> None:
         self.progress(ProgressEvent(_STAGE, min(1.0, fraction), message))
+
+
+def _poses(views: tuple[View, ...]) -> dict[str, NDArray[np.float64]]:
+    return {view.posed.name: view.posed.world_from_camera for view in views}
+
+
+def _frame_info(file: str, width: int, height: int) -> PhotoInfo:
+    return PhotoInfo(file, width, height, orientation=1, lens="", focal_35mm=0.0)
 
 
 def _mask_warning(dataset: PosedDataset) -> tuple[str, ...]:

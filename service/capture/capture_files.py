@@ -15,6 +15,8 @@ from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.photo_verdicts import PhotoVerdict
 
 _VERSION = 1
 _CAPTURE = "capture.json"
@@ -101,7 +103,11 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
 def _report(stored: dict[str, Any]) -> CaptureReport:
     tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
     scale = stored.get("scale")
-    return CaptureReport(**{**stored, **tuples, "scale": None if scale is None else ScaleEstimate(**scale)})
+    measured = {
+        "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored.get("photos", ())),
+        "scale": None if scale is None else ScaleEstimate(**scale),
+    }
+    return CaptureReport(**{**stored, **tuples, **measured})
 
 
 def _given_labels(stored: dict[str, Any] | None, folder: Path) -> GivenLabels | None:

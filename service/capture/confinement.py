@@ -198,6 +198,8 @@ def _python_folders() -> Sequence[Path]:
 
     packages = [Path(entry) for module in (fastsplat, fastsplat_contract) for entry in module.__path__]
     links = [link for package in packages if package.is_dir() for link in package.iterdir() if link.is_symlink()]
+    # The import system lists the folder around a package; of a checkout that is the client's, which is this product's.
+    packages += [Path(entry).parent for entry in fastsplat_contract.__path__]
     installed = [Path(entry) for entry in sys.path if "site-packages" in entry or "dist-packages" in entry]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix)]
     return [path.resolve() for path in (*prefixes, *installed, *packages, *links)]

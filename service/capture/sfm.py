@@ -44,8 +44,8 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
         report: receives progress.
 
     Returns:
-        "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "models", "error_px"
-        and "warnings".
+        "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
+        `PhotoMatches` as a list}, "models", "error_px" and "warnings".
 
     Raises:
         ReconstructionError: no usable geometry; see `validate_reconstruction`.
@@ -75,6 +75,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     return {
         "poses": {name: _world_from_camera(image).tolist() for name, image in image_by_name.items()},
         "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
+        "matches": _matches_of_images(models, database),
         "models": list(reconstruction.models),
         "error_px": best.compute_mean_reprojection_error(),
         "warnings": warnings,
@@ -291,6 +292,33 @@ def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int
             )
             errors.append(float(np.nanmedian(errors_px)))
     return geometry.contradictions(counts, errors)
+
+
+def _matches_of_images(models: list[pycolmap.Reconstruction], database: Path) -> dict[str, list[int | bool]]:
+    """By file: how many features it has, its verified matches with the image with which it has most, the same among the
+    images of the first model, and whether it is in another model than the first."""
+    placed, elsewhere = (
+        {image.image_id for model in some for image in model.images.values() if image.has_pose}
+        for some in (models[:1], models[1:])
+    )
+    best: dict[int, int] = defaultdict(int)
+    best_placed: dict[int, int] = defaultdict(int)
+    with pycolmap.Database.open(database) as reader:
+        for pair_id, count in zip(*reader.read_two_view_geometry_num_inliers(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            for image_id, other in ((first, second), (second, first)):
+                best[image_id] = max(best[image_id], int(count))
+                if other in placed:
+                    best_placed[image_id] = max(best_placed[image_id], int(count))
+        return {
+            image.name: [
+                int(reader.num_keypoints_for_image(image.image_id)),
+                best[image.image_id],
+                best_placed[image.image_id],
+                image.image_id in elsewhere and image.image_id not in placed,
+            ]
+            for image in reader.read_all_images()
+        }
 
 
 def _known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap.Reconstruction:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.scenes import Scale
 
 Source = Literal["images", "video", "colmap", "nerfstudio", "splat"]
@@ -94,6 +95,7 @@ class CaptureReport:
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
         scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
+        photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
     """
 
     source: Source
@@ -104,6 +106,7 @@ class CaptureReport:
     warnings: tuple[str, ...] = ()
     splat: str = ""
     scale: ScaleEstimate | None = None
+    photos: tuple[PhotoVerdict, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import RESULT, OperationRecord, SceneSummary
 from fastsplat.service.store.scene_repository import as_operation, no_operation
 from fastsplat.service.store.schema import operations, scenes, workers
@@ -161,6 +162,16 @@ class JobRepository:
             _execute_fenced(connection, claim, _fenced(claim).values(values))
             requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
             return _requests(tuple(requested))
+
+    def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
+        """Write what became of the photos of the job's scene, as JSON objects.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        with self._writing() as connection:
+            _execute_fenced(connection, claim, _fenced(claim).values(updated_at=time.time()))
+            record_photos(connection, claim.operation.scene_id, photos)
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
         """Look without writing. Returns what was asked of the job.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import get_args
 
-from sqlalchemy import ColumnElement, Engine, and_, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, and_, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
@@ -16,7 +16,7 @@ from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.keys import Role
 
 ROLES: tuple[Role, ...] = get_args(Role)
-"""Each may do what those before it may."""
+"""Each may do what those before it may, but the first: see `api.access.policy.Rule`."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,15 @@ class KeyRecord:
     Attributes:
         id: part of the key itself, and of log lines.
         name: for people.
-        role: readers query and view; editors also create and change; admins also delete; operators also do all that in
-            any project.
+        role: uploaders post one scene; readers query and view; editors also create and change; admins also delete;
+            operators also do all that in any project.
         hash: hex sha256 of the whole key.
         created_at: when it was made.
         expires_at: when it ends; None: never.
         revoked_at: when it was revoked; None: it was not.
         project: whose scenes it sees.
         scene_id: the one scene of the project that it sees; "" for all.
+        operation_id: of a key for one upload: the operation that it made; None: none.
     """
 
     id: str
@@ -45,6 +46,7 @@ class KeyRecord:
     revoked_at: float | None = None
     project: str = DEFAULT_PROJECT
     scene_id: str = ""
+    operation_id: str | None = None
 
     def valid(self, now: float) -> bool:
         """Whether it is accepted at time `now`."""
@@ -52,6 +54,15 @@ class KeyRecord:
 
 
 _COLUMNS = [column.label(name) for name, column in api_keys.c.items()]
+
+
+def use_key(connection: Connection, key_id: str, operation_id: str, now: float) -> bool:
+    """Note the one operation that a key for one upload makes, in the transaction that makes it.
+
+    False if the key has made one, or is not valid at time `now`.
+    """
+    unused = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.operation_id.is_(None), _valid(now))
+    return bool(connection.execute(unused.values(operation_id=operation_id)).rowcount)
 
 
 class KeyRepository:
@@ -115,6 +126,12 @@ class KeyRepository:
         query = select(func.count()).where(api_keys.c.project == project, counted)
         with transaction(self._engine.execution_options(read_only=True)) as connection:
             return connection.scalar(query) or 0
+
+    def prolong(self, key_id: str, expires_at: float) -> None:
+        """Let a key that expires do so no earlier than this."""
+        this_key = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.expires_at < expires_at)
+        with transaction(self._engine) as connection:
+            connection.execute(this_key.values(expires_at=expires_at))
 
     def expire(self, key_id: str, now: float, expires_at: float) -> bool:
         """Set when a key expires. False if it is not valid at time `now`."""

@@ -12,6 +12,7 @@ from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
+from fastsplat.service.store.photo_repository import forget_photos
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError
@@ -180,6 +181,24 @@ class SceneRepository:
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 
+    def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
+        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name.
+
+        Raises:
+            NotFoundError: there is none of that id.
+            ConflictError: it has another name than was expected.
+        """
+        this_scene = update(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
+        if expected_name is not None:
+            this_scene = this_scene.where(scenes.c.name.in_((expected_name, name)))
+        with self._writing() as connection:
+            if connection.execute(this_scene.values(name=name)).rowcount:
+                return
+        self.current_version(scene_id)
+        raise ConflictError(
+            "the scene has another name by now", field="expected_name", hint="Look at its name, then send it again."
+        )
+
     def cancel(self, operation_id: str) -> OperationRecord:
         """Stop an operation: at once if it is queued, soon if it runs, not at all if it is over.
 
@@ -221,6 +240,7 @@ class SceneRepository:
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
             forget_names(connection, scene_id)
+            forget_photos(connection, scene_id)
             here = operations.c.scene_id == scene_id
             for row in connection.execute(select(operations).where(here)).mappings().all():
                 _stop(connection, as_operation(row))

@@ -133,6 +133,14 @@ known_names = Table(
     Index("known_names_of_version", "scene_id", "version"),
 )
 
+# Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.
+scene_photos = Table(
+    "scene_photos",
+    metadata,
+    Column("scene_id", String(40), primary_key=True),
+    Column("photos", JSON, nullable=False),
+)
+
 api_keys = Table(
     "api_keys",
     metadata,
@@ -144,6 +152,8 @@ api_keys = Table(
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),
     Column("revoked_at", Double, nullable=True),
+    # The operation that a key for one upload has made.
+    Column("operation_id", String(40), nullable=True),
     _project(),
     # The one scene that the key shows; "" for all of the project.
     Column("scene_id", String(40), nullable=False, default="", server_default=""),

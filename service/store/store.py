@@ -14,6 +14,7 @@ from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.name_repository import KnownNameRepository
 from fastsplat.service.store.object_store import open_blobs
+from fastsplat.service.store.photo_repository import PhotoRepository
 from fastsplat.service.store.project_repository import ProjectRepository
 from fastsplat.service.store.quota_usage import QuotaUsage
 from fastsplat.service.store.reserve import Reserve
@@ -40,6 +41,7 @@ class Store:
     projects: ProjectRepository
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
+    photos: PhotoRepository
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -96,6 +98,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
+        photos=PhotoRepository(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

@@ -61,7 +61,14 @@ def _unreadable_poses(folder: Path) -> None:
     (folder / "transforms.json").write_text('{"frames": [' * 5_000)
 
 
-_UPLOADS = (_photos, _archive, _damaged, _climbing, _empty, _unreadable_poses)
+def _video(folder: Path) -> None:
+    writer = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
+    for seed in range(8):
+        writer.write(np.random.default_rng(seed).integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    writer.release()
+
+
+_UPLOADS = (_photos, _archive, _video, _damaged, _climbing, _empty, _unreadable_poses)
 
 
 def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, fill: Callable[[Path], None]) -> str:

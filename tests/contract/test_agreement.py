@@ -65,6 +65,7 @@ _NOT_IN_PYTHON = {
     "ListKnownNamesRequest",
     "ListLabelsRequest",
     "ListObjectsRequest",
+    "ListPhotoVerdictsRequest",
     "ListScenesRequest",
     "ListThingsRequest",
     "ListVersionsRequest",
@@ -91,6 +92,7 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("CreateSceneHeader", "request_id"),
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("LookAgainRequest", "scene_id"),
+    ("UpdateSceneRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
     ("RedoEditRequest", "scene_id"),
     ("RestoreVersionRequest", "scene_id"),

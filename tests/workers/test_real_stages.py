@@ -90,6 +90,9 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(tabletop, set
             assert info.state == "READY" and info.scale == "METRIC" and 0 < info.gaussians <= 6000
             assert len(info.cameras) == info.quality["images"] == info.quality["registered"] == _VIEWS
             assert info.quality["unregistered"] == []
+            photos = service.list_photo_verdicts(info.id)
+            assert photos.assessed and photos.placed_count == photos.photo_count == _VIEWS
+            assert [photo.name for photo in photos.photos] == [camera.name for camera in info.cameras]
             assert set(info.quality["stage_seconds"]) == {"capture", "perception", "training", "export"}
             assert info.quality["psnr"] > 12
             rows = {row.label: row for row in info.dictionary}

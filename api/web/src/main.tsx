@@ -6,6 +6,8 @@ import "./look/look.css";
 import "./styles/change.css";
 import "./styles/job.css";
 import "./take/take.css";
+import "./styles/photos.css";
+import "./styles/server.css";
 
 import { render } from "preact";
 

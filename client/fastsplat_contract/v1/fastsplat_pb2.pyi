@@ -568,6 +568,8 @@ class _RoleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Role.ValueType],
     """also deletes, and makes and takes back keys of the project"""
     ROLE_OPERATOR: _Role.ValueType  # 4
     """all that in any project"""
+    ROLE_UPLOADER: _Role.ValueType  # 5
+    """posts one scene, watches its job, and does nothing else"""
 
 class Role(_Role, metaclass=_RoleEnumTypeWrapper):
     """------------------------------------------------------------------------------------------------------ keys"""
@@ -582,6 +584,8 @@ ROLE_ADMIN: Role.ValueType  # 3
 """also deletes, and makes and takes back keys of the project"""
 ROLE_OPERATOR: Role.ValueType  # 4
 """all that in any project"""
+ROLE_UPLOADER: Role.ValueType  # 5
+"""posts one scene, watches its job, and does nothing else"""
 Global___Role: _TypeAlias = Role  # noqa: Y015
 
 class _KeyState:
@@ -602,6 +606,50 @@ KEY_STATE_VALID: KeyState.ValueType  # 1
 KEY_STATE_EXPIRED: KeyState.ValueType  # 2
 KEY_STATE_REVOKED: KeyState.ValueType  # 3
 Global___KeyState: _TypeAlias = KeyState  # noqa: Y015
+
+class _NotPlaced:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _NotPlacedEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NotPlaced.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    NOT_PLACED_UNSPECIFIED: _NotPlaced.ValueType  # 0
+    NOT_PLACED_FEW_FEATURES: _NotPlaced.ValueType  # 1
+    NOT_PLACED_NO_OVERLAP: _NotPlaced.ValueType  # 2
+    NOT_PLACED_FEW_MATCHES: _NotPlaced.ValueType  # 3
+    NOT_PLACED_OTHER_MODEL: _NotPlaced.ValueType  # 4
+    NOT_PLACED_MASKED: _NotPlaced.ValueType  # 5
+    NOT_PLACED_UNKNOWN: _NotPlaced.ValueType  # 6
+
+class NotPlaced(_NotPlaced, metaclass=_NotPlacedEnumTypeWrapper): ...
+
+NOT_PLACED_UNSPECIFIED: NotPlaced.ValueType  # 0
+NOT_PLACED_FEW_FEATURES: NotPlaced.ValueType  # 1
+NOT_PLACED_NO_OVERLAP: NotPlaced.ValueType  # 2
+NOT_PLACED_FEW_MATCHES: NotPlaced.ValueType  # 3
+NOT_PLACED_OTHER_MODEL: NotPlaced.ValueType  # 4
+NOT_PLACED_MASKED: NotPlaced.ValueType  # 5
+NOT_PLACED_UNKNOWN: NotPlaced.ValueType  # 6
+Global___NotPlaced: _TypeAlias = NotPlaced  # noqa: Y015
+
+class _PhotoDefect:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _PhotoDefectEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PhotoDefect.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    PHOTO_DEFECT_UNSPECIFIED: _PhotoDefect.ValueType  # 0
+    PHOTO_DEFECT_BLURRED: _PhotoDefect.ValueType  # 1
+    PHOTO_DEFECT_DARK: _PhotoDefect.ValueType  # 2
+    PHOTO_DEFECT_DUPLICATE: _PhotoDefect.ValueType  # 3
+
+class PhotoDefect(_PhotoDefect, metaclass=_PhotoDefectEnumTypeWrapper): ...
+
+PHOTO_DEFECT_UNSPECIFIED: PhotoDefect.ValueType  # 0
+PHOTO_DEFECT_BLURRED: PhotoDefect.ValueType  # 1
+PHOTO_DEFECT_DARK: PhotoDefect.ValueType  # 2
+PHOTO_DEFECT_DUPLICATE: PhotoDefect.ValueType  # 3
+Global___PhotoDefect: _TypeAlias = PhotoDefect  # noqa: Y015
 
 @_typing.final
 class CreateSceneRequest(_message.Message):
@@ -804,6 +852,37 @@ class ListScenesResponse(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___ListScenesResponse: _TypeAlias = ListScenesResponse  # noqa: Y015
+
+@_typing.final
+class UpdateSceneRequest(_message.Message):
+    """What people change about a scene itself."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    EXPECTED_NAME_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    name: _builtins.str
+    """its new name, for people; need not be unique"""
+    expected_name: _builtins.str
+    """only if its name is still this one, or already the new one; absent: whatever it is"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        name: _builtins.str = ...,
+        expected_name: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name", "expected_name", b"expected_name"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name", "expected_name", b"expected_name", "name", b"name", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__expected_name: _TypeAlias = _typing.Literal["expected_name"]  # noqa: Y015
+    _WhichOneofArgType__expected_name: _TypeAlias = _typing.Literal["_expected_name", b"_expected_name"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__expected_name) -> _WhichOneofReturnType__expected_name | None: ...
+
+Global___UpdateSceneRequest: _TypeAlias = UpdateSceneRequest  # noqa: Y015
 
 @_typing.final
 class DeleteSceneRequest(_message.Message):
@@ -4134,8 +4213,8 @@ class CreateKeyRequest(_message.Message):
     name: _builtins.str
     """whose key it is, for people"""
     role: Global___Role.ValueType
-    """reader: query and view; editor: also create and change; admin: also delete, and keys of the project; operator: all
-    that in any project. At most the caller's own
+    """uploader: post one scene and watch its job; reader: query and view; editor: also create and change; admin: also
+    delete, and keys of the project; operator: all that in any project. At most the caller's own
     """
     lifetime_s: _builtins.float
     """seconds until it expires; absent: never"""
@@ -4158,6 +4237,32 @@ class CreateKeyRequest(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__lifetime_s) -> _WhichOneofReturnType__lifetime_s | None: ...
 
 Global___CreateKeyRequest: _TypeAlias = CreateKeyRequest  # noqa: Y015
+
+@_typing.final
+class CreateUploadKeyRequest(_message.Message):
+    """A new key for one upload: its bearer may post one scene, watch its job, and do nothing else."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LIFETIME_S_FIELD_NUMBER: _builtins.int
+    lifetime_s: _builtins.float
+    """seconds until it expires, if no upload has begun with it by then; one that has may go on for a day; absent: 15
+    minutes
+    """
+    def __init__(
+        self,
+        *,
+        lifetime_s: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s", "lifetime_s", b"lifetime_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__lifetime_s: _TypeAlias = _typing.Literal["lifetime_s"]  # noqa: Y015
+    _WhichOneofArgType__lifetime_s: _TypeAlias = _typing.Literal["_lifetime_s", b"_lifetime_s"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__lifetime_s) -> _WhichOneofReturnType__lifetime_s | None: ...
+
+Global___CreateUploadKeyRequest: _TypeAlias = CreateUploadKeyRequest  # noqa: Y015
 
 @_typing.final
 class ExpireKeyRequest(_message.Message):
@@ -4218,6 +4323,7 @@ class AccessKey(_message.Message):
     EXPIRES_AT_FIELD_NUMBER: _builtins.int
     REVOKED_AT_FIELD_NUMBER: _builtins.int
     SCENE_ID_FIELD_NUMBER: _builtins.int
+    OPERATION_ID_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """part of the key, and of log lines"""
     name: _builtins.str
@@ -4228,6 +4334,8 @@ class AccessKey(_message.Message):
     state: Global___KeyState.ValueType
     scene_id: _builtins.str
     """the one scene that it shows; empty: all of the project"""
+    operation_id: _builtins.str
+    """of a key for one upload: the operation that it made, if any"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -4250,10 +4358,11 @@ class AccessKey(_message.Message):
         expires_at: _timestamp_pb2.Timestamp | None = ...,
         revoked_at: _timestamp_pb2.Timestamp | None = ...,
         scene_id: _builtins.str = ...,
+        operation_id: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "revoked_at", b"revoked_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "id", b"id", "name", b"name", "project", b"project", "revoked_at", b"revoked_at", "role", b"role", "scene_id", b"scene_id", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at", "expires_at", b"expires_at", "id", b"id", "name", b"name", "operation_id", b"operation_id", "project", b"project", "revoked_at", b"revoked_at", "role", b"role", "scene_id", b"scene_id", "state", b"state"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -4689,3 +4798,288 @@ class BestView(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___BestView: _TypeAlias = BestView  # noqa: Y015
+
+@_typing.final
+class PhotoVerdict(_message.Message):
+    """One photo of a capture."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    PLACED_FIELD_NUMBER: _builtins.int
+    NOT_PLACED_FIELD_NUMBER: _builtins.int
+    DEFECTS_FIELD_NUMBER: _builtins.int
+    DUPLICATE_OF_FIELD_NUMBER: _builtins.int
+    SHARPNESS_FIELD_NUMBER: _builtins.int
+    BRIGHTNESS_FIELD_NUMBER: _builtins.int
+    MATCHES_FIELD_NUMBER: _builtins.int
+    ADVICE_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """as in the upload, and as the camera of the scene that it is"""
+    placed: _builtins.bool
+    """whether it is one of the scene's cameras"""
+    not_placed: Global___NotPlaced.ValueType
+    """why it is none. few_features: hardly any texture; no_overlap: it shows nothing that another photo shows;
+    few_matches: too little of that; other_model: it belongs to a group of photos that shares nothing with the scene's;
+    masked: its mask leaves no pixel; unknown: structure from motion did not say
+    """
+    duplicate_of: _builtins.str
+    """for duplicate: the name of that photo, else empty"""
+    sharpness: _builtins.float
+    """1: as sharp as the middle one of the capture's photos"""
+    brightness: _builtins.float
+    """nine of ten pixels are darker than this, 0..1"""
+    matches: _builtins.int
+    """points that it shares with the photo that shares most; absent: poses came with the upload"""
+    advice: _builtins.str
+    """what to do about it, in plain words; empty where all is well"""
+    @_builtins.property
+    def defects(self) -> _containers.RepeatedScalarFieldContainer[Global___PhotoDefect.ValueType]:
+        """of the photo itself, placed or not. blurred: much less sharp than the others; dark: nearly black; duplicate: it
+        shows the same from the same place as another one
+        """
+
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        placed: _builtins.bool = ...,
+        not_placed: Global___NotPlaced.ValueType | None = ...,
+        defects: _abc.Iterable[Global___PhotoDefect.ValueType] | None = ...,
+        duplicate_of: _builtins.str = ...,
+        sharpness: _builtins.float = ...,
+        brightness: _builtins.float = ...,
+        matches: _builtins.int | None = ...,
+        advice: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "matches", b"matches", "not_placed", b"not_placed"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__matches: _TypeAlias = _typing.Literal["matches"]  # noqa: Y015
+    _WhichOneofArgType__matches: _TypeAlias = _typing.Literal["_matches", b"_matches"]  # noqa: Y015
+    _WhichOneofReturnType__not_placed: _TypeAlias = _typing.Literal["not_placed"]  # noqa: Y015
+    _WhichOneofArgType__not_placed: _TypeAlias = _typing.Literal["_not_placed", b"_not_placed"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__matches) -> _WhichOneofReturnType__matches | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__not_placed) -> _WhichOneofReturnType__not_placed | None: ...
+
+Global___PhotoVerdict: _TypeAlias = PhotoVerdict  # noqa: Y015
+
+@_typing.final
+class ListPhotoVerdictsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotoVerdictsRequest: _TypeAlias = ListPhotoVerdictsRequest  # noqa: Y015
+
+@_typing.final
+class ListPhotoVerdictsResponse(_message.Message):
+    """One page of a capture's photos, in the order of their names."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    ASSESSED_FIELD_NUMBER: _builtins.int
+    PLACED_COUNT_FIELD_NUMBER: _builtins.int
+    PHOTO_COUNT_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    assessed: _builtins.bool
+    """whether the photos were looked at: not before the capture stage is done, not in scenes of earlier releases, and not
+    where there are no photos
+    """
+    placed_count: _builtins.int
+    """of all the photos, those that have a place"""
+    photo_count: _builtins.int
+    """of all the photos, not of this page alone"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoVerdict]: ...
+    def __init__(
+        self,
+        *,
+        photos: _abc.Iterable[Global___PhotoVerdict] | None = ...,
+        next_page_token: _builtins.str = ...,
+        assessed: _builtins.bool = ...,
+        placed_count: _builtins.int = ...,
+        photo_count: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessed", b"assessed", "next_page_token", b"next_page_token", "photo_count", b"photo_count", "photos", b"photos", "placed_count", b"placed_count"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListPhotoVerdictsResponse: _TypeAlias = ListPhotoVerdictsResponse  # noqa: Y015
+
+@_typing.final
+class ModelStatus(_message.Message):
+    """---------------------------------------------------------------------------------------------------- server
+
+    One model that the server's settings name, or could name.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ROLE_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    CALIBRATED_FIELD_NUMBER: _builtins.int
+    role: _builtins.str
+    """what it is for"""
+    name: _builtins.str
+    """as the settings name it; empty for none"""
+    state: _builtins.str
+    """ready: its files are there; missing: they are not; unset: no model is named"""
+    calibrated: _builtins.bool
+    """of a text encoder: whether its scores were measured, so that answers have probabilities"""
+    def __init__(
+        self,
+        *,
+        role: _builtins.str = ...,
+        name: _builtins.str = ...,
+        state: _builtins.str = ...,
+        calibrated: _builtins.bool | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated", "calibrated", b"calibrated"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated", "calibrated", b"calibrated", "name", b"name", "role", b"role", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__calibrated: _TypeAlias = _typing.Literal["calibrated"]  # noqa: Y015
+    _WhichOneofArgType__calibrated: _TypeAlias = _typing.Literal["_calibrated", b"_calibrated"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__calibrated) -> _WhichOneofReturnType__calibrated | None: ...
+
+Global___ModelStatus: _TypeAlias = ModelStatus  # noqa: Y015
+
+@_typing.final
+class QuotaStatus(_message.Message):
+    """What the project uses of one quota."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    USED_FIELD_NUMBER: _builtins.int
+    LIMIT_FIELD_NUMBER: _builtins.int
+    kind: _builtins.str
+    """scenes, bytes of their uploads, jobs that wait or run"""
+    used: _builtins.int
+    limit: _builtins.int
+    """absent: no bound"""
+    def __init__(
+        self,
+        *,
+        kind: _builtins.str = ...,
+        used: _builtins.int = ...,
+        limit: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "limit", b"limit"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "kind", b"kind", "limit", b"limit", "used", b"used"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__limit: _TypeAlias = _typing.Literal["limit"]  # noqa: Y015
+    _WhichOneofArgType__limit: _TypeAlias = _typing.Literal["_limit", b"_limit"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__limit) -> _WhichOneofReturnType__limit | None: ...
+
+Global___QuotaStatus: _TypeAlias = QuotaStatus  # noqa: Y015
+
+@_typing.final
+class ServerStatus(_message.Message):
+    """What a server can do, as the caller may know it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    PROJECT_FIELD_NUMBER: _builtins.int
+    ROLE_FIELD_NUMBER: _builtins.int
+    KEY_EXPIRES_AT_FIELD_NUMBER: _builtins.int
+    UPLOAD_OPERATION_FIELD_NUMBER: _builtins.int
+    MODELS_FIELD_NUMBER: _builtins.int
+    BACKEND_FIELD_NUMBER: _builtins.int
+    TRAINING_BACKEND_FIELD_NUMBER: _builtins.int
+    WORKERS_FIELD_NUMBER: _builtins.int
+    QUOTAS_FIELD_NUMBER: _builtins.int
+    MAX_UPLOAD_BYTES_FIELD_NUMBER: _builtins.int
+    MAX_IMAGES_FIELD_NUMBER: _builtins.int
+    ADDRESSES_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the release that runs"""
+    project: _builtins.str
+    """the one that the call is about"""
+    role: Global___Role.ValueType
+    """what the caller may do there"""
+    upload_operation: _builtins.str
+    """of a key for one upload: the operation that it made; empty: none yet, or another role"""
+    backend: _builtins.str
+    """what draws the answers: cpu, cuda or reference"""
+    training_backend: _builtins.str
+    """what this server's workers train with: cpu, cuda or reference"""
+    workers: _builtins.int
+    """worker processes that live; without one, jobs wait"""
+    max_upload_bytes: _builtins.int
+    """of one upload, all its files together"""
+    max_images: _builtins.int
+    """images in one upload"""
+    @_builtins.property
+    def key_expires_at(self) -> _timestamp_pb2.Timestamp:
+        """of the caller's key; absent: never, or no key"""
+
+    @_builtins.property
+    def models(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModelStatus]:
+        """empty for a key for one upload"""
+
+    @_builtins.property
+    def quotas(self) -> _containers.RepeatedCompositeFieldContainer[Global___QuotaStatus]:
+        """of the project"""
+
+    @_builtins.property
+    def addresses(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """where other machines reach the web page, as far as the server knows; empty for readers, for a key for one upload,
+        and for a server that listens on its own machine alone
+        """
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        project: _builtins.str = ...,
+        role: Global___Role.ValueType = ...,
+        key_expires_at: _timestamp_pb2.Timestamp | None = ...,
+        upload_operation: _builtins.str = ...,
+        models: _abc.Iterable[Global___ModelStatus] | None = ...,
+        backend: _builtins.str = ...,
+        training_backend: _builtins.str = ...,
+        workers: _builtins.int = ...,
+        quotas: _abc.Iterable[Global___QuotaStatus] | None = ...,
+        max_upload_bytes: _builtins.int = ...,
+        max_images: _builtins.int = ...,
+        addresses: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ServerStatus: _TypeAlias = ServerStatus  # noqa: Y015

@@ -50,10 +50,20 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesResponse.FromString,
                 _registered_method=True)
+        self.UpdateScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/UpdateScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
+                _registered_method=True)
         self.DeleteScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/DeleteScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
                 response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
+        self.ListPhotoVerdicts = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListPhotoVerdicts',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.FromString,
                 _registered_method=True)
         self.ListLabels = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListLabels',
@@ -215,6 +225,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
                 _registered_method=True)
+        self.CreateUploadKey = channel.unary_unary(
+                '/fastsplat.v1.SceneService/CreateUploadKey',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+                _registered_method=True)
         self.ListKeys = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListKeys',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.SerializeToString,
@@ -229,6 +244,11 @@ class SceneServiceStub:
                 '/fastsplat.v1.SceneService/ExpireKey',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+                _registered_method=True)
+        self.GetServerStatus = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetServerStatus',
+                request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
                 _registered_method=True)
         self.ListKnownNames = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListKnownNames',
@@ -271,8 +291,22 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def UpdateScene(self, request, context):
+        """Renames a scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def DeleteScene(self, request, context):
         """Missing associated documentation comment in .proto file."""
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListPhotoVerdicts(self, request, context):
+        """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
@@ -503,6 +537,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def CreateUploadKey(self, request, context):
+        """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListKeys(self, request, context):
         """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most.
         """
@@ -519,6 +560,13 @@ class SceneServiceServicer:
 
     def ExpireKey(self, request, context):
         """Lets a valid key expire at another time, sooner or later.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetServerStatus(self, request, context):
+        """What the server can do, and how much room the project has left, as the caller may know it.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -563,10 +611,20 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListScenesResponse.SerializeToString,
             ),
+            'UpdateScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.UpdateScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.SerializeToString,
+            ),
             'DeleteScene': grpc.unary_unary_rpc_method_handler(
                     servicer.DeleteScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.FromString,
                     response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            ),
+            'ListPhotoVerdicts': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListPhotoVerdicts,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.SerializeToString,
             ),
             'ListLabels': grpc.unary_unary_rpc_method_handler(
                     servicer.ListLabels,
@@ -728,6 +786,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.SerializeToString,
             ),
+            'CreateUploadKey': grpc.unary_unary_rpc_method_handler(
+                    servicer.CreateUploadKey,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.SerializeToString,
+            ),
             'ListKeys': grpc.unary_unary_rpc_method_handler(
                     servicer.ListKeys,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListKeysRequest.FromString,
@@ -742,6 +805,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ExpireKey,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
+            ),
+            'GetServerStatus': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetServerStatus,
+                    request_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.SerializeToString,
             ),
             'ListKnownNames': grpc.unary_unary_rpc_method_handler(
                     servicer.ListKnownNames,
@@ -851,6 +919,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def UpdateScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/UpdateScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.UpdateSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def DeleteScene(request,
             target,
             options=(),
@@ -867,6 +962,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/DeleteScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.DeleteSceneRequest.SerializeToString,
             google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListPhotoVerdicts(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListPhotoVerdicts',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListPhotoVerdictsResponse.FromString,
             options,
             channel_credentials,
             insecure,
@@ -1742,6 +1864,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def CreateUploadKey(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/CreateUploadKey',
+            fastsplat_dot_v1_dot_fastsplat__pb2.CreateUploadKeyRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.NewKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def ListKeys(request,
             target,
             options=(),
@@ -1812,6 +1961,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ExpireKey',
             fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetServerStatus(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetServerStatus',
+            google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
             options,
             channel_credentials,
             insecure,

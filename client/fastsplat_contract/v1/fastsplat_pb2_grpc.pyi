@@ -51,7 +51,11 @@ class SceneServiceStub:
     GetScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]
     ListScenes: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
+    UpdateScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]
+    """Renames a scene."""
     DeleteScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]
+    ListPhotoVerdicts: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotoVerdictsRequest, _fastsplat_pb2.ListPhotoVerdictsResponse]
+    """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
     ListLabels: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]
     """The dictionary in pages, by label id."""
     ListObjects: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]
@@ -122,12 +126,16 @@ class SceneServiceStub:
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    CreateUploadKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]
+    """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
     ListKeys: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]
     """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
     RevokeKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]
     """Lets a valid key expire at another time, sooner or later."""
+    GetServerStatus: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]
+    """What the server can do, and how much room the project has left, as the caller may know it."""
     ListKnownNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]
     """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
     DeleteKnownName: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]
@@ -145,7 +153,11 @@ class SceneServiceAsyncStub(SceneServiceStub):
     GetScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
     ListScenes: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]  # type: ignore[assignment]
     """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
+    UpdateScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UpdateSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
+    """Renames a scene."""
     DeleteScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteSceneRequest, _empty_pb2.Empty]  # type: ignore[assignment]
+    ListPhotoVerdicts: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListPhotoVerdictsRequest, _fastsplat_pb2.ListPhotoVerdictsResponse]  # type: ignore[assignment]
+    """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
     ListLabels: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]  # type: ignore[assignment]
     """The dictionary in pages, by label id."""
     ListObjects: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]  # type: ignore[assignment]
@@ -216,12 +228,16 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
     """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
+    CreateUploadKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
+    """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
     ListKeys: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKeysRequest, _fastsplat_pb2.ListKeysResponse]  # type: ignore[assignment]
     """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most."""
     RevokeKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RevokeKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Takes a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Lets a valid key expire at another time, sooner or later."""
+    GetServerStatus: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]  # type: ignore[assignment]
+    """What the server can do, and how much room the project has left, as the caller may know it."""
     ListKnownNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]  # type: ignore[assignment]
     """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first."""
     DeleteKnownName: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]  # type: ignore[assignment]
@@ -256,11 +272,27 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality."""
 
     @_abc_1.abstractmethod
+    def UpdateScene(
+        self,
+        request: _fastsplat_pb2.UpdateSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Scene, _abc.Awaitable[_fastsplat_pb2.Scene]]:
+        """Renames a scene."""
+
+    @_abc_1.abstractmethod
     def DeleteScene(
         self,
         request: _fastsplat_pb2.DeleteSceneRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_empty_pb2.Empty, _abc.Awaitable[_empty_pb2.Empty]]: ...
+
+    @_abc_1.abstractmethod
+    def ListPhotoVerdicts(
+        self,
+        request: _fastsplat_pb2.ListPhotoVerdictsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListPhotoVerdictsResponse, _abc.Awaitable[_fastsplat_pb2.ListPhotoVerdictsResponse]]:
+        """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done."""
 
     @_abc_1.abstractmethod
     def ListLabels(
@@ -525,6 +557,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Makes a key of the caller's project, of the caller's role at most; its secret is told this once."""
 
     @_abc_1.abstractmethod
+    def CreateUploadKey(
+        self,
+        request: _fastsplat_pb2.CreateUploadKeyRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.NewKey, _abc.Awaitable[_fastsplat_pb2.NewKey]]:
+        """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once."""
+
+    @_abc_1.abstractmethod
     def ListKeys(
         self,
         request: _fastsplat_pb2.ListKeysRequest,
@@ -547,6 +587,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
         """Lets a valid key expire at another time, sooner or later."""
+
+    @_abc_1.abstractmethod
+    def GetServerStatus(
+        self,
+        request: _empty_pb2.Empty,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ServerStatus, _abc.Awaitable[_fastsplat_pb2.ServerStatus]]:
+        """What the server can do, and how much room the project has left, as the caller may know it."""
 
     @_abc_1.abstractmethod
     def ListKnownNames(

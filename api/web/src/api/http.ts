@@ -1,6 +1,7 @@
 import { signal } from "@preact/signals";
 
 import { shareKey } from "../app/share";
+import { isPhone, linkRefused, uploadKey } from "../app/uploadLink";
 import { texts } from "../texts";
 import type { Problem } from "./types";
 
@@ -61,13 +62,14 @@ window.addEventListener("storage", (event) => {
 
 /** The headers that say who asks. */
 export function keyHeaders(): Record<string, string> {
-  const key = shareKey || accessKey.value;
+  const key = isPhone() ? uploadKey.value : shareKey || accessKey.value;
   return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
 /** Notes that the server does not take this browser's key: the page asks for another one, and sends nothing until then. */
 export function refuseKey(): void {
-  signInReason.value = shareKey || accessKey.value ? "refused" : "missing";
+  if (isPhone()) linkRefused.value = true;
+  else signInReason.value = shareKey || accessKey.value ? "refused" : "missing";
 }
 
 /** The problem of a response that is not a success; a body that is none of ours gives one without details. */

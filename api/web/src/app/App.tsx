@@ -3,7 +3,9 @@ import { useEffect, useRef } from "preact/hooks";
 import { accessKey, isOnline, signInReason, signOut } from "../api/http";
 import { ScenePage } from "../scene/ScenePage";
 import { ScenesPage } from "../scenes/ScenesPage";
+import { ServerPage } from "../server/ServerPage";
 import { texts } from "../texts";
+import { PhonePage } from "../upload/PhonePage";
 import { UploadPage } from "../upload/UploadPage";
 import { route } from "./router";
 import { isShared } from "./share";
@@ -11,7 +13,8 @@ import { SignIn } from "./SignIn";
 
 /** The whole page: the header, and what the address names. */
 export function App() {
-  const signedOut = signInReason.value !== "";
+  const phone = route.value.page === "phone"; // a key for one upload opens no other page
+  const signedOut = signInReason.value !== "" && !phone;
   return (
     <>
       <a
@@ -25,12 +28,12 @@ export function App() {
         {texts.skip}
       </a>
       <header>
-        <a class="brand" href={isShared ? undefined : "#/"}>
+        <a class="brand" href={isShared ? undefined : phone ? "#/phone" : "#/"}>
           <img src="web/icon.svg" alt="" width="24" height="24" />
           {texts.product}
         </a>
         <nav aria-label={texts.nav.label}>
-          {!signedOut && !isShared && (
+          {!signedOut && !isShared && !phone && (
             <>
               <a href="#/" aria-current={route.value.page === "scenes" ? "page" : undefined}>
                 {texts.nav.scenes}
@@ -38,10 +41,13 @@ export function App() {
               <a href="#/new" aria-current={route.value.page === "new" ? "page" : undefined}>
                 {texts.nav.newScene}
               </a>
+              <a href="#/server" aria-current={route.value.page === "server" ? "page" : undefined}>
+                {texts.server.title}
+              </a>
             </>
           )}
-          <a href="docs">{texts.nav.api}</a>
-          {accessKey.value && !signedOut && !isShared && (
+          {!phone && <a href="docs">{texts.nav.api}</a>}
+          {accessKey.value && !signedOut && !isShared && !phone && (
             <button type="button" class="plain" onClick={signOut}>
               {texts.nav.signOut}
             </button>
@@ -90,6 +96,10 @@ function Page() {
       return <ScenesPage />;
     case "new":
       return <UploadPage />;
+    case "phone":
+      return <PhonePage />;
+    case "server":
+      return <ServerPage />;
     case "scene":
       return <ScenePage key={current.sceneId} sceneId={current.sceneId} />;
     case "unknown":

@@ -2,6 +2,8 @@
 export type Route =
   | { page: "scenes" }
   | { page: "new" }
+  | { page: "server" }
+  | { page: "phone" }
   | { page: "scene"; sceneId: string; text: string; version: string; view: string; things: number[]; look: string }
   | { page: "unknown" };
 
@@ -10,6 +12,8 @@ export function parseRoute(hash: string): Route {
   const parameters = new URLSearchParams(query);
   if (path === "" || path === "/") return { page: "scenes" };
   if (path === "/new") return { page: "new" };
+  if (path === "/phone") return { page: "phone" };
+  if (path === "/server") return { page: "server" };
   const match = /^\/scenes\/([^/]+)$/.exec(path);
   if (!match?.[1]) return { page: "unknown" };
   return {

@@ -3,6 +3,9 @@ import { signal } from "@preact/signals";
 import type { Route, SceneAddress } from "./addresses";
 import { parseRoute, sceneAddress as addressOf, shareKeyIn } from "./addresses";
 import { shareKey } from "./share";
+import { takeUploadKey } from "./uploadLink";
+
+takeUploadKey();
 
 /** See `addresses.ts`; on a page that a link has opened, its addresses go on with the link's key. */
 export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
@@ -15,6 +18,7 @@ export const route = signal<Route>(parseRoute(location.hash));
 window.addEventListener("hashchange", () => {
   const other = shareKeyIn(location.hash);
   if (other && other !== shareKey) location.reload(); // another link, another caller
+  takeUploadKey();
   route.value = parseRoute(location.hash);
 });
 

@@ -16,6 +16,9 @@ import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
 import { ThingList } from "../things/ThingList";
+import { LookAgainPanel } from "../lookAgain/LookAgainPanel";
+import { PhotosPanel } from "../photos/PhotosPanel";
+import { photosRound } from "../photos/photosRound";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { firstView, lookAtBox, parseView, viewText } from "../viewer/poses";
@@ -24,6 +27,7 @@ import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
 import { AssessmentNote } from "./AssessmentNote";
 import { DeleteScene } from "./DeleteScene";
+import { SceneName } from "./SceneName";
 import { SceneFacts } from "./SceneFacts";
 import { SceneState } from "./sceneState";
 
@@ -133,8 +137,9 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   if (scene.state !== "READY")
     return (
       <section class="sheet">
-        <h1>{name}</h1>
+        <SceneName scene={scene} onChange={() => state.refresh()} />
         {state.operation.value && <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />}
+        {!isShared && <PhotosPanel sceneId={sceneId} ready={false} round={photosRound(state.operation.value)} />}
         {!isShared && remove}
       </section>
     );
@@ -150,7 +155,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         }}
       />
       <aside class="panel">
-        <h1>{name}</h1>
+        <SceneName scene={scene} onChange={() => state.refresh()} />
         {!state.isCurrent.value && (
           <p class="note">
             {texts.scene.oldVersion}{" "}
@@ -184,10 +189,20 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
             return view.current ?? parseView(first, start.up) ?? start;
           }}
         />
-        {!isShared && <VersionsPanel state={state} />}
+        {!isShared && (
+          <>
+            <VersionsPanel state={state} />
+            <LookAgainPanel sceneId={sceneId} onDone={() => void state.refresh()} />
+          </>
+        )}
         <ScaleFacts state={state} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
-        {!isShared && remove}
+        {!isShared && (
+          <>
+            <PhotosPanel sceneId={sceneId} ready />
+            {remove}
+          </>
+        )}
       </aside>
     </div>
   );

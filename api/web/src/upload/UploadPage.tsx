@@ -2,21 +2,24 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import { newRequestId } from "../api/calls";
 import { isAbort, OfflineError, send } from "../api/http";
-import type { Operation } from "../api/types";
+import type { Operation, ServerStatus } from "../api/types";
 import { go, sceneAddress } from "../app/router";
+import { serverStatus } from "../server/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
 import { bytesText, chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
-import { forget, largestUpload, sendFile, wasBegun } from "./tus";
+import { limitsOf, refusalOf } from "./limits";
+import { PhoneLink } from "./PhoneLink";
+import { forget, sendFile, wasBegun } from "./tus";
 
 type Preset = keyof typeof texts.upload.presets;
 
 /** Files are chosen, checked before anything is sent, sent in pieces, and made a scene of. */
-export function UploadPage() {
+export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) => void }) {
   const [files, setFiles] = useState<ChosenFile[]>([]);
   const [refused, setRefused] = useState<string[]>([]);
-  const [maxBytes, setMaxBytes] = useState<number | null>(null);
+  const [status, setStatus] = useState<ServerStatus | null>(null);
   const [over, setOver] = useState(false);
   const [sent, setSent] = useState<{ bytes: number; speed: number } | null>(null);
   const [stopped, setStopped] = useState(false);
@@ -26,7 +29,7 @@ export function UploadPage() {
   const form = useRef<HTMLFormElement>(null);
 
   useEffect(() => {
-    largestUpload().then(setMaxBytes, () => undefined); // the server says so itself when the file is announced
+    serverStatus().then(setStatus, () => undefined); // the server says so itself when the file is announced
     return () => running.current?.abort();
   }, []);
 
@@ -38,7 +41,8 @@ export function UploadPage() {
     setError(null);
     setStopped(false);
   };
-  const problem = problemOf(files, maxBytes);
+  const problem = problemOf(files, status && limitsOf(status));
+  const refusal = status ? refusalOf(status) : "";
   const total = totalBytes(files);
 
   const upload = async () => {
@@ -49,7 +53,8 @@ export function UploadPage() {
       const ids = await sendAll(files, controller.signal, (bytes, speed) => setSent({ bytes, speed }));
       const operation = await createScene(new FormData(form.current ?? undefined), ids, requestId.current);
       forget(files);
-      go(sceneAddress(operation.scene_id));
+      if (onCreated) onCreated(operation);
+      else go(sceneAddress(operation.scene_id));
     } catch (problem) {
       setStopped(true);
       if (!isAbort(problem)) setError(problem);
@@ -64,11 +69,16 @@ export function UploadPage() {
     <section class="sheet upload">
       <h1>{texts.upload.title}</h1>
       <p>{texts.upload.intro}</p>
+      {refusal && (
+        <p class="note error" role="alert">
+          {refusal} {!onCreated && <a href="#/server">{texts.quota.toServer}</a>}
+        </p>
+      )}
       <form
         ref={form}
         onSubmit={(event) => {
           event.preventDefault();
-          if (!busy && files.length && !problem) void upload();
+          if (!busy && files.length && !problem && !refusal) void upload();
         }}
       >
         <div
@@ -147,7 +157,7 @@ export function UploadPage() {
           error !== null && <ErrorNote error={error} />
         )}
         <div class="buttons">
-          <button class="primary" disabled={busy || files.length === 0 || problem !== ""}>
+          <button class="primary" disabled={busy || files.length === 0 || problem !== "" || refusal !== ""}>
             {stopped ? texts.upload.resume : texts.upload.submit}
           </button>
           {busy && (
@@ -157,6 +167,7 @@ export function UploadPage() {
           )}
         </div>
       </form>
+      {!onCreated && !refusal && status && <PhoneLink addresses={status.addresses} />}
     </section>
   );
 }

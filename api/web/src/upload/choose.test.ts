@@ -31,8 +31,13 @@ test("an empty file is refused", () => {
 test("what cannot become one scene is said before it is sent", () => {
   expect(problemOf([file("a.zip"), file("b.jpg")], null)).not.toBe("");
   expect(problemOf([file("a.zip")], null)).toBe("");
-  expect(problemOf([file("a.jpg", 600), file("b.jpg", 600)], 1000)).toContain("1.0 kB");
-  expect(problemOf([file("a.jpg", 600)], 1000)).toBe("");
+  const limits = { maxBytes: 1000, bytesLeft: 800, maxImages: 2 };
+  expect(problemOf([file("a.jpg", 600), file("b.jpg", 600)], limits)).toContain("1.0 kB");
+  expect(problemOf([file("a.jpg", 900)], limits)).toContain("800 B left");
+  expect(problemOf([file("a.jpg", 900)], { ...limits, bytesLeft: null })).toBe("");
+  expect(problemOf([file("a.jpg", 600)], limits)).toBe("");
+  const many = Array.from({ length: 5 }, (_, number) => file(`${number}.jpg`, 1));
+  expect(problemOf(many, limits)).toContain("5 images");
 });
 
 test.each([

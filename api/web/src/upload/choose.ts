@@ -1,4 +1,5 @@
 import { texts } from "../texts";
+import type { Limits } from "./limits";
 
 /** A file and the name under which it is sent: with the folders it was chosen in. */
 export interface ChosenFile {
@@ -27,10 +28,16 @@ export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; ref
   return { taken, refused };
 }
 
-/** Why these files cannot become one scene; empty if they can. */
-export function problemOf(files: readonly ChosenFile[], maxBytes: number | null): string {
+/** Why these files cannot become one scene; empty if they can. What the limits are may not be known yet. */
+export function problemOf(files: readonly ChosenFile[], limits: Limits | null): string {
   const total = totalBytes(files);
-  if (maxBytes !== null && total > maxBytes) return texts.upload.tooLarge(bytesText(total), bytesText(maxBytes));
+  const images = files.filter(({ path }) => PHOTOS.test(path)).length;
+  if (limits) {
+    const { maxBytes, bytesLeft, maxImages } = limits;
+    if (total > maxBytes) return texts.upload.tooLarge(bytesText(total), bytesText(maxBytes));
+    if (bytesLeft !== null && total > bytesLeft) return texts.quota.tooLittle(bytesText(total), bytesText(bytesLeft));
+    if (images > 2 * maxImages) return texts.quota.tooMany(images, maxImages); // every one may have a mask or labels
+  }
   const wholes = files.filter(({ path }) => WHOLE.test(path) && !/\.(ply|spz)$/i.test(path));
   return wholes.length > 0 && files.length > 1 ? texts.upload.oneArchive : "";
 }

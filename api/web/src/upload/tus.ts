@@ -6,13 +6,6 @@ const VERSION = { "Tus-Resumable": "1.0.0" };
 const PIECE_BYTES = 8 * 2 ** 20;
 const STORED = "fastsplat-upload ";
 
-/** The largest upload that the server takes, bytes; null if it does not say. */
-export async function largestUpload(): Promise<number | null> {
-  const response = await send("v1/uploads", { method: "OPTIONS" });
-  const text = response.headers.get("Tus-Max-Size");
-  return text ? Number(text) : null;
-}
-
 /**
  * Sends a file in pieces; one of which a part is there already goes on where it stopped.
  *

@@ -1,0 +1,65 @@
+import { useState } from "preact/hooks";
+
+import { listPhotos } from "../api/adminCalls";
+import type { PhotoVerdict } from "../api/types";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { useLoaded } from "../ui/useLoaded";
+
+/** What became of each photo and what to do about it. `round` changes when there may be news; `ready`: of the scene. */
+export function PhotosPanel({ sceneId, ready, round = "" }: { sceneId: string; ready: boolean; round?: string }) {
+  const [all, setAll] = useState(false);
+  const { value, error, reload } = useLoaded(() => listPhotos(sceneId), [sceneId, round]);
+  if (error !== null) return <ErrorNote error={error} onRetry={reload} />;
+  if (!value || (!value.assessed && !ready)) return null;
+  const troubled = value.photos.filter((photo) => !photo.placed || photo.defects.length > 0);
+  const shown = all ? value.photos : troubled;
+  return (
+    <section class="photos" aria-labelledby="photos-title">
+      <h2 id="photos-title">{texts.photos.title}</h2>
+      {!value.assessed ? (
+        <p class="hint">{texts.photos.notAssessed}</p>
+      ) : (
+        <p class="hint" role="status">
+          {texts.photos.placed(value.photos.filter((photo) => photo.placed).length, value.photos.length)}{" "}
+          {troubled.length === 0 ? texts.photos.fine : texts.photos.troubled(troubled.length)}
+        </p>
+      )}
+      {value.assessed && (
+        <label class="check">
+          <input type="checkbox" checked={all} onChange={(event) => setAll(event.currentTarget.checked)} />
+          {texts.photos.showAll}
+        </label>
+      )}
+      {shown.length > 0 && (
+        <ul class="photo-list">
+          {shown.map((photo) => (
+            <li key={photo.name}>
+              <Photo photo={photo} />
+            </li>
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}
+
+function Photo({ photo }: { photo: PhotoVerdict }) {
+  const words = [
+    photo.placed ? texts.photos.isPlaced : texts.photos.notPlaced[photo.not_placed ?? "unknown"],
+    ...photo.defects.map((defect) => texts.photos.defects[defect]),
+  ];
+  return (
+    <>
+      <span class="photo-name">{photo.name}</span>
+      <ul class="tags">
+        {words.map((word, index) => (
+          <li key={word} class={index > 0 || !photo.placed ? "state failed" : "state ready"}>
+            {word}
+          </li>
+        ))}
+      </ul>
+      {photo.advice && <p class="hint">{photo.advice}</p>}
+    </>
+  );
+}

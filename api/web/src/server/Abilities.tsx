@@ -1,0 +1,66 @@
+import type { ServerStatus } from "../api/types";
+import { texts } from "../texts";
+import { bytesText } from "../upload/choose";
+
+/** Release, models, workers, limits, and how much room the project has left. */
+export function Abilities({ status }: { status: ServerStatus }) {
+  const full = status.quotas.filter((quota) => quota.limit !== null && quota.used >= quota.limit);
+  return (
+    <section class="server-part" aria-labelledby="abilities-title">
+      <h2 id="abilities-title">{texts.server.abilities}</h2>
+      {status.workers === 0 && (
+        <p class="note error" role="status">
+          {texts.server.noWorkers}
+        </p>
+      )}
+      {full.map((quota) => (
+        <p key={quota.kind} class="note error" role="status">
+          {texts.quota.full[quota.kind]}
+        </p>
+      ))}
+      <dl class="facts-list">
+        <Fact name={texts.server.version} value={status.version} />
+        <Fact name={texts.server.project} value={`${status.project} (${texts.server.roles[status.role]})`} />
+        <Fact name={texts.server.workers} value={String(status.workers)} />
+        <Fact name={texts.server.training} value={texts.server.backends[status.training_backend] ?? ""} />
+        <Fact name={texts.server.drawing} value={texts.server.backends[status.backend] ?? ""} />
+        {status.quotas.map((quota) => (
+          <Fact
+            key={quota.kind}
+            name={texts.quota.names[quota.kind]}
+            value={texts.quota.used(amount(quota.kind, quota.used), quota.limit && amount(quota.kind, quota.limit))}
+          />
+        ))}
+        <Fact name={texts.server.largestUpload} value={bytesText(status.max_upload_bytes)} />
+        <Fact name={texts.server.mostImages} value={status.max_images.toLocaleString("en")} />
+      </dl>
+      <h3>{texts.server.models}</h3>
+      <ul class="rows">
+        {status.models.map((model) => (
+          <li key={model.role}>
+            <span class="row-name">{texts.server.modelRoles[model.role]}</span>
+            <span>{model.name || texts.server.none}</span>
+            <span class={`state ${model.state === "missing" ? "failed" : model.state === "ready" ? "ready" : ""}`}>
+              {texts.server.modelStates[model.state]}
+              {model.calibrated !== null &&
+                ` · ${model.calibrated ? texts.server.calibrated : texts.server.uncalibrated}`}
+            </span>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+function Fact({ name, value }: { name: string; value: string }) {
+  return (
+    <div>
+      <dt>{name}</dt>
+      <dd>{value}</dd>
+    </div>
+  );
+}
+
+function amount(kind: string, count: number): string {
+  return kind === "bytes" ? bytesText(count) : count.toLocaleString("en");
+}

@@ -1,0 +1,46 @@
+import { useState } from "preact/hooks";
+
+import { sceneAddress } from "../app/router";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { useLoaded } from "../ui/useLoaded";
+import { deleteKnownName, listKnownNames } from "./serverCalls";
+
+/** What people named in the project's scenes and is suggested in others. */
+export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
+  const { value, error, reload } = useLoaded(listKnownNames, []);
+  const [failure, setFailure] = useState<unknown>(null);
+  const problem = error ?? failure;
+  return (
+    <section class="server-part" aria-labelledby="names-title">
+      <h2 id="names-title">{texts.server.names}</h2>
+      <p class="hint">{texts.server.namesHelp}</p>
+      {problem !== null && <ErrorNote error={problem} />}
+      {value?.length === 0 && <p class="hint">{texts.server.noNames}</p>}
+      <ul class="rows names" aria-label={texts.server.names}>
+        {value?.map((name) => (
+          <li key={name.id}>
+            <img src={`data:image/jpeg;base64,${name.picture}`} alt="" width="48" height="48" />
+            <span class="row-name">
+              <a href={sceneAddress(name.scene_id, { text: name.name })}>{name.name}</a>
+            </span>
+            <span class="hint">{new Date(name.named_at).toLocaleString("en")}</span>
+            {canDelete && (
+              <button
+                type="button"
+                class="danger"
+                aria-label={texts.server.forgetOf(name.name)}
+                onClick={() => {
+                  setFailure(null);
+                  deleteKnownName(name.id).then(reload, setFailure);
+                }}
+              >
+                {texts.server.forget}
+              </button>
+            )}
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}

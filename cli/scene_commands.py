@@ -1,0 +1,78 @@
+"""`fastsplat scenes`: what became of the photos of a scene; rename it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Column, Table
+from rich.text import Text
+
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.photo_verdicts import PhotoVerdict
+from fastsplat_contract.scenes import SceneUpdate
+
+if TYPE_CHECKING:
+    from fastsplat.service.application.service import SceneService
+
+scenes_app = typer.Typer(name="scenes", help="Scenes: what became of their photos; rename them.", no_args_is_help=True)
+
+SceneId = Annotated[str, typer.Argument(help="The scene's id.")]
+Project = Annotated[str, typer.Option(help="The project whose scene it is.")]
+
+
+@scenes_app.command()
+def rename(
+    scene: SceneId,
+    name: Annotated[str, typer.Argument(help="Its new name; it need not be unique.")],
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Give a scene another name."""
+    with _service(project) as service:
+        renamed = service.update_scene(scene, SceneUpdate(name))
+    typer.echo(f"scene {renamed.id} is called {renamed.name!r}", err=True)
+
+
+@scenes_app.command()
+def photos(
+    scene: SceneId,
+    project: Project = DEFAULT_PROJECT,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of a table.")] = False,
+) -> None:
+    """Show what became of each photo of a scene, and what to do about it."""
+    listed: list[PhotoVerdict] = []
+    with _service(project) as service:
+        page = service.list_photo_verdicts(scene)
+        listed += page.photos
+        while page.next_page_token:
+            page = service.list_photo_verdicts(scene, page_token=page.next_page_token)
+            listed += page.photos
+    if as_json:
+        typer.echo(json.dumps([to_plain(photo) for photo in listed], indent=2, ensure_ascii=False))
+        return
+    if not page.assessed:
+        typer.echo(
+            "nobody has looked at the photos of this scene: see the job, or it is of an earlier release", err=True
+        )
+        return
+    table = Table(Column("photo", overflow="fold"), "verdict", "advice", box=box.SIMPLE, padding=(0, 1, 0, 0))
+    for photo in listed:
+        where = "placed" if photo.placed else f"not placed: {(photo.not_placed or 'unknown').replace('_', ' ')}"
+        table.add_row(Text(photo.name), "\n".join((where, *photo.defects)), Text(photo.advice))
+    Console().print(table)
+    typer.echo(f"{page.placed_count} of {page.photo_count} photos have a place", err=True)
+
+
+@contextmanager
+def _service(project: str) -> Iterator[SceneService]:
+    from fastsplat.service.application.service import open_service  # loads what answers questions
+
+    with open_service(load_settings()) as service:
+        yield service.in_project(project)

@@ -1,0 +1,33 @@
+"""`fastsplat status`: what a server can do, and how much room a project has left."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.remote import Ca, KeyFile, Server, connect
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.json_codec import to_plain
+
+
+def status(
+    project: Annotated[
+        str, typer.Option(help="Whose quotas. Default: by --server your own key's project, else the default one.")
+    ] = "",
+    server: Server = "",
+    key_file: KeyFile = None,
+    ca: Ca = None,
+) -> None:
+    """Print what the server can do: models, workers, limits, and the project's quotas, as JSON."""
+    if server:
+        with connect(server, key_file, ca, project) as client:
+            told = client.server_status()
+    else:
+        from fastsplat.service.application.service import open_service  # loads what answers questions
+
+        with open_service(load_settings()) as service:
+            told = service.in_project(project or DEFAULT_PROJECT).status("operator", "")
+    typer.echo(json.dumps(to_plain(told), indent=2, ensure_ascii=False))

@@ -1,0 +1,67 @@
+"""What a server can do, and how much room the caller's project has left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from fastsplat_contract.keys import Role
+from fastsplat_contract.wire import Many, Response
+
+ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger"]
+ModelState = Literal["ready", "missing", "unset"]
+QuotaKind = Literal["scenes", "bytes", "jobs"]
+
+
+@dataclass(frozen=True)
+class ModelStatus(Response):
+    """One model that the server's settings name, or could name."""
+
+    role: Annotated[ModelRole, Field(description="what it is for")]
+    name: Annotated[str, Field(description="as the settings name it; empty for none")]
+    state: Annotated[
+        ModelState, Field(description="ready: its files are there; missing: they are not; unset: no model is named")
+    ]
+    calibrated: Annotated[
+        bool | None,
+        Field(description="of a text encoder: whether its scores were measured, so that answers have probabilities"),
+    ]
+
+
+@dataclass(frozen=True)
+class QuotaStatus(Response):
+    """What the project uses of one quota."""
+
+    kind: Annotated[QuotaKind, Field(description="scenes, bytes of their uploads, jobs that wait or run")]
+    used: int
+    limit: Annotated[int | None, Field(description="absent: no bound")]
+
+
+@dataclass(frozen=True)
+class ServerStatus(Response):
+    """What a server can do, as the caller may know it."""
+
+    version: Annotated[str, Field(description="the release that runs")]
+    project: Annotated[str, Field(description="the one that the call is about")]
+    role: Annotated[Role, Field(description="what the caller may do there")]
+    key_expires_at: Annotated[datetime | None, Field(description="of the caller's key; absent: never, or no key")]
+    upload_operation: Annotated[
+        str, Field(description="of a key for one upload: the operation that it made; empty: none yet, or another role")
+    ]
+    models: Annotated[Many[ModelStatus], Field(description="empty for a key for one upload")]
+    backend: Annotated[str, Field(description="what draws the answers: cpu, cuda or reference")]
+    training_backend: Annotated[str, Field(description="what this server's workers train with: cpu, cuda or reference")]
+    workers: Annotated[int, Field(description="worker processes that live; without one, jobs wait")]
+    quotas: Annotated[Many[QuotaStatus], Field(description="of the project")]
+    max_upload_bytes: Annotated[int, Field(description="of one upload, all its files together")]
+    max_images: Annotated[int, Field(description="images in one upload")]
+    addresses: Annotated[
+        Many[str],
+        Field(
+            description="where other machines reach the web page, as far as the server knows; empty for readers, for a "
+            "key for one upload, and for a server that listens on its own machine alone"
+        ),
+    ]

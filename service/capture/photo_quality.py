@@ -1,0 +1,206 @@
+"""How sharp and how bright photos are, which of them show the same, and what that and their matches say of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat_contract.photo_verdicts import NotPlaced, PhotoDefect, PhotoVerdict
+
+_SIDE = 800
+_THUMBNAIL = 16
+_MIN_SHARPNESS = 0.5
+_MIN_CRISPNESS = 0.6
+_MIN_SET = 3
+_MIN_BRIGHTNESS = 0.16
+_SAME_PIXELS = 3.0
+_SAME_PLACE = 0.01
+_SAME_DIRECTION = float(np.cos(np.radians(1.0)))
+_MIN_FEATURES = 50
+_MIN_MATCHES = 15
+"""COLMAP's least number of verified matches of a pair."""
+_ROWS = 512
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoQuality:
+    """What the pixels of one photo say.
+
+    Attributes:
+        name: of the photo.
+        detail: standard deviation of the Laplacian of its gray values, at 800 pixels a side: falls with blur
+            (Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000).
+        contrast: standard deviation of the gray values, 0..255.
+        brightness: the 90th percentile of the gray values, 0..1.
+        thumbnail: float32 [256] gray values of a picture of 16×16.
+    """
+
+    name: str
+    detail: float
+    contrast: float
+    brightness: float
+    thumbnail: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PhotoMatches:
+    """What structure from motion says of one photo.
+
+    Attributes:
+        features: that were extracted.
+        best: verified matches with the photo with which it has most.
+        best_placed: the same among the placed photos.
+        other_model: whether it is in another model than the scene's.
+    """
+
+    features: int
+    best: int
+    best_placed: int
+    other_model: bool
+
+
+def measure_photo(name: str, pixels: NDArray[np.uint8]) -> PhotoQuality:
+    """The quality of uint8 [H, W, 3] RGB; some milliseconds."""
+    gray = np.ascontiguousarray(pixels[..., 1])  # the green channel is the sharpest, and close to luminance
+    height, width = gray.shape
+    scale = _SIDE / max(height, width)
+    if scale < 1:
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    detail = float(cv2.Laplacian(gray, cv2.CV_16S).std())
+    thumbnail = cv2.resize(gray.astype(np.float32), (_THUMBNAIL, _THUMBNAIL), interpolation=cv2.INTER_AREA)
+    return PhotoQuality(
+        name=name,
+        detail=detail,
+        contrast=float(gray.std()),
+        brightness=float(np.percentile(gray, 90)) / 255,
+        thumbnail=np.asarray(thumbnail, dtype=np.float32).ravel(),
+    )
+
+
+def judge_photos(
+    photos: Sequence[PhotoQuality],
+    poses: Mapping[str, NDArray[np.float64]],
+    matches: Mapping[str, PhotoMatches] | None,
+    masked: Sequence[str] = (),
+) -> tuple[PhotoVerdict, ...]:
+    """One verdict a photo, sorted by name.
+
+    Args:
+        photos: all that were usable.
+        poses: world_from_camera [4, 4] of those with a place, by name.
+        matches: by name; None where poses came with the upload.
+        masked: names of those that their masks leave no pixel of.
+    """
+    ordered = sorted(photos, key=lambda photo: photo.name)
+    sharpness = _relative(np.array([photo.detail for photo in ordered]))
+    crispness = _relative(np.array([photo.detail / max(photo.contrast, 1.0) for photo in ordered]))
+    originals = _originals(ordered, poses)
+    verdicts = []
+    for photo, sharp, crisp in zip(ordered, sharpness, crispness, strict=True):
+        blurred = len(ordered) >= _MIN_SET and sharp < _MIN_SHARPNESS and crisp < _MIN_CRISPNESS
+        dark = photo.brightness < _MIN_BRIGHTNESS
+        original = originals.get(photo.name, "")
+        flags: Mapping[PhotoDefect, bool] = {"blurred": blurred, "dark": dark, "duplicate": bool(original)}
+        shared = None if matches is None else matches.get(photo.name)
+        placed = photo.name in poses
+        reason = None if placed else _reason(photo.name, shared, masked)
+        defects = tuple(name for name, present in flags.items() if present)
+        verdicts.append(
+            PhotoVerdict(
+                name=photo.name,
+                placed=placed,
+                not_placed=reason,
+                defects=defects,
+                duplicate_of=original,
+                sharpness=round(float(sharp), 3),
+                brightness=round(photo.brightness, 3),
+                matches=None if shared is None else shared.best,
+                advice=_advice(reason, defects, original),
+            )
+        )
+    return tuple(verdicts)
+
+
+def _relative(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each value by the middle one."""
+    middle = float(np.median(values)) if len(values) else 0.0
+    return np.asarray(values / middle) if middle > 0 else np.ones_like(values)
+
+
+def _originals(photos: Sequence[PhotoQuality], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, str]:
+    """The sharpest photo that shows the same, by the names of those that show the same less sharply."""
+    order = sorted(photos, key=lambda photo: (-round(photo.detail, 2), photo.name))
+    thumbnails = np.stack([photo.thumbnail for photo in order]) if order else np.zeros((0, _THUMBNAIL**2), np.float32)
+    squares = (thumbnails**2).sum(axis=1)
+    reach = _SAME_PLACE * _extent(poses)
+    originals: dict[str, str] = {}
+    for begin in range(0, len(order), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        distances = squares[rows, None] + squares[None] - 2 * thumbnails[rows] @ thumbnails.T
+        near = distances < thumbnails.shape[1] * _SAME_PIXELS**2
+        for row, number in enumerate(range(begin, min(begin + _ROWS, len(order)))):
+            for other in np.flatnonzero(near[row, :number]):
+                photo, candidate = order[number], order[int(other)]
+                if candidate.name not in originals and _same_pose(photo.name, candidate.name, poses, reach):
+                    originals[photo.name] = candidate.name
+                    break
+    return originals
+
+
+def _extent(poses: Mapping[str, NDArray[np.float64]]) -> float:
+    """How far the cameras are spread, in scene units."""
+    if len(poses) < 2:
+        return float("inf")
+    centers = np.stack([pose[:3, 3] for pose in poses.values()])
+    return float(np.linalg.norm(np.ptp(centers, axis=0)))
+
+
+def _same_pose(first: str, second: str, poses: Mapping[str, NDArray[np.float64]], reach: float) -> bool:
+    """Whether two photos were taken from one place; those without a pose may have been."""
+    if first not in poses or second not in poses:
+        return True
+    one, other = poses[first], poses[second]
+    if float(np.linalg.norm(one[:3, 3] - other[:3, 3])) > reach:
+        return False
+    return float((one[:3, 2] * other[:3, 2]).sum()) >= _SAME_DIRECTION
+
+
+def _reason(name: str, matches: PhotoMatches | None, masked: Sequence[str]) -> NotPlaced:
+    if name in masked:
+        return "masked"
+    if matches is None:
+        return "unknown"
+    if matches.features < _MIN_FEATURES:
+        return "few_features"
+    if matches.other_model:
+        return "other_model"
+    return "no_overlap" if matches.best < _MIN_MATCHES else "few_matches"
+
+
+_REASONS: Mapping[NotPlaced, str] = {
+    "few_features": "It shows hardly any texture: take in more than bare walls, sky or glass.",
+    "no_overlap": "It shares nothing with the other photos: take more between it and them, overlapping by two thirds.",
+    "few_matches": "It shares too little with the others: take more photos around it, with smaller steps between them.",
+    "other_model": "It belongs to a group of photos that shares nothing with the scene: take photos that join the two, "
+    "or post the group as a scene of its own.",
+    "masked": "Its mask leaves no pixel: in a mask, 0 is what to ignore.",
+    "unknown": "Structure from motion found no place for it.",
+}
+_DEFECTS: Mapping[PhotoDefect, str] = {
+    "blurred": "It is much less sharp than the others: hold the camera still, or take it again.",
+    "dark": "It is nearly black: add light, or expose longer.",
+    "duplicate": "It shows the same as {original}, from the same place: it adds nothing; take a step between photos.",
+}
+
+
+def _advice(reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str) -> str:
+    """What to do, the defects first, as they often are why a photo has no place."""
+    sentences = [_DEFECTS[defect].replace("{original}", original) for defect in defects]
+    if reason is not None and not {"blurred", "dark"} & set(defects):
+        sentences.append(_REASONS[reason])
+    return " ".join(sentences)

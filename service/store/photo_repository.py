@@ -1,0 +1,37 @@
+"""What became of the photos of each scene's capture: written by its worker, read with the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from sqlalchemy import Connection, Engine, delete, insert, select
+
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import scene_photos, scenes
+
+
+def record_photos(connection: Connection, scene_id: str, photos: Sequence[Mapping[str, Any]]) -> None:
+    """Write the verdicts of a scene's photos as JSON objects, in place of earlier ones; of a deleted scene nothing."""
+    forget_photos(connection, scene_id)
+    if connection.scalar(select(scenes.c.id).where(scenes.c.id == scene_id)) is not None:
+        connection.execute(insert(scene_photos).values(scene_id=scene_id, photos=[dict(photo) for photo in photos]))
+
+
+def forget_photos(connection: Connection, scene_id: str) -> None:
+    """Remove the verdicts of a scene's photos."""
+    connection.execute(delete(scene_photos).where(scene_photos.c.scene_id == scene_id))
+
+
+class PhotoRepository:
+    """Verdicts of photos; every method is one transaction. All raise `DatabaseError` when the database is away."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def of_scene(self, scene_id: str) -> Sequence[Mapping[str, Any]]:
+        """As `record_photos` wrote them; empty if nobody has looked. Whether the scene is the caller's: not asked."""
+        query = select(scene_photos.c.photos).where(scene_photos.c.scene_id == scene_id)
+        with self._reading() as connection:
+            return connection.scalar(query) or []

@@ -1,0 +1,229 @@
+"""Keys for one upload: what they open, that they make one scene, and how long they live."""
+
+from __future__ import annotations
+
+import base64
+import io
+import threading
+import time
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pytest
+from PIL import Image
+from sqlalchemy import update
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import api_keys
+from fastsplat_client import Client
+from fastsplat_contract.errors import (
+    ConflictError,
+    InvalidInputError,
+    NotFoundError,
+    PermissionDeniedError,
+    UnauthenticatedError,
+)
+from fastsplat_contract.keys import NewKey
+from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.server_status import ServerStatus
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import assert_same, client_of
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, rpc_refusal, served
+
+_TUS = {"Tus-Resumable": "1.0.0"}
+
+
+@dataclass(frozen=True)
+class _Place:
+    faces: Faces
+    service: SceneService
+    settings: Settings
+    editor: str
+
+    def client(self, key: str) -> Client:
+        return client_of(self.faces, key=key)
+
+    def link(self, lifetime_s: float | None = None) -> NewKey:
+        with self.client(self.editor) as client:
+            return client.keys.create_for_upload(lifetime_s)
+
+
+@pytest.fixture
+def place(api_settings: Settings, tmp_path: Path) -> Iterator[_Place]:
+    settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path / "data"})
+    with open_service(settings) as service, served(service, settings) as faces:
+        yield _Place(faces, service, settings, service.admin.keys.create("Ada", "editor")[1])
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Path:
+    path = tmp_path / "capture.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for number in range(3):
+            photo = io.BytesIO()
+            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            Image.fromarray(pixels).save(photo, "JPEG")
+            archive.writestr(f"{number}.jpg", photo.getvalue())
+    return path
+
+
+def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
+    made = place.link()
+    assert (made.key.role, made.key.state, made.key.operation_id) == ("uploader", "VALID", "")
+    assert made.key.expires_at is not None and made.key.expires_at - made.key.created_at == timedelta(minutes=15)
+    metadata = (("authorization", f"Bearer {place.editor}"),)
+    over_rpc = place.faces.rpc.CreateUploadKey(pb.CreateUploadKeyRequest(lifetime_s=60.0), metadata=metadata)
+    assert from_proto(NewKey, over_rpc).key.role == "uploader"
+    with pytest.raises(InvalidInputError):
+        place.link(3_601.0)
+    with place.client(place.service.admin.keys.create("Bo", "reader")[1]) as reader:
+        with pytest.raises(PermissionDeniedError):
+            reader.keys.create_for_upload()
+        with pytest.raises(PermissionDeniedError):
+            reader.keys.create("x", "uploader")
+
+
+def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place, capture: Path) -> None:
+    other = add_scene(place.service, place.settings)
+    link = place.link()
+    with place.client(link.secret) as phone:
+        before = phone.server_status()
+        assert (before.role, before.upload_operation, before.models, before.addresses) == ("uploader", "", (), ())
+        operation = phone.create_scene(capture, name="by phone")
+        assert phone.operation(operation.id).state == "QUEUED"
+        after = phone.server_status()
+        assert after.upload_operation == operation.id and after.key_expires_at is not None
+        assert after.key_expires_at - link.key.created_at > timedelta(hours=23)
+        with pytest.raises(NotFoundError):
+            phone.operation(place.service.get_scene(other).operation_id)
+        for call in (
+            lambda: phone.scene(operation.scene_id),
+            lambda: list(phone.scenes()),
+            lambda: list(phone.operations()),
+            lambda: phone.cancel(operation.id),
+            lambda: phone.delete_scene(other),
+            lambda: list(phone.known_names.all()),
+            lambda: list(phone.keys.all()),
+            lambda: phone.keys.create_for_upload(),
+        ):
+            with pytest.raises(PermissionDeniedError):
+                call()
+        with pytest.raises(ConflictError) as refused:
+            phone.create_scene(capture, name="a second one")
+        assert "one upload" in refused.value.message
+        metadata = (("authorization", f"Bearer {link.secret}"),)
+        assert place.faces.rpc.GetOperation(pb.GetOperationRequest(operation_id=operation.id), metadata=metadata)
+        with pytest.raises(grpc.RpcError) as denied:
+            place.faces.rpc.GetScene(pb.GetSceneRequest(scene_id=other), metadata=metadata)
+        assert rpc_refusal(denied.value).reason == "PERMISSION_DENIED"
+    assert [scene.name for scene in place.service.list_scenes().scenes] == ["by phone", "made"]
+    (key,) = [key for key in place.service.keys.list("operator").keys if key.id == link.key.id]
+    assert key.operation_id == operation.id
+
+
+def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, capture: Path) -> None:
+    service, key_id = place.service, place.link().key.id
+    sessions = [service.for_upload(key_id).new_upload() for _ in range(2)]
+    outcomes: list[str] = []
+    start = threading.Barrier(2)
+    for number, session in enumerate(sessions):
+        for photo in range(3):
+            pixels = np.random.default_rng(10 * number + photo).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            content = io.BytesIO()
+            Image.fromarray(pixels).save(content, "JPEG")
+            session.write(f"{photo}.jpg", [content.getvalue()])
+
+    def post(number: int) -> None:
+        start.wait()
+        try:
+            service.for_upload(key_id).create_scene(sessions[number], f"phone {number}", "", SceneOptions())
+            outcomes.append("made")
+        except ConflictError:
+            outcomes.append("refused")
+
+    threads = [threading.Thread(target=post, args=(number,)) for number in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(outcomes) == ["made", "refused"]
+    assert len(service.list_scenes().scenes) == 1
+    assert len(list((place.settings.data_dir / "uploads").iterdir())) == 1
+    with pytest.raises(ConflictError):
+        service.for_upload(key_id).new_upload()
+
+
+def test_the_same_request_sent_twice_makes_one_scene(place: _Place, capture: Path) -> None:
+    with place.client(place.link().secret) as phone:
+        first = phone.create_scene(capture, request_id="once")
+        assert first.id == phone.server_status().upload_operation
+    assert len(place.service.list_scenes().scenes) == 1
+
+
+def _expire(place: _Place, key_id: str) -> None:
+    """Let a key have expired a moment ago."""
+    with transaction(place.service._store.engine) as connection:
+        connection.execute(update(api_keys).where(api_keys.c.id == key_id).values(expires_at=time.time() - 1))
+
+
+def test_one_that_has_expired_opens_nothing(place: _Place, capture: Path) -> None:
+    link = place.link()
+    _expire(place, link.key.id)
+    with place.client(link.secret) as phone:
+        for call in (phone.server_status, lambda: phone.create_scene(capture)):
+            with pytest.raises(UnauthenticatedError):
+                call()
+    assert place.service.list_scenes().scenes == ()
+
+
+def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> None:
+    link = place.link()
+    upload = place.service.for_upload(link.key.id)
+    session = upload.new_upload()
+    for number in range(2):
+        content = io.BytesIO()
+        Image.fromarray(np.full((48, 64, 3), 90 * number + 20, np.uint8)).save(content, "PNG")
+        session.write(f"{number}.png", [content.getvalue()])
+    _expire(place, link.key.id)
+    with pytest.raises(ConflictError):
+        upload.create_scene(session, "late", "", SceneOptions())
+    assert place.service.list_scenes().scenes == ()
+    assert list((place.settings.data_dir / "uploads").iterdir()) == []
+
+
+def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -> None:
+    link = place.link(60.0)
+    headers = {**_TUS, "Authorization": f"Bearer {link.secret}"}
+    name = base64.b64encode(b"a.zip").decode()
+    begun = place.faces.rest.post(
+        "/v1/uploads", headers={**headers, "Upload-Length": "3", "Upload-Metadata": f"filename {name}"}
+    )
+    assert begun.status_code == 201, begun.text
+    record = place.service._store.keys.find(link.key.id)
+    assert record is not None and record.expires_at == pytest.approx(record.created_at + 86_400)
+
+
+def test_the_status_is_the_same_over_each_face(place: _Place) -> None:
+    for role in ("reader", "editor", "admin", "operator"):
+        key = place.service.admin.keys.create(role, role)  # type: ignore[arg-type]
+        with place.client(key[1]) as client:
+            over_rest = client.server_status()
+        over_rpc = place.faces.rpc.GetServerStatus(
+            pb.google_dot_protobuf_dot_empty__pb2.Empty(), metadata=(("authorization", f"Bearer {key[1]}"),)
+        )
+        assert_same(from_proto(ServerStatus, over_rpc), over_rest)
+        assert_same(over_rest, place.service.status(role, key[0].id))  # type: ignore[arg-type]
+        assert over_rest.role == role and over_rest.addresses == ()  # it listens on loopback
+        states = {model.role: (model.state, model.calibrated) for model in over_rest.models}
+        assert states["text_encoder"] == ("ready", False) and states["tagger"] == ("unset", None)
+        assert states["open_set_detector"][0] == "missing"
+        assert {quota.kind for quota in over_rest.quotas} == {"scenes", "bytes", "jobs"}

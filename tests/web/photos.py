@@ -1,0 +1,25 @@
+"""Made photos on disk, for a page that uploads them."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+
+def photo(side: int, seed: int) -> bytes:
+    """A JPEG of noise."""
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
+    return buffer.getvalue()
+
+
+def write_photos(folder: Path, count: int, seed: int = 0) -> list[Path]:
+    """Small photos, each another one."""
+    paths = [folder / f"{number}.jpg" for number in range(count)]
+    for number, path in enumerate(paths):
+        path.write_bytes(photo(64, seed + number))
+    return paths

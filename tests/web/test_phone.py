@@ -1,0 +1,139 @@
+"""A link for one upload, read from its QR code: what the phone that opens it may do, and what not."""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import pytest
+from playwright.sync_api import Browser, expect
+from sqlalchemy import update
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import api_keys
+from fastsplat_contract.keys import UploadKeyIn
+from tests.api.served import serving
+from tests.web.browser import Visit, visiting
+from tests.web.conftest import Place, page_settings
+from tests.web.photos import write_photos
+
+_PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+
+
+@dataclass(frozen=True)
+class _Guarded:
+    url: str
+    elsewhere: str
+    service: SceneService
+    editor: str
+
+
+@pytest.fixture(scope="module")
+def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Guarded]:
+    """A server that wants keys and says where phones reach it."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    url, elsewhere = f"http://127.0.0.1:{port}", f"http://localhost:{port}"  # for a phone of the test's own machine
+    settings = page_settings(tmp_path_factory.mktemp("phone"), auth="on", http_port=port, page_address=elsewhere)
+    with open_service(settings) as service, serving(service, settings):
+        yield _Guarded(url, elsewhere, service, service.admin.keys.create("Ada", "editor")[1])
+
+
+def _link(guarded: _Guarded, visit: Visit, folder: Path) -> str:
+    """What the QR code on the page for new scenes says."""
+    visit.expected.append("401")
+    visit.page.get_by_label("Access key").fill(guarded.editor)
+    visit.page.get_by_role("button", name="Sign in").click()
+    expect(visit.page.get_by_text("A phone cannot reach this page at 127.0.0.1.")).to_be_visible()
+    visit.check_accessible()
+    visit.page.get_by_role("button", name=f"Show a QR code for {guarded.elsewhere}/").click()
+    code = visit.page.get_by_role("img", name="QR code of the link")
+    expect(code).to_be_visible()
+    visit.check_accessible()
+    code.screenshot(path=folder / "code.png")
+    picture = cv2.imread(str(folder / "code.png"))
+    text, *_ = cv2.QRCodeDetector().detectAndDecode(cv2.resize(picture, None, fx=3, fy=3, interpolation=cv2.INTER_AREA))
+    assert text == visit.page.get_by_role("textbox", name="The link").input_value()
+    return text
+
+
+def test_a_phone_posts_one_scene_by_the_code_and_follows_it(
+    guarded: _Guarded, browser: Browser, tmp_path: Path
+) -> None:
+    with visiting(browser, guarded.url, "#/new", color_scheme="dark") as desk:
+        link = _link(guarded, desk, tmp_path)
+    assert link.startswith(f"{guarded.elsewhere}/#/phone?key=fsk_")
+    with visiting(browser, guarded.elsewhere, _behind(link), **_PHONE) as phone:
+        page = phone.page
+        expect(page.get_by_role("heading", name="New scene")).to_be_visible()
+        assert page.url == f"{guarded.elsewhere}/#/phone"  # the key is in no history
+        expect(page.get_by_role("link", name="Scenes")).to_have_count(0)
+        camera = page.get_by_label("Take photos")
+        expect(camera).to_have_attribute("capture", "environment")
+        assert phone.fits()
+        phone.check_accessible()
+        camera.set_input_files(write_photos(tmp_path, 3))
+        page.get_by_label("Name", exact=True).fill("by phone")
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
+        expect(page.get_by_text("Waiting", exact=True)).to_be_visible()
+        phone.check_accessible()
+        page.reload()
+        expect(page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
+        key = link.partition("key=")[2]
+        assert not [url for url in phone.requests if key in url]
+        phone.expected.append("401")
+        page.goto(f"{guarded.elsewhere}/#/")  # the link opens nothing else
+        expect(page.get_by_text("This server needs an access key.")).to_be_visible()
+    assert [scene.name for scene in guarded.service.list_scenes().scenes] == ["by phone"]
+    with visiting(browser, guarded.elsewhere, _behind(link), **_PHONE) as second:
+        expect(second.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
+        assert len(guarded.service.list_scenes().scenes) == 1
+    guarded.service.delete_scene(guarded.service.list_scenes().scenes[0].id)
+
+
+def test_of_two_phones_with_one_link_the_later_is_told(guarded: _Guarded, browser: Browser, tmp_path: Path) -> None:
+    made = guarded.service.keys.create_for_upload(UploadKeyIn())
+    address = f"#/phone?key={made.secret}"
+    with visiting(browser, guarded.url, address, **_PHONE) as one, visiting(browser, guarded.url, address) as other:
+        for number, visit in enumerate((one, other)):
+            (tmp_path / str(number)).mkdir()
+            files = write_photos(tmp_path / str(number), 3, seed=10 * number)
+            visit.page.get_by_label("Choose files").set_input_files(files)
+        one.page.get_by_role("button", name="Upload").click()
+        expect(one.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
+        other.expected.append("409")
+        other.page.get_by_role("button", name="Upload").click()
+        expect(other.page.get_by_role("alert")).to_contain_text("one upload")
+        other.check_accessible()
+    (scene,) = guarded.service.list_scenes().scenes
+    guarded.service.delete_scene(scene.id)
+
+
+def test_a_link_that_has_expired_says_so(guarded: _Guarded, browser: Browser) -> None:
+    made = guarded.service.keys.create_for_upload(UploadKeyIn())
+    with transaction(guarded.service._store.engine) as connection:
+        connection.execute(update(api_keys).where(api_keys.c.id == made.key.id).values(expires_at=time.time() - 1))
+    for address in (f"#/phone?key={made.secret}", "#/phone?key=fsk_wrong", "#/phone", "#/phone?key=<b>x</b>"):
+        with visiting(browser, guarded.url, address, **_PHONE) as visit:
+            visit.expected.append("401")
+            expect(visit.page.get_by_role("heading", name=re.compile("not valid|not found"))).to_be_visible()
+            visit.check_accessible()
+
+
+def test_a_page_that_only_this_machine_reaches_offers_no_link(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, "#/new") as visit:
+        expect(visit.page.get_by_text("A phone cannot reach this page at 127.0.0.1.")).to_be_visible()
+        expect(visit.page.get_by_text("FASTSPLAT_HOST")).to_be_visible()
+        expect(visit.page.get_by_role("button", name=re.compile("QR code"))).to_have_count(0)
+
+
+def _behind(link: str) -> str:
+    """The page's own part of an address."""
+    return "#" + link.partition("#")[2]
