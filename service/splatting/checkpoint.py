@@ -22,7 +22,7 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 3
+_VERSION = 4
 """1 knew neither images nor label maps, and had other names for the moments; 2 had no digest."""
 
 

@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,8 +23,10 @@ from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
+from fastsplat.service.splatting.depth_regularization import MAX_ANCHORS, AnchorPoints
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, final_gaussians
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
+from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
@@ -101,6 +104,7 @@ def train(
         trainer = Trainer(
             state,
             tuple(view.to(device) for view in views),
+            anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
             strategy=strategy or RelocationStrategy(settings, len(run.start.points)),
             recorder=recorder,
@@ -110,6 +114,7 @@ def train(
         )
         del views  # the trainer replaces its own at the consensus
         trainer.run()
+        _refit_labels(run, trainer, settings)
         trained = _finished(run, trainer, recorder, settings)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
         return trained
@@ -152,6 +157,15 @@ def _load(
     return run, drop_empty_label_maps(views)
 
 
+def _anchor_points(capture: Capture, seed: int, device: torch.device) -> AnchorPoints:
+    """Points of the capture, at most `MAX_ANCHORS`; never the random ones that a run may start with."""
+    rows = np.arange(len(capture.points))
+    if len(rows) > MAX_ANCHORS:
+        rows = np.sort(np.random.default_rng((seed, 6)).choice(len(rows), MAX_ANCHORS, replace=False))
+    points, colors = capture.points[rows].astype(np.float32), capture.point_colors[rows].astype(np.float32) / 255
+    return AnchorPoints(torch.from_numpy(points).to(device), torch.from_numpy(colors).to(device))
+
+
 def _fingerprint(
     capture: Capture, labelling: Labelling, settings: TrainingSettings, run: _Run, views: tuple[TrainingView, ...]
 ) -> str:
@@ -169,6 +183,23 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
     return new_state(parameters | {"codes": codes, "weight": weight, "bias": bias}, device)
+
+
+def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> None:
+    """See `TrainingSettings.label_refit_epochs`."""
+    supervision = run.supervision
+    if supervision.mode != "codes" or not supervision.exact or not settings.label_refit_epochs:
+        return
+    refit_codes(
+        trainer.state,
+        trainer.views,
+        supervision.class_codes,
+        supervision.class_weights,
+        undetected_weight=supervision.undetected_weight,
+        epochs=settings.label_refit_epochs,
+        seed=settings.seed,
+        backend=settings.backend,
+    )
 
 
 def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings) -> TrainedSplats:
