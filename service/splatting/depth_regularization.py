@@ -1,9 +1,9 @@
-"""Terms of the loss for surfaces that can be measured by: what a pixel blends lies at one depth, points of the capture lie
-on the surface, and what has no texture is plane.
+"""Terms of the loss for surfaces that can be measured by: what a pixel blends lies at one depth, points of the capture
+lie on the surface, and what has no texture is plane.
 
-Color alone leaves depth open. Thin Gaussians in front of each other explain a glossy table by what it mirrors, below it, and
-an untextured wall looks the same at any distance. None of the terms needs another gradient of the rasterizer than those
-of its alpha, its depth and one more feature, so that all backends have them.
+Color alone leaves depth open. Thin Gaussians in front of each other explain a glossy table by what it mirrors, below
+it, and an untextured wall looks the same at any distance. None of the terms needs another gradient of the rasterizer
+than those of its alpha, its depth and one more feature, so that all backends have them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,12 @@ def squared_depths(means: Tensor, viewmat: Tensor) -> Tensor:
 
 
 def depth_terms(
-    rendering: Rendering, squared: Tensor, anchors: DepthAnchors, target: Tensor, settings: TrainingSettings
+    rendering: Rendering,
+    squared: Tensor,
+    anchors: DepthAnchors,
+    target: Tensor,
+    valid: Tensor | None,
+    settings: TrainingSettings,
 ) -> dict[str, Tensor]:
     """The weighted terms of this module, by name; those of weight 0 are left out.
 
@@ -72,6 +77,7 @@ def depth_terms(
         squared: [H, W], `squared_depths` composited.
         anchors: of the frame.
         target: [H, W, 3], its image, 0..1.
+        valid: bool [H, W], pixels of it that have content; None where all do.
         settings: weights, and `depth_every`, by which each is multiplied because it enters only so often.
     """
     alpha, depth, every = rendering.alpha, rendering.depth, settings.depth_every
@@ -79,7 +85,8 @@ def depth_terms(
     if settings.depth_spread_weight:
         terms["depth_spread"] = settings.depth_spread_weight * every * depth_spread(alpha, depth, squared)
     if settings.depth_smoothness_weight:
-        terms["depth_smoothness"] = settings.depth_smoothness_weight * every * depth_roughness(alpha, depth, target)
+        roughness = depth_roughness(alpha, depth, target, valid)
+        terms["depth_smoothness"] = settings.depth_smoothness_weight * every * roughness
     if settings.depth_anchor_weight:
         terms["depth_anchors"] = settings.depth_anchor_weight * every * anchor_error(alpha, depth, anchors)
     return terms
@@ -100,17 +107,20 @@ def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
     return torch.where(covered, spread, 0.0).mean()
 
 
-def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor) -> Tensor:
-    """How far inverse depth is from affine in the pixels' coordinates, which it is on planes: the mean over pixels and
-    both axes of e^(−20 |difference of colors|) |q(p − s) − 2 q(p) + q(p + s)| / q(p), s = 1.5 % of the longer side, each
+def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
+    """How far inverse depth is from affine in pixels' coordinates, as it is on planes: the mean over pixels and both
+    axes of e^(−20 |difference of colors|) |q(p − s) − 2 q(p) + q(p + s)| / q(p), s = 1.5 % of the longer side, each
     at most 1.
 
     Args:
         alpha: [H, W], Σ w.
         depth: [H, W], Σ w z.
         target: [H, W, 3], the photo, 0..1; where its colors differ, a surface may end.
+        valid: bool [H, W], pixels that count; None where all do.
     """
     covered = (alpha.detach() > _ALPHA_MIN) & (depth.detach() > 0)
+    if valid is not None:
+        covered = covered & valid
     inverse = torch.where(covered, alpha / torch.where(covered, depth, 1.0), 0.0)
     step = max(1, round(_STEP_SHARE * max(alpha.shape)))
     total = depth.new_zeros(())
@@ -148,8 +158,10 @@ def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
 
 
 def depth_anchors(anchor_points: AnchorPoints, view: TrainingView, frame: Frame) -> DepthAnchors:
-    """The points that the frame shows: those in front of the camera whose pixel is valid and has their color. (Captures do
-    not say which view has seen a point; what hides one rarely has its color.)"""
+    """The points that the frame shows: those in front of the camera whose pixel is valid and has their color.
+
+    Captures do not say which view has seen a point; but what hides one rarely has its color.
+    """
     camera = frame.camera
     local = anchor_points.points @ view.viewmat[:3, :3].T + view.viewmat[:3, 3]
     z = local[:, 2].clamp_min(1e-6)

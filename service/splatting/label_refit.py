@@ -1,8 +1,9 @@
 """Labels fitted once more when color and geometry are final.
 
 Codes that are trained together with moving Gaussians lag behind them, and those of Gaussians that hardly show drift
-wherever Adam's normalized steps lead; so the label of a single Gaussian is less sure than what a pixel blends. Here every
-Gaussian starts on the code of the label that the label maps say it has, and two looks at every view sharpen the borders.
+wherever Adam's normalized steps lead; so the label of a single Gaussian is less sure than what a pixel blends. Here
+every Gaussian starts on the code of the label that the label maps say it has, and a few looks at every view sharpen the
+borders.
 """
 
 from __future__ import annotations
@@ -42,8 +43,9 @@ def refit_codes(
 ) -> None:
     """Replaces codes, weight and bias of `state` by ones fitted to the views' label maps; nothing else changes.
 
-    Each Gaussian starts on the code of its most probable label by evidence (`views_evidence`), the head on `class_codes`;
-    then every labeled view is looked at `epochs` times, in an order drawn from `seed`, at the training size.
+    Each Gaussian starts on the code of its most probable label by evidence (`views_evidence`), the head on
+    `class_codes`; then every labeled view is looked at `epochs` times, in an order drawn from `seed`, at the training
+    size.
 
     Args:
         state: of a finished run, G Gaussians.

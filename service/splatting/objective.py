@@ -85,7 +85,7 @@ def loss_terms(
         cross_entropy = label_loss(codes, parameters, frame.labels, frame.valid, class_weights)
         terms["semantic"] = settings.semantic_weight * settings.semantic_every * cross_entropy
     if anchors is not None:
-        terms |= depth_terms(rendering, squared[..., 0], anchors, target, settings)
+        terms |= depth_terms(rendering, squared[..., 0], anchors, target, frame.valid, settings)
     if settings.opacity_decay:
         terms["opacity"] = settings.opacity_decay * splats.opacities.mean()
     if settings.scale_decay:

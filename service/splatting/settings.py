@@ -80,8 +80,8 @@ class TrainingSettings(BaseModel):
     semantic_weight: float = Field(0.03, ge=0)
     """Factor of the weighted cross-entropy; a larger one costs color."""
     semantic_every: int = Field(2, ge=1)
-    """The cross-entropy enters every so many-th step, with so many times the weight; in the others the terms of the depth
-    do (`depth_every`)."""
+    """The cross-entropy enters every so many-th step, with so many times the weight; in the others the terms of the
+    depth do (`depth_every`)."""
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
