@@ -114,8 +114,8 @@ def train(
         )
         del views  # the trainer replaces its own at the consensus
         trainer.run()
-        _refit_labels(run, trainer, settings)
-        trained = _finished(run, trainer, recorder, settings)
+        refit_seconds = _refit_labels(run, trainer, settings)
+        trained = _finished(run, trainer, recorder, settings, refit_seconds)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
         return trained
 
@@ -185,11 +185,12 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     return new_state(parameters | {"codes": codes, "weight": weight, "bias": bias}, device)
 
 
-def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> None:
-    """See `TrainingSettings.label_refit_epochs`."""
+def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> float:
+    """See `TrainingSettings.label_refit_epochs`; returns the seconds it took."""
+    begun = time.monotonic()
     supervision = run.supervision
     if supervision.mode != "codes" or not supervision.exact or not settings.label_refit_epochs:
-        return
+        return 0.0
     refit_codes(
         trainer.state,
         trainer.views,
@@ -200,9 +201,12 @@ def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> No
         seed=settings.seed,
         backend=settings.backend,
     )
+    return time.monotonic() - begun
 
 
-def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings) -> TrainedSplats:
+def _finished(
+    run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings, refit_seconds: float
+) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
     trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
@@ -230,6 +234,7 @@ def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: Trainin
         )
         quality["evidence_seconds"] = time.monotonic() - begun
     elif supervision.labels:
+        quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
     return TrainedSplats(gaussians, head, quality, tuple(view.name for view in run.held_out), evidence)
