@@ -23,7 +23,8 @@ from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
 _VERSION = 4
-"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest."""
+"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest; 3 is
+of runs whose loss had no terms of the depth."""
 
 
 _log = logging.getLogger(__name__)
