@@ -24,8 +24,10 @@ from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat.service.splatting.view_evidence import views_evidence
 
-_CODE_RATE = 0.03
-_HEAD_RATE = 0.015
+_CODE_RATE = 0.1
+_HEAD_RATE = 0.05
+_EPS_PIXELS = 1.7
+"""Adam's epsilon, in pixels: a Gaussian that shows less than about so much in a view hardly moves from its evidence."""
 _FINAL_SHARE = 0.3
 _SEED = 7
 
@@ -81,11 +83,12 @@ def refit_codes(
         assert frame.labels is not None
         image = rasterize(replace(splats, features=fitted["codes"]), view.viewmat, frame.camera, backend=backend).image
         label_loss(image, fitted, frame.labels, frame.valid, class_weights).backward()  # type: ignore[no-untyped-call]
+        eps = _EPS_PIXELS / (frame.camera.width * frame.camera.height)
         decay = _FINAL_SHARE ** (step / steps)
         for name, param in fitted.items():
             rate = decay * (_CODE_RATE if name == "codes" else _HEAD_RATE)
             assert param.grad is not None
-            adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, backend=backend)
+            adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, eps=eps, backend=backend)
             param.grad = None
     for name, param in fitted.items():
         state.parameters[name].data.copy_(param.detach())

@@ -95,7 +95,7 @@ class TrainingSettings(BaseModel):
     maps that came with the capture need no consensus."""
     consensus_undetected_weight: float = Field(0.3, ge=0, le=1)
     """`undetected_weight` after the consensus: what all views missed is then likelier to be nothing."""
-    label_refit_epochs: int = Field(2, ge=0)
+    label_refit_epochs: int = Field(4, ge=0)
     """How often every view is looked at when codes are fitted once more to label maps that came with the capture, after
     color and geometry are final (`service.splatting.label_refit`); 0 leaves the codes as they were trained."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
@@ -124,7 +124,7 @@ class TrainingSettings(BaseModel):
     depth_spread_weight: float = Field(0.1, ge=0)
     """Weight of the spread of the depths that a pixel blends, in squared shares of the depth
     (`service.splatting.depth_regularization`)."""
-    depth_smoothness_weight: float = Field(1.0, ge=0)
+    depth_smoothness_weight: float = Field(0.3, ge=0)
     """Weight of the bend of surfaces where the photo has no edge."""
     depth_anchor_weight: float = Field(0.3, ge=0)
     """Weight of the distance of the capture's points from the surface, in shares of their depth."""
