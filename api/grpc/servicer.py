@@ -87,7 +87,7 @@ class SceneServicer(JobServicer):
                 lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
             )
 
-    async def ListPhotoVerdicts(
+    async def ListPhotoVerdicts(  # noqa: N802
         self, request: pb.ListPhotoVerdictsRequest, context: Context
     ) -> pb.ListPhotoVerdictsResponse:
         """What became of each photo, in pages."""

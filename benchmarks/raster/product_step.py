@@ -78,6 +78,10 @@ def _settings(scene: Scene, iterations: int, backend: Backend) -> TrainingSettin
         sh_from=(0.0, 0.0, 0.0),
         held_out_every=0,
         semantic_every=1,
+        depth_spread_weight=0.0,  # terms that other programs do not have
+        depth_smoothness_weight=0.0,
+        depth_anchor_weight=0.0,
+        label_refit_epochs=0,
         label_mode="codes",
         code_size=scene.splats.features.shape[1] - 3,
         densify_events=0,

@@ -52,6 +52,7 @@ class SceneSize:
         width, height: of the largest image, pixels.
         points: of the sparse reconstruction.
         labels: in the dictionary.
+        exact_labels: whether label maps came with the capture, to which codes are fitted once more after the run.
     """
 
     views: int
@@ -59,6 +60,7 @@ class SceneSize:
     height: int
     points: int
     labels: int
+    exact_labels: bool = False
 
 
 _REFERENCE = Speed()
@@ -92,6 +94,7 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
         max((camera.height for camera in cameras), default=0),
         len(capture.points),
         labels,
+        capture.given_labels is not None,
     )
 
 
@@ -219,7 +222,8 @@ def write_seconds(settings: TrainingSettings) -> float:
 
 
 def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Renderings after the last step: for pruning, for label evidence, and the held-out views to be measured."""
+    """Renderings after the last step: for pruning, for label evidence, for the labels' last fit, and the held-out views
+    to be measured."""
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
@@ -229,7 +233,12 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
         small = round(width * height * image_scales(settings)[0] ** 2)
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
         pruning = weighed + EVALUATIONS * min(held_out, MAX_EVAL_VIEWS) * measured
-    return held_out * measured + pruning + evidence
+    refit = 0.0
+    if settings.label_mode != "evidence" and scene.labels and scene.exact_labels and settings.label_refit_epochs:
+        channels = code_size(scene.labels, settings.code_size)
+        looked = 0.8 * step_seconds(round(width * height), settings.max_gaussians, channels)
+        refit = scene.views * (0.8 * step + settings.label_refit_epochs * looked)
+    return held_out * measured + pruning + evidence + refit
 
 
 def export_seconds(labels: int) -> float:

@@ -22,8 +22,9 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 3
-"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest."""
+_VERSION = 4
+"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest; 3 is
+of runs whose loss had no terms of the depth."""
 
 
 _log = logging.getLogger(__name__)

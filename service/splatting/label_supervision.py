@@ -39,6 +39,7 @@ class LabelSupervision:
         labels: N of the dictionary, 0 without label maps.
         mode: where the scene will keep its labels.
         class_codes: [N + 1, D], the codes that the classes start from.
+        exact: whether the label maps came with the capture, so that they agree with each other.
         undetected_weight: what an undetected pixel weighs at present.
         class_weights: [N + 1], what pixels weigh in the cross-entropy at present.
     """
@@ -53,7 +54,7 @@ class LabelSupervision:
         self._settings, self._device, self._expected = settings, device, labelling.expected
         detected = bool(labelling.regions) and self.labels > 0
         self._regions = tuple(labelling.regions[index] for index in training) if detected else ()
-        self._fused = False
+        self._fused, self.exact = False, labelling.exact
         self._weigh_undetected(1.0 if labelling.exact else settings.undetected_weight)
 
     def applies(self, frame: Frame, iteration: int) -> bool:

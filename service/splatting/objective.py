@@ -8,6 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.depth_regularization import DepthAnchors, depth_terms, squared_depths
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Rendering, Splats, rasterize, sh_to_rgb
 from fastsplat.service.splatting.semantics import label_loss
@@ -23,6 +24,7 @@ def render_frame(
     *,
     degree: int,
     with_codes: bool = False,
+    with_squared_depth: bool = False,
     background: Tensor | None = None,
     backend: Backend,
 ) -> Rendering:
@@ -34,7 +36,8 @@ def render_frame(
         view, frame: one of the view's frames.
         degree: of the spherical harmonics in use.
         with_codes: whether codes are composited too, [H, W, 3 + D].
-        background: RGB [3] behind the colors; black by default. Codes have zero behind them.
+        with_squared_depth: whether camera z squared is composited too, as the last channel.
+        background: RGB [3] behind the colors; black by default. The others have zero behind them.
         backend: which rasterizer.
     """
     sh = parameters["sh_dc"]
@@ -43,8 +46,10 @@ def render_frame(
     features = sh_to_rgb(parameters["means"], sh, view.position, degree, backend=backend)
     if with_codes:
         features = torch.cat([features, parameters["codes"]], dim=1)
-        if background is not None:
-            background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
+    if with_squared_depth:
+        features = torch.cat([features, squared_depths(parameters["means"], view.viewmat)], dim=1)
+    if background is not None:
+        background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
     splats = replace(splats, features=features)
     return rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)
 
@@ -58,6 +63,7 @@ def loss_terms(
     class_weights: Tensor | None,
     extent: float,
     settings: TrainingSettings,
+    anchors: DepthAnchors | None = None,
 ) -> dict[str, Tensor]:
     """The weighted terms whose sum is the loss of a step, by name.
 
@@ -69,13 +75,17 @@ def loss_terms(
         class_weights: [N + 1], or None for no cross-entropy.
         extent: of the scene, scene units.
         settings: weights of the terms.
+        anchors: of the frame, where the depth has terms too; `rendering` then has squared depths as its last channel.
     """
     # Split, not sliced: the backward pass of two slices would fill and add two whole images.
-    rgb, codes = torch.split(rendering.image, [3, rendering.image.shape[2] - 3], dim=2)
+    channels, depths = rendering.image.shape[2] - 3, int(anchors is not None)
+    rgb, codes, squared = torch.split(rendering.image, [3, channels - depths, depths], dim=2)
     terms = {"image": image_loss(rgb, target, settings.ssim_weight, frame.valid)}
     if class_weights is not None and frame.labels is not None:
         cross_entropy = label_loss(codes, parameters, frame.labels, frame.valid, class_weights)
         terms["semantic"] = settings.semantic_weight * settings.semantic_every * cross_entropy
+    if anchors is not None:
+        terms |= depth_terms(rendering, squared[..., 0], anchors, target, frame.valid, settings)
     if settings.opacity_decay:
         terms["opacity"] = settings.opacity_decay * splats.opacities.mean()
     if settings.scale_decay:

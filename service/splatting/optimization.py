@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.depth_regularization import AnchorPoints, depth_anchors
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.objective import loss_terms, render_frame
 from fastsplat.service.splatting.recorder import Recorder
-from fastsplat.service.splatting.schedule import image_level, learning_rates, run_progress, sh_degree
+from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.strategy import DensificationStrategy
@@ -34,6 +35,7 @@ class Trainer:
     Args:
         state: of a new run or of a checkpoint.
         views: training views on the backend's device.
+        anchor_points: of the capture, on the backend's device; there may be none.
         supervision: of the labels.
         strategy: of densification.
         recorder: of progress.
@@ -52,6 +54,7 @@ class Trainer:
         state: SplatState,
         views: tuple[TrainingView, ...],
         *,
+        anchor_points: AnchorPoints,
         supervision: LabelSupervision,
         strategy: DensificationStrategy,
         recorder: Recorder,
@@ -62,6 +65,7 @@ class Trainer:
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
         self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
+        self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
         self._finish = finish
         self._device = state.parameters["means"].device
@@ -94,6 +98,8 @@ class Trainer:
         view = self._view_of(iteration)
         frame = view.frames[image_level(progress, settings)]
         semantic = self._supervision.applies(frame, iteration)
+        regularized = depth_regularized(iteration, progress, settings)
+        anchors = depth_anchors(self._anchor_points, view, frame) if regularized else None
         splats = splats_of(parameters)
         rendering = render_frame(
             parameters,
@@ -102,13 +108,14 @@ class Trainer:
             frame,
             degree=sh_degree(progress, settings),
             with_codes=semantic,
+            with_squared_depth=regularized,
             background=self._background(),
             backend=settings.backend,
         )
         target = frame.target()
         self._recorder.observe_image(iteration, rendering.image[..., :3].detach(), target, frame)
         class_weights = self._supervision.class_weights if semantic else None
-        terms = loss_terms(rendering, splats, parameters, frame, target, class_weights, self._extent, settings)
+        terms = loss_terms(rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors)
         loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
         value, non_finite = loss.item(), rendering.culled_non_finite
         if not math.isfinite(value) or non_finite:

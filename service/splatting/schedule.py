@@ -57,3 +57,13 @@ def learning_rates(progress: float, extent: float, settings: TrainingSettings) -
 def event_due(before: float, now: float, events: int) -> bool:
     """Whether one of `events` evenly spaced moments of a run lies in (before, now]."""
     return math.floor(now * events) > math.floor(before * events)
+
+
+def depth_regularized(iteration: int, progress: float, settings: TrainingSettings) -> bool:
+    """Whether the terms of `service.splatting.depth_regularization` enter the loss of a step.
+
+    The last of every `depth_every` steps, because the cross-entropy has the first of every `semantic_every`.
+    """
+    weights = (settings.depth_spread_weight, settings.depth_smoothness_weight, settings.depth_anchor_weight)
+    due = iteration % settings.depth_every == settings.depth_every - 1
+    return any(weights) and progress >= settings.depth_from and due

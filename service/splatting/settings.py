@@ -81,8 +81,9 @@ class TrainingSettings(BaseModel):
     """λ of (1 − λ) L1 + λ (1 − SSIM)."""
     semantic_weight: float = Field(0.03, ge=0)
     """Factor of the weighted cross-entropy; a larger one costs color."""
-    semantic_every: int = Field(1, ge=1)
-    """The cross-entropy enters every so many-th step."""
+    semantic_every: int = Field(2, ge=1)
+    """The cross-entropy enters every so many-th step, with so many times the weight; in the others the terms of the
+    depth do (`depth_every`)."""
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
@@ -96,6 +97,9 @@ class TrainingSettings(BaseModel):
     maps that came with the capture need no consensus."""
     consensus_undetected_weight: float = Field(0.3, ge=0, le=1)
     """`undetected_weight` after the consensus: what all views missed is then likelier to be nothing."""
+    label_refit_epochs: int = Field(4, ge=0)
+    """How often every view is looked at when codes are fitted once more to label maps that came with the capture, after
+    color and geometry are final (`service.splatting.label_refit`); 0 leaves the codes as they were trained."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
     background: Literal["black", "random"] = "black"
@@ -119,6 +123,17 @@ class TrainingSettings(BaseModel):
     """Weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die."""
     scale_decay: float = Field(0.01, ge=0)
     """Weight of the mean scale, in shares of the scene's extent, in the loss."""
+    depth_spread_weight: float = Field(0.1, ge=0)
+    """Weight of the spread of the depths that a pixel blends, in squared shares of the depth
+    (`service.splatting.depth_regularization`)."""
+    depth_smoothness_weight: float = Field(0.3, ge=0)
+    """Weight of the bend of surfaces where the photo has no edge."""
+    depth_anchor_weight: float = Field(0.3, ge=0)
+    """Weight of the distance of the capture's points from the surface, in shares of their depth."""
+    depth_from: float = Field(0.1, ge=0, le=1)
+    """Progress from which the terms of the depth enter the loss."""
+    depth_every: int = Field(2, ge=1)
+    """They enter every so many-th step, with so many times the weight."""
     evaluations: int = Field(10, ge=0)
     """How often in a run the held-out views are measured for the progress report."""
     checkpoint_every_s: float = Field(30.0, ge=0)

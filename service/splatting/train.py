@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,8 +23,10 @@ from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
+from fastsplat.service.splatting.depth_regularization import MAX_ANCHORS, AnchorPoints
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, final_gaussians
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
+from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
@@ -112,6 +115,7 @@ def train(
         trainer = Trainer(
             state,
             tuple(view.to(device) for view in views),
+            anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
             strategy=strategy or RelocationStrategy(settings, len(run.start.points)),
             recorder=recorder,
@@ -122,7 +126,8 @@ def train(
         )
         del views, middle  # the trainer replaces its own at the consensus
         trainer.run()
-        trained = _finished(run, trainer, recorder, settings)
+        refit_seconds = _refit_labels(run, trainer, settings)
+        trained = _finished(run, trainer, recorder, settings, refit_seconds)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
         return trained
 
@@ -164,6 +169,15 @@ def _load(
     return run, drop_empty_label_maps(views)
 
 
+def _anchor_points(capture: Capture, seed: int, device: torch.device) -> AnchorPoints:
+    """Points of the capture, at most `MAX_ANCHORS`; never the random ones that a run may start with."""
+    rows = np.arange(len(capture.points))
+    if len(rows) > MAX_ANCHORS:
+        rows = np.sort(np.random.default_rng((seed, 6)).choice(len(rows), MAX_ANCHORS, replace=False))
+    points, colors = capture.points[rows].astype(np.float32), capture.point_colors[rows].astype(np.float32) / 255
+    return AnchorPoints(torch.from_numpy(points).to(device), torch.from_numpy(colors).to(device))
+
+
 def _fingerprint(
     capture: Capture, labelling: Labelling, settings: TrainingSettings, run: _Run, views: tuple[TrainingView, ...]
 ) -> str:
@@ -183,7 +197,28 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     return new_state(parameters | {"codes": codes, "weight": weight, "bias": bias}, device)
 
 
-def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings) -> TrainedSplats:
+def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> float:
+    """See `TrainingSettings.label_refit_epochs`; returns the seconds it took."""
+    begun = time.monotonic()
+    supervision = run.supervision
+    if supervision.mode != "codes" or not supervision.exact or not settings.label_refit_epochs:
+        return 0.0
+    refit_codes(
+        trainer.state,
+        trainer.views,
+        supervision.class_codes,
+        supervision.class_weights,
+        undetected_weight=supervision.undetected_weight,
+        epochs=settings.label_refit_epochs,
+        seed=settings.seed,
+        backend=settings.backend,
+    )
+    return time.monotonic() - begun
+
+
+def _finished(
+    run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings, refit_seconds: float
+) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
     trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
@@ -217,6 +252,7 @@ def _finished(run: _Run, trainer: Trainer, recorder: Recorder, settings: Trainin
         )
         quality["evidence_seconds"] = time.monotonic() - begun
     elif supervision.labels:
+        quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
     return TrainedSplats(gaussians, head, quality, tuple(view.name for view in run.held_out), evidence)

@@ -18,9 +18,9 @@ class TrainedSplats:
         quality: finite figures: psnr, ssim (means over the held-out views that have them; absent where none has),
             held_out (count), loss (mean of the last 50 steps), iterations, gaussians, pruned_gaussians (left out
             because held-out views hardly miss them), sh_degree, train_seconds, time_budget_s, ghost_share,
-            evidence_seconds, preview_seconds (of train_seconds, if it was watched), stopped_at_share (0..1 of the
-            planned run, only if it was ended early), random_points (Gaussians that started at random places because the
-            capture has too few points).
+            evidence_seconds, label_refit_seconds (of the labels' last fit), preview_seconds (of train_seconds, if it
+            was watched), stopped_at_share (0..1 of the planned run, only if it was ended early), random_points
+            (Gaussians that started at random places because the capture has too few points).
         held_out: names of the views that never entered a loss.
         evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
     """

@@ -1,0 +1,177 @@
+"""Terms of the loss for surfaces that can be measured by: what a pixel blends lies at one depth, points of the capture
+lie on the surface, and what has no texture is plane.
+
+Color alone leaves depth open. Thin Gaussians in front of each other explain a glossy table by what it mirrors, below
+it, and an untextured wall looks the same at any distance. None of the terms needs another gradient of the rasterizer
+than those of its alpha, its depth and one more feature, so that all backends have them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from fastsplat.service.splatting.raster import Rendering
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_views import Frame, TrainingView
+
+MAX_ANCHORS = 20_000
+"""Points of a capture that are used; projecting them is then a small part of a step."""
+_ALPHA_MIN = 0.1
+"""Pixels less covered than this have no depth here."""
+_SAME_SURFACE = 0.3
+"""A depth that differs from a point's by a larger share of it is of something else, in front of the point or behind."""
+_SAME_COLOR = 0.1
+"""A pixel whose color differs from a point's by more in a channel, 0..1, does not show the point."""
+_EDGE_SCALE = 20.0
+_STEP_SHARE = 0.015
+
+
+@dataclass(frozen=True)
+class AnchorPoints:
+    """Points of the capture that lie on surfaces.
+
+    Attributes:
+        points: float32 [P, 3], world frame.
+        colors: float32 [P, 3], 0..1.
+    """
+
+    points: Tensor
+    colors: Tensor
+
+
+@dataclass(frozen=True)
+class DepthAnchors:
+    """Points that a frame shows.
+
+    Attributes:
+        rows, columns: int64 [A], their pixels.
+        depths: float32 [A], their camera z, scene units.
+    """
+
+    rows: Tensor
+    columns: Tensor
+    depths: Tensor
+
+
+def squared_depths(means: Tensor, viewmat: Tensor) -> Tensor:
+    """[G, 1]: camera z squared of every Gaussian, to be composited as a feature; differentiable in the means."""
+    z = means @ viewmat[2, :3] + viewmat[2, 3]
+    return (z * z)[:, None]
+
+
+def depth_terms(
+    rendering: Rendering,
+    squared: Tensor,
+    anchors: DepthAnchors,
+    target: Tensor,
+    valid: Tensor | None,
+    settings: TrainingSettings,
+) -> dict[str, Tensor]:
+    """The weighted terms of this module, by name; those of weight 0 are left out.
+
+    Args:
+        rendering: alpha and depth of a frame.
+        squared: [H, W], `squared_depths` composited.
+        anchors: of the frame.
+        target: [H, W, 3], its image, 0..1.
+        valid: bool [H, W], pixels of it that have content; None where all do.
+        settings: weights, and `depth_every`, by which each is multiplied because it enters only so often.
+    """
+    alpha, depth, every = rendering.alpha, rendering.depth, settings.depth_every
+    terms = {}
+    if settings.depth_spread_weight:
+        terms["depth_spread"] = settings.depth_spread_weight * every * depth_spread(alpha, depth, squared)
+    if settings.depth_smoothness_weight:
+        roughness = depth_roughness(alpha, depth, target, valid)
+        terms["depth_smoothness"] = settings.depth_smoothness_weight * every * roughness
+    if settings.depth_anchor_weight:
+        terms["depth_anchors"] = settings.depth_anchor_weight * every * anchor_error(alpha, depth, anchors)
+    return terms
+
+
+def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
+    """Mean over pixels of Σ_ij w_i w_j ((z_i − z_j) / z̄)² / 2, z̄ the expected depth, without a gradient of it: the
+    distortion loss of Mip-NeRF 360 (Barron et al. 2022) and 2DGS (Huang et al. 2024), in shares of the depth.
+
+    Args:
+        alpha: [H, W], Σ w.
+        depth: [H, W], Σ w z.
+        squared: [H, W], Σ w z².
+    """
+    covered = alpha.detach() > _ALPHA_MIN
+    expected = torch.where(covered, depth / alpha.clamp_min(_ALPHA_MIN), 1.0).detach()
+    spread = (alpha * squared - depth * depth).clamp_min(0.0) / (expected * expected)
+    return torch.where(covered, spread, 0.0).mean()
+
+
+def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
+    """How far inverse depth is from affine in pixels' coordinates, as it is on planes: the mean over pixels and both
+    axes of e^(−20 |difference of colors|) |q(p − s) − 2 q(p) + q(p + s)| / q(p), s = 1.5 % of the longer side, each
+    at most 1.
+
+    Args:
+        alpha: [H, W], Σ w.
+        depth: [H, W], Σ w z.
+        target: [H, W, 3], the photo, 0..1; where its colors differ, a surface may end.
+        valid: bool [H, W], pixels that count; None where all do.
+    """
+    covered = (alpha.detach() > _ALPHA_MIN) & (depth.detach() > 0)
+    if valid is not None:
+        covered = covered & valid
+    inverse = torch.where(covered, alpha / torch.where(covered, depth, 1.0), 0.0)
+    step = max(1, round(_STEP_SHARE * max(alpha.shape)))
+    total = depth.new_zeros(())
+    for axis in (0, 1):
+        size = alpha.shape[axis] - 2 * step
+        if size <= 0:
+            continue
+        before, here, after = (torch.narrow(inverse, axis, start, size) for start in (0, step, 2 * step))
+        colors = [torch.narrow(target, axis, start, size) for start in (0, step, 2 * step)]
+        known = torch.narrow(covered, axis, 0, size)
+        for start in (step, 2 * step):
+            known = known & torch.narrow(covered, axis, start, size)
+        edge = torch.maximum((colors[1] - colors[0]).abs(), (colors[2] - colors[1]).abs()).amax(dim=2)
+        bend = (before - 2 * here + after).abs() / torch.where(known, here.detach(), 1.0)
+        total = total + torch.where(known, torch.exp(-_EDGE_SCALE * edge) * bend.clamp(max=1.0), 0.0).mean()
+    return total / 2
+
+
+def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
+    """Mean over the anchors of |expected depth / anchor's depth − 1|, where it is below 0.3 (beyond, the pixel shows
+    something else, which counts 0); 0 without anchors.
+
+    Args:
+        alpha: [H, W], Σ w.
+        depth: [H, W], Σ w z.
+        anchors: of this frame.
+    """
+    if not len(anchors.depths):
+        return depth.new_zeros(())
+    covered = alpha[anchors.rows, anchors.columns]
+    expected = depth[anchors.rows, anchors.columns] / covered.clamp_min(_ALPHA_MIN)
+    error = (expected / anchors.depths - 1).abs()
+    counts = (covered.detach() > _ALPHA_MIN) & (error.detach() < _SAME_SURFACE)
+    return torch.where(counts, error, 0.0).mean()
+
+
+def depth_anchors(anchor_points: AnchorPoints, view: TrainingView, frame: Frame) -> DepthAnchors:
+    """The points that the frame shows: those in front of the camera whose pixel is valid and has their color.
+
+    Captures do not say which view has seen a point; but what hides one rarely has its color.
+    """
+    camera = frame.camera
+    local = anchor_points.points @ view.viewmat[:3, :3].T + view.viewmat[:3, 3]
+    z = local[:, 2].clamp_min(1e-6)
+    columns = torch.floor(local[:, 0] / z * camera.fx + camera.cx)
+    rows = torch.floor(local[:, 1] / z * camera.fy + camera.cy)
+    inside = (local[:, 2] > 1e-6) & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)
+    ids = torch.nonzero(inside)[:, 0]
+    rows, columns = rows[ids].long(), columns[ids].long()
+    shade = frame.rgb[rows, columns].to(torch.float32) / 255
+    alike = (shade - anchor_points.colors[ids]).abs().amax(dim=1) < _SAME_COLOR
+    if frame.valid is not None:
+        alike &= frame.valid[rows, columns]
+    return DepthAnchors(rows[alike], columns[alike], z[ids][alike])

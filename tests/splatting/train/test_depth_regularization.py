@@ -1,0 +1,163 @@
+"""Laws of the terms that make depth measurable, and what they do to a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from fastsplat.service.common.progress import silent
+from fastsplat.service.splatting.depth_regularization import (
+    AnchorPoints,
+    DepthAnchors,
+    anchor_error,
+    depth_anchors,
+    depth_roughness,
+    depth_spread,
+    squared_depths,
+)
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat.service.splatting.schedule import depth_regularized
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.training_views import load_views
+from fastsplat_contract.camera import Camera
+
+
+def _blend(weights: Tensor, depths: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """alpha, depth and squared depth [1, 1] of a pixel that blends these."""
+    return tuple((weights * depths**power).sum().reshape(1, 1) for power in (0, 1, 2))  # type: ignore[return-value]
+
+
+def test_spread_is_that_of_all_pairs_and_none_where_all_lie_at_one_depth() -> None:
+    weights, depths = torch.tensor([0.2, 0.5, 0.1]), torch.tensor([1.0, 2.0, 4.0])
+    alpha, depth, squared = _blend(weights, depths)
+    pairs = 0.5 * (weights[:, None] * weights * (depths[:, None] - depths) ** 2).sum()
+    expected = pairs / (depth / alpha)[0, 0] ** 2
+    assert torch.allclose(depth_spread(alpha, depth, squared), expected, rtol=1e-5)
+    assert depth_spread(*_blend(weights, torch.full((3,), 3.0))) < 1e-6
+    assert depth_spread(*(torch.zeros(2, 2),) * 3) == 0
+
+
+def test_spread_and_smoothness_do_not_depend_on_the_unit_of_length() -> None:
+    random = torch.Generator().manual_seed(0)
+    weights, depths = torch.rand(3, 9, 9, generator=random) / 3, 1 + torch.rand(3, 9, 9, generator=random)
+    alpha, target = weights.sum(0), torch.zeros(9, 9, 3)
+    for unit in (1e-3, 1e3):
+        one, other = (((weights * d).sum(0), (weights * d * d).sum(0)) for d in (depths, unit * depths))
+        assert torch.allclose(depth_spread(alpha, *one), depth_spread(alpha, *other), rtol=1e-3)
+        assert torch.allclose(
+            depth_roughness(alpha, one[0], target), depth_roughness(alpha, other[0], target), rtol=1e-3
+        )
+
+
+def _plane(height: int = 24, width: int = 32) -> Tensor:
+    """Depth of a slanted plane."""
+    y, x = torch.meshgrid(torch.arange(height) / 24.0, torch.arange(width) / 24.0, indexing="ij")
+    return 1 / (0.3 + 0.2 * x - 0.1 * y)
+
+
+def test_a_plane_is_smooth_and_a_bent_surface_is_not_unless_the_photo_has_an_edge_there() -> None:
+    alpha, plain = torch.ones(24, 32), torch.full((24, 32, 3), 0.5)
+    bent = 1 / (1 / _plane() + 0.02 * torch.relu(torch.arange(32) - 16.0))
+    assert depth_roughness(alpha, _plane(), plain) < 1e-6
+    roughness = depth_roughness(alpha, bent, plain)
+    assert roughness > 1e-4
+    edge = plain.clone()
+    edge[:, 16:] = 0.0
+    assert depth_roughness(alpha, bent, edge) < 0.2 * roughness
+
+
+def test_what_is_not_valid_makes_nothing_rough() -> None:
+    alpha, plain, valid = torch.ones(24, 32), torch.full((24, 32, 3), 0.5), torch.ones(24, 32, dtype=torch.bool)
+    hole = _plane()
+    hole[8:12, 8:12] = 5.0
+    valid[8:12, 8:12] = False
+    assert depth_roughness(alpha, hole, plain) > 1e-3
+    assert depth_roughness(alpha, hole, plain, valid) < 1e-6
+
+
+def test_an_anchor_pulls_a_surface_near_it_and_leaves_what_hides_it_alone() -> None:
+    anchors = DepthAnchors(torch.tensor([0, 0]), torch.tensor([0, 1]), torch.tensor([2.0, 2.0]))
+    depth = torch.tensor([[2.2, 1.0]], requires_grad=True)
+    error = anchor_error(torch.ones(1, 2), depth, anchors)
+    assert torch.allclose(error, torch.tensor(0.05))  # 0.1 of one of two
+    error.backward()  # type: ignore[no-untyped-call]
+    assert depth.grad is not None and depth.grad[0, 0] > 0 and depth.grad[0, 1] == 0
+    nothing = DepthAnchors(torch.zeros(0, dtype=torch.int64), torch.zeros(0, dtype=torch.int64), torch.zeros(0))
+    assert anchor_error(torch.ones(1, 2), depth, nothing) == 0
+
+
+def test_anchors_are_the_points_in_view_whose_pixel_has_their_color(world) -> None:
+    capture, labelling = world
+    view = load_views(capture, labelling, (0,), 64, (1.0,))[0]
+    frame = view.frames[-1]
+    points = torch.from_numpy(capture.points)
+    colors = torch.from_numpy(capture.point_colors.astype(np.float32) / 255)
+    anchors = depth_anchors(AnchorPoints(points, colors), view, frame)
+    assert 0 < len(anchors.depths) < len(points)
+    assert (anchors.depths > 0).all()
+    assert not len(depth_anchors(AnchorPoints(points, colors + 2), view, frame).depths)
+    behind = torch.from_numpy(capture.views[0].posed.world_from_camera[:3, 3].astype(np.float32)) * 3
+    assert not len(depth_anchors(AnchorPoints(behind[None], colors[:1]), view, frame).depths)
+    masked = replace(frame, valid=torch.zeros(frame.rgb.shape[:2], dtype=torch.bool))
+    assert not len(depth_anchors(AnchorPoints(points, colors), view, masked).depths)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+def test_gradients_of_all_terms_agree_with_the_reference_in_float64(backend: str, gsplat_on_cpu: object) -> None:
+    random = torch.Generator().manual_seed(3)
+    count, camera, viewmat = 40, Camera(24, 20, 22.0, 22.0, 12.0, 10.0), torch.eye(4)
+    viewmat[2, 3] = 2.5
+    anchors = DepthAnchors(torch.tensor([4, 9, 15]), torch.tensor([6, 12, 20]), torch.tensor([2.4, 2.6, 2.5]))
+    target = torch.rand(20, 24, 3, generator=random)
+    values = (
+        torch.rand(count, 3, generator=random) - 0.5,
+        torch.randn(count, 4, generator=random),
+        0.05 + 0.2 * torch.rand(count, 3, generator=random),
+        0.2 + 0.6 * torch.rand(count, generator=random),
+    )
+
+    def gradients(name: str, dtype: torch.dtype) -> list[Tensor]:
+        leaves = [value.to(dtype).requires_grad_() for value in values]
+        pose = viewmat.to(dtype)
+        splats = Splats(*leaves, squared_depths(leaves[0], pose))
+        out = rasterize(splats, pose, camera, backend=name)  # type: ignore[arg-type]
+        loss = depth_spread(out.alpha, out.depth, out.image[..., 0])
+        loss = loss + depth_roughness(out.alpha, out.depth, target.to(dtype))
+        exact = replace(anchors, depths=anchors.depths.to(dtype))
+        (loss + anchor_error(out.alpha, out.depth, exact)).backward()  # type: ignore[no-untyped-call]
+        return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
+
+    exact = gradients("reference", torch.float64)
+    assert len(exact) == 4
+    for ours, theirs in zip(gradients(backend, torch.float32), exact, strict=True):
+        assert float((ours - theirs).norm()) <= 2e-3 * float(theirs.norm())
+
+
+def test_the_terms_enter_between_the_steps_of_the_labels(quick) -> None:
+    settings = quick(depth_from=0.5)
+    assert [depth_regularized(i, 0.6, settings) for i in range(4)] == [False, True, False, True]
+    assert not depth_regularized(1, 0.4, settings)
+    off = quick(depth_spread_weight=0, depth_smoothness_weight=0, depth_anchor_weight=0)
+    assert not depth_regularized(1, 1.0, off)
+
+
+def _spread_of(capture, labelling, trained) -> float:
+    view = load_views(capture, labelling, (0,), 64, (1.0,))[0]
+    splats = splats_of(trained.gaussians)
+    splats = replace(splats, features=squared_depths(splats.means, view.viewmat))
+    out = rasterize(splats, view.viewmat, view.frames[-1].camera)
+    return float(depth_spread(out.alpha, out.depth, out.image[..., 0]))
+
+
+def test_a_run_gathers_the_depths_of_a_pixel(world, quick) -> None:
+    capture, labelling = world
+    spread = [
+        _spread_of(capture, labelling, train(capture, labelling, quick(iterations=150, depth_spread_weight=w), silent))
+        for w in (10.0, 0.0)
+    ]
+    assert spread[0] < 0.7 * spread[1]
