@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf import empty_pb2
 from grpc import aio
 
-from fastsplat.api.access.caller import caller_id, caller_role
+from fastsplat.api.access.caller import caller_id
+from fastsplat.api.grpc.admin_rpcs import AdminServicer, as_message
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.job_rpcs import JobServicer
 from fastsplat.api.grpc.standing import answer_stream
@@ -19,12 +20,11 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
 from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.keys import KeyIn, LifetimeIn, UploadKeyIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.operations import ListOperations, OperationList
 from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, chunks, messages_of_query
-from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneUpdate, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
@@ -33,7 +33,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 M = TypeVar("M")
 
 
-class SceneServicer(JobServicer):
+class SceneServicer(AdminServicer, JobServicer):
     """`fastsplat.v1.SceneService` over the service layer; the contract is in the proto."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:
@@ -52,7 +52,7 @@ class SceneServicer(JobServicer):
                 size=pb.CreateSceneRequest.ByteSize,
                 memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next comes in
             )
-            return _as(pb.Operation, operation)
+            return as_message(pb.Operation, operation)
 
     async def GetScene(self, request: pb.GetSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
         """One scene in full."""
@@ -123,14 +123,14 @@ class SceneServicer(JobServicer):
         """The thing at a place."""
         async with guarded(context, "PickThing"):
             return await self._threads.answer(
-                lambda: _as(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
+                lambda: as_message(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
             )
 
     async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:  # noqa: N802
         """What is between two places."""
         async with guarded(context, "MeasureScene"):
             return await self._threads.answer(
-                lambda: _as(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
+                lambda: as_message(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
             )
 
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
@@ -186,7 +186,7 @@ class SceneServicer(JobServicer):
     async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """Where a job stands."""
         async with guarded(context, "GetOperation"):
-            return _as(pb.Operation, await self._operations.get(request.operation_id))
+            return as_message(pb.Operation, await self._operations.get(request.operation_id))
 
     async def ListOperations(  # noqa: N802
         self, request: pb.ListOperationsRequest, context: Context
@@ -212,7 +212,7 @@ class SceneServicer(JobServicer):
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
         """The operation when it is done, or when the time is up."""
         async with guarded(context, "WaitOperation"):
-            return _as(pb.Operation, await self._operations.wait(request.operation_id, request.timeout_s))
+            return as_message(pb.Operation, await self._operations.wait(request.operation_id, request.timeout_s))
 
     async def WatchOperation(  # noqa: N802
         self, request: pb.WatchOperationRequest, context: Context
@@ -221,7 +221,7 @@ class SceneServicer(JobServicer):
         async with guarded(context, "WatchOperation"):
             first = await self._operations.current(request.operation_id)
             async for change in self._operations.changes(first):
-                yield _as(pb.Operation, change.operation)
+                yield as_message(pb.Operation, change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
         """Ranked labels, masks and objects."""
@@ -337,86 +337,13 @@ class SceneServicer(JobServicer):
         """Which cameras show some things best."""
         async with guarded(context, "ListBestViews"):
             return await self._threads.answer(
-                lambda: _as(
+                lambda: as_message(
                     pb.ListBestViewsResponse,
                     self._service.photos.best_views(
                         request.scene_id, request.things, request.text, request.max_views, request.version
                     ),
                 )
             )
-
-    async def CreateKey(self, request: pb.CreateKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
-        """Make a key of the project."""
-        async with guarded(context, "CreateKey"):
-            role = caller_role()
-            return await self._message(pb.NewKey, lambda: self._service.keys.create(role, from_proto(KeyIn, request)))
-
-    async def CreateUploadKey(self, request: pb.CreateUploadKeyRequest, context: Context) -> pb.NewKey:  # noqa: N802
-        """Make a key for one upload."""
-        async with guarded(context, "CreateUploadKey"):
-            return await self._message(
-                pb.NewKey, lambda: self._service.keys.create_for_upload(from_proto(UploadKeyIn, request))
-            )
-
-    async def GetServerStatus(self, request: empty_pb2.Empty, context: Context) -> pb.ServerStatus:  # noqa: N802
-        """What the server can do."""
-        async with guarded(context, "GetServerStatus"):
-            role, key_id = caller_role(), caller_id()
-            return await self._message(pb.ServerStatus, lambda: self._service.status(role, key_id))
-
-    async def ListKeys(self, request: pb.ListKeysRequest, context: Context) -> pb.ListKeysResponse:  # noqa: N802
-        """Keys of the project in pages."""
-        async with guarded(context, "ListKeys"):
-            role = caller_role()
-            return await self._message(
-                pb.ListKeysResponse,
-                lambda: self._service.keys.list(role, request.page_size, request.page_token, request.scene_id),
-            )
-
-    async def RevokeKey(self, request: pb.RevokeKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
-        """Take a key back."""
-        async with guarded(context, "RevokeKey"):
-            role = caller_role()
-            return await self._message(pb.AccessKey, lambda: self._service.keys.revoke(role, request.key_id))
-
-    async def ExpireKey(self, request: pb.ExpireKeyRequest, context: Context) -> pb.AccessKey:  # noqa: N802
-        """Let a key expire at another time."""
-        async with guarded(context, "ExpireKey"):
-            role = caller_role()
-            lifetime_s = from_proto(LifetimeIn, request).lifetime_s
-            return await self._message(
-                pb.AccessKey, lambda: self._service.keys.expire(role, request.key_id, lifetime_s)
-            )
-
-    async def ListKnownNames(  # noqa: N802
-        self, request: pb.ListKnownNamesRequest, context: Context
-    ) -> pb.ListKnownNamesResponse:
-        """What people named in the project, in pages."""
-        async with guarded(context, "ListKnownNames"):
-            return await self._message(
-                pb.ListKnownNamesResponse,
-                lambda: self._service.known_names.list(request.page_size, request.page_token),
-            )
-
-    async def DeleteKnownName(  # noqa: N802
-        self, request: pb.DeleteKnownNameRequest, context: Context
-    ) -> empty_pb2.Empty:
-        """Suggest a name no more."""
-        async with guarded(context, "DeleteKnownName"):
-            await self._threads.call(lambda: self._service.known_names.forget(request.name_id))
-            return empty_pb2.Empty()
-
-    async def DeleteKnownNames(  # noqa: N802
-        self, request: pb.DeleteKnownNamesRequest, context: Context
-    ) -> empty_pb2.Empty:
-        """Suggest no name of the project any more."""
-        async with guarded(context, "DeleteKnownNames"):
-            await self._threads.call(self._service.known_names.forget_all)
-            return empty_pb2.Empty()
-
-    async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
-        """A service call's result as its message, both made on a thread."""
-        return await self._threads.call(lambda: _as(kind, function()))
 
     async def _file(self, path: Path, offset: int) -> AsyncIterator[pb.Chunk]:
         size = path.stat().st_size
@@ -438,12 +365,6 @@ def _all_skipped(answered: QueryOut) -> SceneFileError:
         field="scene_id",
         hint="Name a scene, or send the metadata x-fastsplat-reads: skipped to hear of all of them.",
     )
-
-
-def _as(kind: type[M], value: object) -> M:
-    message = to_proto(value)
-    assert isinstance(message, kind)
-    return message
 
 
 async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:

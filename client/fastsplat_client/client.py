@@ -154,24 +154,10 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
             )
         return read(Operation, response)
 
-    def operation(self, operation_id: str) -> Operation:
-        """Where a job stands."""
-        return self._get(Operation, f"/v1/operations/{in_path(operation_id)}")
-
     def operations(self, state: OperationState | None = None) -> Iterator[Operation]:
         """All jobs, newest first, page by page."""
         params = {} if state is None else {"state": state}
         return self._pages(OperationList, "/v1/operations", params)
-
-    def cancel(self, operation_id: str) -> Operation:
-        """Ask a job to stop; one that is over stays as it is."""
-        path = f"/v1/operations/{in_path(operation_id)}:cancel"
-        return read(Operation, self._transport.call("POST", path))
-
-    def retry(self, operation_id: str) -> Operation:
-        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
-        path = f"/v1/operations/{in_path(operation_id)}:retry"
-        return read(Operation, self._transport.call("POST", path))
 
     def watch(self, operation_id: str) -> Iterator[Operation]:
         """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""

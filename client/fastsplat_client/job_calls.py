@@ -1,4 +1,4 @@
-"""The calls about jobs while they run: pictures, cameras, an early end."""
+"""The calls about one job: how far it is, pictures and cameras while it runs, its end."""
 
 from __future__ import annotations
 
@@ -32,9 +32,21 @@ class Placed(NamedTuple):
 
 
 class JobCalls:
-    """The part of `Client` that speaks of jobs while they run."""
+    """The part of `Client` that speaks of one job."""
 
     _transport: Transport
+
+    def operation(self, operation_id: str) -> Operation:
+        """Where a job stands."""
+        return read(Operation, self._transport.call("GET", _job_path(operation_id)))
+
+    def cancel(self, operation_id: str) -> Operation:
+        """Ask a job to stop; one that is over stays as it is."""
+        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:cancel"))
+
+    def retry(self, operation_id: str) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
+        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:retry"))
 
     def finish(self, operation_id: str) -> Operation:
         """Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.

@@ -33,6 +33,8 @@ from fastsplat.service.application.stored import label_of, scene_of, summary_of
 from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import (
+    admit_upload,
+    check_labels,
     check_page_size,
     check_request,
     check_scene_name,
@@ -74,7 +76,7 @@ class SceneService:
         self.project = DEFAULT_PROJECT
         self._store = store.in_project(self.project)
         self._settings = settings
-        self._check_files = admit or _admit_upload
+        self._check_files = admit or admit_upload
         self._validating = ValidationSlots(settings.capture.concurrent_validations)
         self._memory = MemoryBudget(settings.calls, machine_bytes())
         self._scenes = OpenScenes(self._store, settings, self._memory)
@@ -180,7 +182,7 @@ class SceneService:
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._settings.capture)
                 if options.labels and not validated.has_labels:
-                    _check_labels(options.labels, self._settings)
+                    check_labels(options.labels, self._settings)
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
@@ -382,24 +384,6 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
         ResourceError: the data folder or the database cannot be used.
     """
     return SceneService(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, admit)
-
-
-def _admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
-    from fastsplat.service.capture.sandbox import (
-        validate_in_sandbox,  # loads with the first upload, not with the server
-    )
-
-    return validate_in_sandbox(folder, settings)
-
-
-def _check_labels(labels: Sequence[str], settings: Settings) -> None:
-    from fastsplat.service.perception.capture_detection import (
-        check_labels_known,  # onnxruntime loads with the first upload that names something
-    )
-    from fastsplat.service.perception.detectors import check_texts_known
-
-    check_labels_known(labels, settings.perception)
-    check_texts_known(labels, settings.perception, settings.models, field="labels")
 
 
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import get_args
 
+from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
-from fastsplat.service.settings import StoreSettings
+from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
@@ -197,3 +200,23 @@ def _check_length(field: str, text: str, limit: int, setting: str) -> None:
         raise LimitExceededError(
             f"{field} of {len(text)} characters", field=field, limit=f"{limit} characters ({setting})"
         )
+
+
+def admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+    """The upload of a folder, checked in a process of its own; raises as `validate_in_sandbox`."""
+    from fastsplat.service.capture.sandbox import (
+        validate_in_sandbox,  # loads with the first upload, not with the server
+    )
+
+    return validate_in_sandbox(folder, settings)
+
+
+def check_labels(labels: Sequence[str], settings: Settings) -> None:
+    """Raises InvalidInputError for names that the configured detectors cannot know."""
+    from fastsplat.service.perception.capture_detection import (
+        check_labels_known,  # onnxruntime loads with the first upload that names something
+    )
+    from fastsplat.service.perception.detectors import check_texts_known
+
+    check_labels_known(labels, settings.perception)
+    check_texts_known(labels, settings.perception, settings.models, field="labels")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +23,7 @@ from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, 
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
-from fastsplat.service.capture.scale_tags import scale_of_views, scaled_capture
+from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
@@ -233,22 +232,8 @@ class _Build:
 
     def _in_meters(self, capture: Capture) -> Capture:
         """The capture in metres if printed tags tell how long they are, else the same."""
-        settings, count = self.settings, len(capture.views)
-        if settings.tag_side_m is None:
-            return capture
-
-        def gray(view: int) -> NDArray[np.uint8]:
-            return np.asarray(cv2.cvtColor(load_image(capture.views[view]), cv2.COLOR_RGB2GRAY), np.uint8)
-
-        scale = scale_of_views(
-            [view.posed for view in capture.views],
-            gray,
-            tags=range(settings.first_tag, settings.last_tag + 1),
-            side_m=settings.tag_side_m,
-            side_error_m=settings.tag_side_error_m,
-            report=lambda view: self._report(1.0, f"looking for tags {view}/{count}"),
-        )
-        return capture if scale is None else scaled_capture(capture, scale)
+        count = len(capture.views)
+        return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 
     def _upright_photos(self) -> list[_SfmImage]:
         images = []

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat_contract.camera import PosedCamera
 
@@ -126,30 +128,24 @@ def estimate_scale(
     return ScaleEstimate("tags", side_m / side, half)
 
 
-def scale_of_views(
-    cameras: Sequence[PosedCamera],
-    gray: Callable[[int], NDArray[np.uint8]],
-    *,
-    tags: range,
-    side_m: float,
-    side_error_m: float,
-    report: Callable[[int], None] = lambda done: None,
-) -> ScaleEstimate | None:
-    """As `estimate_scale`, of the tags that are in the views' pictures.
+def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
+    """The capture in metres if tags in its pictures tell how long they are, else the same.
 
     Args:
-        cameras: of the views.
-        gray: uint8 [H, W] of a view, undistorted.
-        tags: ids that count.
-        side_m: as there.
-        side_error_m: as there.
+        capture: whose views lie on disk.
+        settings: which tags count, and their side.
         report: hears how many views are done.
     """
+    if settings.tag_side_m is None:
+        return capture
     sightings = []
-    for view in range(len(cameras)):
-        report(view)
-        sightings += find_tags(gray(view), view, tags)
-    return estimate_scale(sightings, cameras, side_m, side_error_m)
+    for index, view in enumerate(capture.views):
+        report(index)
+        gray = np.asarray(cv2.cvtColor(load_rgb(view.image_path), cv2.COLOR_RGB2GRAY), np.uint8)
+        sightings += find_tags(gray, index, range(settings.first_tag, settings.last_tag + 1))
+    cameras = [view.posed for view in capture.views]
+    scale = estimate_scale(sightings, cameras, settings.tag_side_m, settings.tag_side_error_m)
+    return capture if scale is None else scaled_capture(capture, scale)
 
 
 def scaled_capture(capture: Capture, scale: ScaleEstimate) -> Capture:
