@@ -68,8 +68,8 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length"]
-"""What said how long a unit is."""
+ScaleSource = Literal["known_length", "tags"]
+"""What said how long a unit is: lengths that a person knew, or printed tags in the photos."""
 
 
 @travels(request=False)
@@ -82,7 +82,7 @@ class SceneScaling(NamedTuple):
     ]
     low: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
     high: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
-    known_lengths: Annotated[int, Field(description="that it comes from")]
+    known_lengths: Annotated[int, Field(description="that it comes from, beside tags")]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ class Scene(SceneSummary):
         Field(description="how good the scene is; absent until it is ready, and where nothing was measured"),
     ] = None
     scaling: Annotated[
-        SceneScaling | None, Field(description="absent where the scale is the capture's own, or there is none")
+        SceneScaling | None,
+        Field(description="absent where the poses came in meters, or nothing says how long a unit is"),
     ] = None
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, combined, scaled
+from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, capture_scaling, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
@@ -84,7 +84,7 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
     """
     if edit.label is not None or edit.object_id is not None or edit.things:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
-    earlier = index.scene.scaling
+    earlier = index.scene.scaling or capture_scaling(index.scene.quality)
     lengths = [] if earlier is None else [*earlier.lengths]
     if not edit.known_lengths or len(lengths) + len(edit.known_lengths) > _MAX_LENGTHS:
         raise InvalidInputError(
@@ -202,7 +202,7 @@ def _apart(one: Located, other: Located) -> tuple[float, float]:
 
 def _length(index: SceneIndex, value: float, deviation: float) -> Length:
     """With what the scale is unsure of added to what the places are."""
-    scaling = index.scene.scaling
+    scaling = index.scene.scaling or capture_scaling(index.scene.quality)
     if scaling is not None:
         deviation = float(np.hypot(deviation, value * scaling.deviation))
     spread = NORMAL_95 * deviation

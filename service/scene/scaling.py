@@ -83,6 +83,21 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
     return Scaling(math.exp(log_scale), math.exp(log_scale - spread), math.exp(log_scale + spread), tuple(lengths))
 
 
+def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
+    """How sure the meters are that the capture itself measured, as by printed tags; None where it measured none.
+
+    The trained version is in these meters already: the scaling is 1, and has one length, so that known lengths are
+    combined with it.
+
+    Args:
+        quality: as in `Scene.quality`; `scale_error_95` is half of the 95 % interval as a share.
+    """
+    error = quality.get("scale_error_95")
+    if not isinstance(error, float) or not error > 0:
+        return None
+    return combined([ScaledLength(1.0, error / NORMAL_95, 1.0, 0.0)])
+
+
 def scaled(scene: Scene, scaling: Scaling) -> Scene:
     """The scene with its Gaussians and cameras in meters by a scaling of its trained version; which thing a Gaussian
     belongs to, and what it looks like, stays."""

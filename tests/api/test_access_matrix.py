@@ -259,6 +259,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         "texts": ["mug"],
         "view": "front.png",
         "kind": pb.PICTURE_KIND_RGB,
+        "role": pb.ROLE_READER,  # of a new key: one that shows a scene alone may do no more
     }
     values["places"] = [pb.Place(thing=1)]
     values["pixel"] = pb.Pixel(x=24.0, y=18.0)

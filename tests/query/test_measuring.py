@@ -100,6 +100,19 @@ def test_known_lengths_make_a_scene_metric(index: SceneIndex) -> None:
     )
 
 
+def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index: SceneIndex) -> None:
+    tagged = index.after(replace(index.scene, scale="METRIC", quality={"scale_source": "tags", "scale_error_95": 0.02}))
+    for side, plain in zip(
+        _measured(tagged, Place(thing=1)).sides, _measured(index, Place(thing=1)).sides, strict=True
+    ):
+        half, exact = (side.high - side.low) / 2, (plain.high - plain.low) / 2
+        assert half == pytest.approx(np.hypot(exact, 0.02 * side.value), rel=1e-3)
+    # A length as sure as the tags, that says 2 % more: the truth is sought in the middle.
+    both = apply_edit(tagged, Edit("scale", known_lengths=(KnownLength(_HERE, _THERE, 1.02, 0.02),)))
+    assert both.scaling is not None and len(both.scaling.lengths) == 2
+    assert both.scaling.meters_per_unit == pytest.approx(1.01, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("places", "error", "field"),
     [

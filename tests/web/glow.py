@@ -72,9 +72,15 @@ def page_camera(page: Page, width: int, height: int, up: tuple[float, float, flo
         width, height: of the picture.
         up: of the scene.
     """
-    numbers = page_view(page)
+    return view_camera(page_view(page), width, height, up)
+
+
+def view_camera(
+    view: NDArray[np.float64], width: int, height: int, up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+) -> PosedCamera:
+    """The camera of a view [6], position and target, as the page's canvas of this size shows it."""
     focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
-    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2), up)
+    return looking(view[:3], view[3:], Camera(width, height, focal, focal, width / 2, height / 2), up)
 
 
 def overlap(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:

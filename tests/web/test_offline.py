@@ -16,8 +16,9 @@ from fastsplat_contract.queries import QueryRequest
 from tests.api.made_scene import LABELS
 from tests.web.browser import Visit
 from tests.web.conftest import MARKUP, Place
+from tests.web.glow import canvas_pixels, glowing, overlap, page_camera
 from tests.web.table import add_table
-from tests.web.test_ask import _GLOWS, _VIEW, _camera, _canvas, _share, _wait_for, _without_tools
+from tests.web.test_ask import _VIEW, _wait_for
 
 
 @contextmanager
@@ -47,27 +48,24 @@ def test_what_glows_in_the_file_is_the_servers_mask(place: Place, browser: Brows
     file = _written(place, tmp_path)
     with _opened(browser, file, f"#?view={_VIEW}") as visit:
         _wait_for(visit, "plain$")
-        _without_tools(visit)
-        plain = _canvas(visit.page)
+        plain = canvas_pixels(visit.page)
     with _opened(browser, file, f"#?view={_VIEW}&q=mugs") as visit:
         _wait_for(visit, "answer$")
-        _without_tools(visit)
-        shown = _share(plain, _canvas(visit.page)) > _GLOWS
+        shown = glowing(plain, canvas_pixels(visit.page))
         height, width = shown.shape
-        posed = _camera(visit.page, width, height)
+        posed = page_camera(visit.page, width, height)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
         )
         mask = answer.masks[0].array()
-        iou = (mask & shown).sum() / (mask | shown).sum()
-        assert mask.sum() > 2_000 and iou >= 0.9, iou
+        assert mask.sum() > 2_000 and overlap(mask, shown) >= 0.9
 
 
 def test_the_file_answers_its_own_names_as_the_server_does(place: Place, browser: Browser, tmp_path: Path) -> None:
     with _opened(browser, _written(place, tmp_path)) as visit:
         _wait_for(visit, "plain$")
         visit.check_accessible()
-        before = _canvas(visit.page)
+        before = canvas_pixels(visit.page)
         for asked, label in (("Where are the mugs?", "mug"), ("story book", "story book")):
             visit.page.get_by_role("searchbox").fill(asked)
             visit.page.get_by_role("button", name="Ask", exact=True).click()
@@ -77,7 +75,7 @@ def test_the_file_answers_its_own_names_as_the_server_does(place: Place, browser
             expect(visit.page.get_by_text(answer.explanation)).to_be_visible()
             expect(visit.page.get_by_role("button", name=f"Look at {label} 1")).to_be_visible()
             _wait_for(visit, "answer$")
-            now = _canvas(visit.page)
+            now = canvas_pixels(visit.page)
             assert (now != before).mean() > 0.1  # it has flown there, and something else glows
             before = now
         visit.check_accessible()
@@ -120,6 +118,6 @@ def test_the_file_is_small_and_asks_nobody(place: Place, browser: Browser, tmp_p
         assert visit.fits()
         visit.check_accessible()
         visit.page.locator("canvas").focus()
-        before = _canvas(visit.page)
+        before = canvas_pixels(visit.page)
         visit.page.keyboard.press("ArrowLeft")
-        assert (_canvas(visit.page) != before).any()
+        assert (canvas_pixels(visit.page) != before).any()

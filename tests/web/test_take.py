@@ -15,14 +15,15 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.queries import PictureRequest
 from tests.api.served import serving
 from tests.web.browser import Visit, visiting
 from tests.web.conftest import Place, page_settings
-from tests.web.table import add_table, looking
-from tests.web.test_ask import _FIELD_OF_VIEW, _VIEW, _wait_for
+from tests.web.glow import view_camera
+from tests.web.table import add_table
+from tests.web.test_ask import _VIEW, _wait_for
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,7 @@ def _saved(visit: Visit, button: str) -> tuple[str, bytes]:
 
 
 def _shown_camera(width: int, height: int) -> PosedCamera:
-    numbers = np.array([float(number) for number in _VIEW.split("_")])
-    focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
-    return looking(numbers[:3], numbers[3:], Camera(width, height, focal, focal, width / 2, height / 2))
+    return view_camera(np.array([float(number) for number in _VIEW.split("_")]), width, height)
 
 
 def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Browser) -> None:

@@ -343,7 +343,7 @@ export const texts = {
     scaledBy: (meters: readonly number[]) => `Scaled by a known length of ${meters.join(" m, ")} m`,
     scaled: "The scene is in meters now.",
     scaling: (lengths: number, percent: number) =>
-      `In meters by ${plural(lengths, "known length", "known lengths")}, ± ${percent.toPrecision(2)} %.`,
+      `In meters by ${lengths ? plural(lengths, "known length", "known lengths") : "printed tags"}, ± ${percent.toPrecision(2)} %.`,
     shift: (unit: string) => `Shift along the axes, ${unit}`,
     turn: "Turn about the axes, degrees",
     shiftAlong: (axis: string) => `Shift along ${axis}`,

@@ -109,6 +109,9 @@ class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSour
     SCALE_SOURCE_UNSPECIFIED: _ScaleSource.ValueType  # 0
     """never sent"""
     SCALE_SOURCE_KNOWN_LENGTH: _ScaleSource.ValueType  # 1
+    """lengths that a person knew"""
+    SCALE_SOURCE_TAGS: _ScaleSource.ValueType  # 2
+    """printed tags in the photos"""
 
 class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
     """What said how long a unit is."""
@@ -116,6 +119,9 @@ class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
 SCALE_SOURCE_UNSPECIFIED: ScaleSource.ValueType  # 0
 """never sent"""
 SCALE_SOURCE_KNOWN_LENGTH: ScaleSource.ValueType  # 1
+"""lengths that a person knew"""
+SCALE_SOURCE_TAGS: ScaleSource.ValueType  # 2
+"""printed tags in the photos"""
 Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
 
 class _NameSource:
@@ -959,7 +965,7 @@ class Scene(_message.Message):
 
     @_builtins.property
     def scaling(self) -> Global___SceneScaling:
-        """absent where the scale is the capture's own, or there is none"""
+        """absent where the poses came in meters, or nothing says how long a unit is"""
 
     def __init__(
         self,
@@ -1069,7 +1075,7 @@ class SceneScaling(_message.Message):
     high: _builtins.float
     """of the 95 % interval of `meters_per_unit`"""
     known_lengths: _builtins.int
-    """that it comes from"""
+    """that it comes from, beside tags"""
     def __init__(
         self,
         *,
