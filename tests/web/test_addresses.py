@@ -60,7 +60,7 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
         page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
         page.get_by_role("searchbox").fill("story book")
         expect(page.get_by_role("button", name="Look at story book 1")).to_be_visible()
-        page.get_by_label("Name").fill("violin")
+        page.get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
         page.wait_for_timeout(1_000)

@@ -144,7 +144,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     canvas.click(position={"x": x, "y": y})
     card = page.get_by_role("region", name="1 thing selected")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
-    card.get_by_label("Name").fill("breakfast")
+    card.get_by_label("Name", exact=True).fill("breakfast")
     card.get_by_role("button", name="Save the name").click()
     expect(page.get_by_text("Named “breakfast”.")).to_be_visible()
     visit.check_accessible()

@@ -113,7 +113,7 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = _ready(visit), visit.page
         page.locator(".thing-list").get_by_role("button", name="Thing 1").click()
-        page.locator(".thing-card").get_by_label("Name").fill("violin")
+        page.locator(".thing-card").get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         panel = page.locator(".look-alikes")
         expect(panel).to_contain_text("is it “violin”, too?")
