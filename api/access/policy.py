@@ -60,7 +60,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListScenes": (_SHOW, ("GET /v1/scenes",)),
     "UpdateScene": (_EDIT, ("PATCH /v1/scenes/{scene_id}",)),
     "DeleteScene": (_ADMIN, ("DELETE /v1/scenes/{scene_id}",)),
-    "MeasureScene": (_READ, ("POST /v1/scenes/{scene_id}:measure",)),
+    "MeasureScene": (_SHOW, ("POST /v1/scenes/{scene_id}:measure",)),
     "ListLabels": (_SHOW, ("GET /v1/scenes/{scene_id}/labels",)),
     "ListObjects": (_SHOW, ("GET /v1/scenes/{scene_id}/objects",)),
     "ListThings": (_SHOW, ("GET /v1/scenes/{scene_id}/things",)),

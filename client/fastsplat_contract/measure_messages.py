@@ -26,7 +26,7 @@ class MeasureIn(Request):
 
 @dataclass(frozen=True)
 class MeasureRequest(MeasureIn, OfScene):
-    """What to measure in one scene."""
+    """What to measure: one place to locate it, one thing for its size, two places for what is between them."""
 
 
 @travels(request=False)

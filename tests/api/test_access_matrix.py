@@ -218,6 +218,7 @@ def test_every_rpc_by_every_caller(place: _Place, name: str, method: Any, caller
     reason = _refusal(rule, caller)
     message = message_factory.GetMessageClass(method.input_type).DESCRIPTOR
     about_one = name == "StreamQuery" or any(field in message.fields_by_name for field in ids)
+    about_one = about_one and name != "ListKeys"  # a scene there narrows the list of the caller's own keys
     if reason is not None:
         assert error is not None and error.code().name == rpc_refusal(error).reason == reason
     elif about_one and caller in ("stranger", "uploader") and name != "CreateScene":

@@ -115,7 +115,7 @@ def test_a_browser_asks_whether_its_copy_of_the_page_holds(faces: Faces, path: s
     ("path", "allowed"),
     [
         ("/v1/scenes", "GET, HEAD, POST"),
-        ("/v1/scenes/x", "GET, HEAD, DELETE"),
+        ("/v1/scenes/x", "GET, HEAD, PATCH, DELETE"),
         ("/v1/keys", "GET, HEAD, POST"),
         ("/v1/uploads", "POST, OPTIONS"),
         ("/v1/uploads/x", "HEAD, PATCH, DELETE"),

@@ -43,6 +43,7 @@ _NOT_IN_OPENAPI = {
     "QueryRequest",  # QueryIn is its body
     "PictureRequest",  # RenderIn is its body
     "PickRequest",  # PickIn is its body
+    "MeasureRequest",  # MeasureIn is its body
 }
 _NOT_IN_PYTHON = {
     # messages of one id or of a page, which the servicer reads as they are
