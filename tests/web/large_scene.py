@@ -25,6 +25,7 @@ from fastsplat.service.scene import Scene
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.exports import ExportRequest
 from tests.api.made_scene import ENCODER, LABELS
 from tests.api.served import serving
 from tests.scenes import labelled_scene, store_scene
@@ -146,10 +147,10 @@ def main() -> None:
         settings = page_settings(Path(folder))
         with open_service(settings) as service, serving(service, settings) as ports:
             scene_id = add_large_scene(service, settings, options.gaussians, options.degree)
-            ply_bytes = service.answers.scene_ply(scene_id)[0].stat().st_size
+            file_bytes = len(service.exports.file(ExportRequest(scene_id, "spz")))
             url = f"http://127.0.0.1:{ports.http}"
             figures = measured(url, scene_id, (options.width, options.height))
-    figures |= {"gaussians": options.gaussians, "ply_mb": ply_bytes / 1e6, "load_average": os.getloadavg()}
+    figures |= {"gaussians": options.gaussians, "spz_mb": file_bytes / 1e6, "load_average": os.getloadavg()}
     text = json.dumps(figures, indent=1)
     print(text)
     if options.json:

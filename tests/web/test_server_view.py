@@ -44,7 +44,7 @@ def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Brow
         )
         exact = pixels_of(truth)
         assert np.abs(shown - exact).mean() < 4 and exact.mean() > 20
-        assert not [url for url in visit.requests if "scene.ply" in url]  # nothing is loaded that cannot be shown
+        assert not [url for url in visit.requests if "scene.spz" in url]  # nothing is loaded that cannot be shown
 
 
 def test_what_is_found_glows_where_the_servers_mask_is(place: Place, plain_browser: Browser) -> None:

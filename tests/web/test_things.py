@@ -54,7 +54,7 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, br
         expect(page.get_by_text("Here it is")).to_be_visible()
         expect(page.get_by_role("button", name="Look at violin 1")).to_be_visible()
         expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
-        assert len([url for url in visit.requests if "scene.ply" in url]) == 1  # a name changes no Gaussian
+        assert len([url for url in visit.requests if "scene.spz" in url]) == 1  # a name changes no Gaussian
 
         page.reload()
         expect(page.get_by_role("searchbox")).to_have_value("violin")

@@ -79,7 +79,7 @@ def test_versions_are_listed_compared_and_restored(place: Place, browser: Browse
         assert canvas.screenshot() != here and page.url == url  # from the same place
         rows.last.get_by_role("button", name="Compare").click()
         expect(canvas).not_to_have_attribute("data-shown", re.compile(f"^{trained} "))
-        assert len([one for one in visit.requests if "scene.ply" in one]) == 2
+        assert len([one for one in visit.requests if "scene.spz" in one]) == 2
         assert place.service.versions.resolve(own) == named.version  # to look is no change
         rows.last.get_by_role("button", name="Restore").click()
         expect(page.get_by_text("Restored: As it was trained.")).to_be_visible()
