@@ -81,7 +81,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
 def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
-        return measured and SceneScaling("tags", 1.0, measured.low, measured.high, 0)
+        return None if measured is None else SceneScaling("tags", 1.0, measured.low, measured.high, 0)
     count = len(scaling.lengths) - (measured is not None)
     return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)
 

@@ -21,7 +21,7 @@ from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.mapping_snapshots import take_placed
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
-from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
+from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
@@ -212,7 +212,7 @@ class _Build:
             images=len(self.manifest.photos),
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
-            warnings=(*self.manifest.warnings, *_mask_warning(dataset), *written.warnings),
+            warnings=(*self.manifest.warnings, *mask_warning(dataset), *written.warnings),
             splat=self.manifest.splat,
             photos=judge_photos(qualities, _poses(written.views), None, written.masked),
         )
@@ -394,13 +394,3 @@ def _poses(views: tuple[View, ...]) -> dict[str, NDArray[np.float64]]:
 
 def _frame_info(file: str, width: int, height: int) -> PhotoInfo:
     return PhotoInfo(file, width, height, orientation=1, lens="", focal_35mm=0.0)
-
-
-def _mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
-    masked = sum(image.mask is not None for image in dataset.images)
-    if not masked:
-        return ()
-    return (
-        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
-        "For label maps, name their ids under labels.",
-    )

@@ -111,3 +111,14 @@ def _not_in_upload(name: str, field: str) -> InvalidInputError:
         field=field,
         hint="Send every image that has a pose, under the name that the poses use.",
     )
+
+
+def mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
+    """What masks mean in a data set without labels, for people; nothing if it has no masks."""
+    masked = sum(image.mask is not None for image in dataset.images)
+    if not masked:
+        return ()
+    return (
+        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
+        "For label maps, name their ids under labels.",
+    )

@@ -11,7 +11,7 @@ import pytest
 
 from tests.client.wheel import build_wheel, make_environment
 
-_MOST_BYTES = 130 * 10**6
+_MOST_BYTES = 140 * 10**6  # numpy and grpc are nine tenths of it
 _FORBIDDEN = ("torch", "cv2", "PIL", "scipy", "pycolmap", "fastsplat", "google.rpc", "grpc_status")
 _IMPORT = """
 import json, sys
