@@ -159,6 +159,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           at.set(rescaled(at.view, factor));
         }
         shownUnit.current = unit;
+        loaded.value = 0; // another splat of as many Gaussians has none of the looks of the one before
         view.setSplat(splat);
         loaded.value = splat.count;
         setShare(null);

@@ -91,6 +91,7 @@ export class SplatView {
   readonly #pace: Pace;
   #full: Layer | null = null;
   #draft: Layer | null = null;
+  #coarse = false;
   #draftRows = new Uint32Array();
   #view: LookAt | null = null;
   #depthRange: DepthRange | null = null;
@@ -153,7 +154,7 @@ export class SplatView {
     this.#set("uForward", [0, 0, 1]);
     this.#set("uDepths", [0, 1]);
     this.#setMotion(null);
-    this.redraw();
+    this.#resize();
   }
 
   /** Shows a state of each Gaussian (see `states.ts`), by row; with `dimmed`, those without one recede. */
@@ -225,17 +226,20 @@ export class SplatView {
     if (this.#draft) this.#draft.fill(stream, ofRows(values, this.#draftRows, width));
   }
 
-  /** Draws all Gaussians in full resolution, or the draft in half of it. */
+  /** Draws all Gaussians in full resolution, or the draft (of a small scene all of them) in half of it. */
   #showDraft(shown: boolean): void {
-    if (!this.#full || !this.#draft || this.#draft.shown === shown) return;
-    this.#draft.shown = shown;
-    this.#full.shown = !shown;
+    if (!this.#full || this.#coarse === shown) return;
+    this.#coarse = shown;
+    if (this.#draft) {
+      this.#draft.shown = shown;
+      this.#full.shown = !shown;
+    }
     this.#resize();
   }
 
   /** Looks from somewhere else; the camera moves on unless it is `resting`. */
   setView(view: LookAt, resting = false): void {
-    this.#showDraft(!resting && this.isSlow);
+    this.#showDraft(!resting && this.#pace.isSlow);
     if (this.#view === view) {
       this.redraw();
       return;
@@ -268,7 +272,7 @@ export class SplatView {
 
   #resize(): void {
     const [width, height] = this.#size;
-    const part = this.#draft?.shown ? 0.5 : 1;
+    const part = this.#coarse ? 0.5 : 1;
     this.#app.graphicsDevice.setResolution(Math.ceil(width * part), Math.ceil(height * part));
     if (this.#camera.camera) this.#camera.camera.horizontalFov = width >= height;
     this.redraw();
@@ -288,5 +292,6 @@ export class SplatView {
     this.#full?.destroy();
     this.#draft?.destroy();
     this.#full = this.#draft = null;
+    this.#coarse = false;
   }
 }
