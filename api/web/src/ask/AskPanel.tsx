@@ -20,11 +20,13 @@ interface Properties {
 
 /** A question, answered as typing stops. */
 export function AskPanel({ state, onAsk, onFly }: Properties) {
-  const [typed, setTyped] = useState(state.text.value);
+  const asked = state.text.value;
+  // What is typed belongs to the question it was typed over: an effect would run after the first keys of a fast typist.
+  const [draft, setDraft] = useState({ over: asked, text: asked });
+  const typed = draft.over === asked ? draft.text : asked;
   const timer = useRef(0);
   const answer = state.answer.value;
 
-  useEffect(() => setTyped(state.text.value), [state.text.value]);
   useEffect(() => () => window.clearTimeout(timer.current), []);
   const ask = (text: string) => {
     window.clearTimeout(timer.current);
@@ -35,7 +37,7 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
     });
   };
   const type = (text: string) => {
-    setTyped(text);
+    setDraft({ over: asked, text });
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };

@@ -1,4 +1,4 @@
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 
 import type { SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
@@ -63,8 +63,9 @@ export function titleOf(thing: SceneThing): string {
 }
 
 function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
-  const [name, setName] = useState(thing.name);
-  useEffect(() => setName(thing.name), [thing.name]);
+  // What is typed belongs to the name it was typed over: no effect, which would run after the first keys of a fast typist.
+  const [draft, setDraft] = useState({ over: thing.name, text: thing.name });
+  const name = draft.over === thing.name ? draft.text : thing.name;
   const { box } = thing;
   const act = (edit: Parameters<SceneState["edit"]>[0], message: string) =>
     void state.edit({ ...edit, things: [thing.id] }, message);
@@ -87,7 +88,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
             value={name}
             maxLength={200}
             autocomplete="off"
-            onInput={(event) => setName(event.currentTarget.value)}
+            onInput={(event) => setDraft({ over: thing.name, text: event.currentTarget.value })}
           />
         </label>
         <button class="primary" disabled={state.busy.value || !name.trim()}>
