@@ -1,0 +1,166 @@
+"""Score the product's answers on questions that nothing was fitted to.
+
+    python -m benchmarks.absence --models DIR [--encoder NAME] [--misses] [--dry-run]
+
+Every question of `questions.txt` is asked of a scene that has its dictionary, through the product's own ranking. Writes
+benchmarks/results/absence.json:
+  found_and_named: share of the present questions whose verdict is not absent and whose first answer is acceptable;
+  rightly_absent: share of the absent questions that are said to be absent;
+  auroc: that a present question's `presence` is above an absent one's (ties half);
+  leading_ece: calibration error of the leading entry's probability, over ten bins of equal count;
+  label_sets: how often the 90 % label set holds an acceptable answer, and its mean size.
+Intervals are 95 %, by 2,000 draws of whole dictionaries.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, read_cases
+from benchmarks.calibration.calibrate import auroc, calibration_error
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat_contract.queries import Answer
+
+_DRAWS = 2_000
+
+
+@dataclass(frozen=True)
+class _Answered:
+    """A case and what the product said: `first` is the leading label, `probability` its own, 0..1."""
+
+    case: Case
+    absent: bool
+    first: str
+    probability: float
+    presence: float
+    label_set: tuple[str, ...]  # "" for "nothing here"
+
+    @property
+    def right(self) -> bool:
+        return self.absent if not self.case.answers else not self.absent and self.first in self.case.answers
+
+    @property
+    def covered(self) -> bool:
+        return bool(set(self.case.answers or ("",)) & set(self.label_set))
+
+
+def answer_cases(cases: Sequence[Case], encoder: TextEncoder, settings: QuerySettings) -> list[_Answered]:
+    """What the product says to each case, in order.
+
+    Raises:
+        ValueError: the encoder is not calibrated.
+    """
+    answered = []
+    for labels, asked in groupby(cases, key=lambda case: case.labels):
+        index = SceneIndex(_scene_of(labels, encoder, settings), encoder, settings)
+        for case in asked:
+            (answer,) = index.ask([case.question])
+            answered.append(_answered(case, answer))
+    return answered
+
+
+def figures(answered: Sequence[_Answered]) -> dict[str, float]:
+    """The figures of the module's description over these answers."""
+    present = [each for each in answered if each.case.answers]
+    absent = [each for each in answered if not each.case.answers]
+    right = np.array([each.first in each.case.answers for each in answered], dtype=np.float64)
+    return {
+        "found_and_named": float(np.mean([each.right for each in present])),
+        "rightly_absent": float(np.mean([each.right for each in absent])),
+        "auroc": auroc(np.array([e.presence for e in present]), np.array([e.presence for e in absent])),
+        "leading_ece": calibration_error(np.array([each.probability for each in answered]), right),
+        "label_sets_covered": float(np.mean([each.covered for each in answered])),
+        "label_sets_size": float(np.mean([len([name for name in each.label_set if name]) for each in answered])),
+    } | {kind: float(np.mean([each.right for each in answered if each.case.list == kind])) for kind in PRESENT + ABSENT}
+
+
+def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[float, float]]:
+    """95 % interval of each figure, over draws of whole dictionaries: questions to one are not independent."""
+    by_scene = [list(group) for _, group in groupby(answered, key=lambda each: each.case.scene)]
+    rng = np.random.default_rng(seed)
+    draws = [
+        figures([each for place in rng.integers(len(by_scene), size=len(by_scene)) for each in by_scene[place]])
+        for _ in range(_DRAWS)
+    ]
+    bounds: Callable[[str], Any] = lambda name: np.percentile([draw[name] for draw in draws], [2.5, 97.5])  # noqa: E731
+    return {name: (float(bounds(name)[0]), float(bounds(name)[1])) for name in draws[0]}
+
+
+def _answered(case: Case, answer: Answer) -> _Answered:
+    if answer.presence is None:
+        raise ValueError("this encoder is not calibrated: run benchmarks.calibration.calibrate first")
+    best = answer.matches[0]
+    names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)
+    return _Answered(case, answer.verdict == "absent", best.label, best.probability or 0.0, answer.presence, names)
+
+
+def _scene_of(labels: Sequence[str], encoder: TextEncoder, settings: QuerySettings) -> Scene:
+    """A scene of one Gaussian a label: no figure here reads geometry."""
+    count = len(labels)
+    codes = np.eye(count + 1, dtype=np.float32)
+    dictionary = dictionary_of(labels)
+    return Scene(
+        gaussians=Gaussians(
+            means=np.zeros((count, 3), np.float32),
+            quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+            log_scales=np.zeros((count, 3), np.float32),
+            logit_opacities=np.zeros(count, np.float32),
+            sh=np.zeros((count, 1, 3), np.float32),
+            codes=codes[1:],
+        ),
+        head=SemanticHead(10 * codes, np.zeros(count + 1, np.float32)),
+        dictionary=dictionary,
+        label_embeddings=embed_labels(dictionary, encoder, settings.templates),
+        label_templates=settings.templates,
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=(),
+        scale="ARBITRARY",
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", type=Path, required=True, help="model directory")
+    parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
+    parser.add_argument(
+        "--misses", action="store_true", help="print every wrong answer; whoever reads them must not fit"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print, write nothing")
+    arguments = parser.parse_args()
+    start = begin()
+    cases = read_cases()
+    if wrong := list(doubles(cases)):
+        raise SystemExit("\n".join(wrong))
+    answered = answer_cases(cases, open_text_encoder(arguments.encoder, arguments.models), QuerySettings())
+    values, bounds = figures(answered), intervals(answered)
+    for name, value in values.items():
+        print(f"{name:20} {value:.3f}  [{bounds[name][0]:.3f}, {bounds[name][1]:.3f}]")
+    if arguments.misses:
+        for each in answered:
+            if not each.right:
+                said = "absent" if each.absent else each.first
+                print(f"{each.case.scene}, {each.case.list}: {each.case.question!r} -> {said} ({each.probability:.2f})")
+    if not arguments.dry_run:
+        document = provenance(start) | {
+            "encoder": arguments.encoder,
+            "dictionaries": len({case.scene for case in cases}),
+            "questions": {kind: sum(case.list == kind for case in cases) for kind in PRESENT + ABSENT},
+            "figures": {name: {"value": round(value, 4), "interval": bounds[name]} for name, value in values.items()},
+        }
+        write_json(RESULTS / "absence.json", document)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""The questions of `questions.txt`: what is there under another name, and what is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.calibration.lists import read_pairs, read_scenes
+from fastsplat.service.common.dictionary import label_key
+
+FILE = Path(__file__).with_name("questions.txt")
+FITTED = FILE.parents[1] / "calibration" / "lists.txt"
+"""Cases of the same six lists that may fit the answers."""
+PRESENT = ("synonym", "kind", "use")
+ABSENT = ("far", "household", "near")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One question to one dictionary; `answers` are the labels that may lead, none where it should be absent."""
+
+    scene: str
+    labels: tuple[str, ...]
+    list: str
+    question: str
+    answers: tuple[str, ...]
+
+
+def read_cases(path: Path = FILE) -> list[Case]:
+    """The cases of `questions.txt`, in order.
+
+    Raises:
+        ValueError: a line of no known list, or an answer that is no label; names the line.
+    """
+    cases: list[Case] = []
+    scene, labels = "", tuple[str, ...]()
+    for number, line in enumerate(path.read_text().splitlines(), start=1):
+        if not line or line.startswith("#"):
+            continue
+        if line.startswith("["):
+            scene, _, rest = line[1:].partition("]")
+            labels = _names(rest)
+            continue
+        kind, _, rest = line.partition(":")
+        if kind in PRESENT:
+            question, _, answers = rest.partition("->")
+            new = [Case(scene, labels, kind, question.strip(), _names(answers))]
+            if not new[0].answers or not set(new[0].answers) <= set(labels):
+                raise ValueError(f"line {number}: {answers.strip()!r} is no label of {scene}")
+        elif kind in ABSENT:
+            new = [Case(scene, labels, kind, question, ()) for question in _names(rest)]
+        else:
+            raise ValueError(f"line {number}: {kind!r} is none of {PRESENT + ABSENT}")
+        cases += new
+    return cases
+
+
+def doubles(cases: list[Case]) -> Iterator[str]:
+    """What is wrong with the lists, a sentence each: questions that stand twice, that bear a name of what is there, or
+    that stand in a list that calibrates."""
+    calibrating = {label_key(pair.query) for pair in read_pairs()}
+    calibrating |= {label_key(asked.query) for scene in read_scenes() for asked in scene.asked}
+    calibrating |= {label_key(case.question) for case in read_cases(FITTED)}
+    first: dict[str, Case] = {}
+    for case in cases:
+        key = label_key(case.question)
+        if key in first:
+            yield f"{case.question!r} stands in {first[key].scene}, {first[key].list}, and in {case.scene}, {case.list}"
+        first.setdefault(key, case)
+        if key in calibrating:
+            yield f"{case.question!r} of {case.scene} calibrates"
+        names = [label_key(label) for label in case.labels]
+        borne = (
+            [name for name in names if f" {name} " in f" {key} "] if case.answers else [n for n in names if n == key]
+        )
+        if borne:
+            yield f"{case.question!r} of {case.scene} bears the name {borne[0]!r}"
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
