@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.lexicon import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
@@ -24,8 +25,9 @@ def check_model(entry: ModelEntry, models: Path) -> None:
     """Raise unless the model in `models / entry.name` opens and solves an exercise.
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
-    cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it. Detectors that are
-    prompted by embeddings are only opened, since their text encoder need not be there yet.
+    cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it; a lexicon must know
+    that a banana is a fruit. Detectors that are prompted by embeddings are only opened, since their text encoder need
+    not be there yet.
 
     Raises:
         ModelUnavailableError: the contract is broken or the answer wrong.
@@ -57,6 +59,12 @@ def check_model(entry: ModelEntry, models: Path) -> None:
         tagger = open_tagger(PerceptionSettings(tagger=name), models)
         solved = bool(tagger.tag(_drawn_stop_sign()).max() > 0)
         exercise = "any tag of a drawn stop sign"
+    elif entry.role == "lexicon":
+        lexicon = open_lexicon(name, models)
+        fruit = {sense.id for sense in lexicon.senses("fruit")}
+        solved = any(fruit & lexicon.wider(sense.id).keys() for sense in lexicon.senses("bananas"))
+        lexicon.close()
+        exercise = 'that a "banana" is a "fruit"'
     else:
         return
     if not solved:

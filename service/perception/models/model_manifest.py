@@ -12,8 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from fastsplat_contract.errors import ModelUnavailableError
 
-Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger"]
-Adapter = Literal["sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram"]
+Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
+Adapter = Literal[
+    "sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram", "wordnet"
+]
 
 ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "text_encoder": ("sentence", "clip", "label_table"),
@@ -21,6 +23,7 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "open_set_detector": ("grounding_dino", "yolo_world"),
     "segmenter": ("sam1", "sam2"),
     "tagger": ("ram",),
+    "lexicon": ("wordnet",),
 }
 """Which adapters can play a role."""
 
@@ -29,8 +32,11 @@ T = TypeVar("T")
 _Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 _Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
 
-PERMISSIVE = frozenset({"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0"})
-"""SPDX names of the licenses that `pull` accepts unasked."""
+PERMISSIVE = frozenset(
+    {"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0", "LicenseRef-WordNet"}
+)
+"""SPDX names of the licenses that `pull` accepts unasked. WordNet's own allows use, copies and changes for any purpose,
+without fee, as long as its notice goes along; it stands at the head of each of the files."""
 
 
 class _Frozen(BaseModel):

@@ -1,0 +1,25 @@
+"""Lexicons: words to their senses, with definitions and what is a kind or a part of what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastsplat.service.perception.lexicon.wordnet import Lexicon, Sense
+from fastsplat.service.perception.models.model_manifest import find_model
+
+
+def open_lexicon(name: str, models: Path) -> Lexicon:
+    """The lexicon that a setting names ("wordnet", or "wordnet:folder").
+
+    Args:
+        name: an entry of the manifest, or "wordnet:my_folder".
+        models: the model directory.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file.
+    """
+    _, inside = find_model(name, "lexicon")
+    return Lexicon(models / inside, name=name)
+
+
+__all__ = ["Lexicon", "Sense", "open_lexicon"]

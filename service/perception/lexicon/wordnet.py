@@ -1,0 +1,188 @@
+"""WordNet's own database files, read where they lie.
+
+Format: Princeton's manual page wndb(5WN). NLTK and `wn` read these files too, and build tables of all words first (over
+a second, over 100 MB); here lines are found by bisection in mapped files, so that opening costs nothing.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from fastsplat_contract.errors import ModelUnavailableError
+
+FILES = ("index.noun", "data.noun", "index.verb", "data.verb")
+
+_LEXICAL_CLASSES = {
+    **{3: "tops", 4: "act", 5: "animal", 6: "artifact", 7: "attribute", 8: "body", 9: "cognition"},
+    **{10: "communication", 11: "event", 12: "feeling", 13: "food", 14: "group", 15: "location", 16: "motive"},
+    **{17: "object", 18: "person", 19: "phenomenon", 20: "plant", 21: "possession", 22: "process", 23: "quantity"},
+    **{24: "relation", 25: "shape", 26: "state", 27: "substance", 28: "time"},
+}
+"""Lexicographer files of nouns, lexnames(5WN)."""
+
+_PLURALS = (
+    *(("ses", "s"), ("xes", "x"), ("zes", "z"), ("ches", "ch"), ("shes", "sh"), ("men", "man"), ("ies", "y")),
+    *(("ves", "f"), ("ves", "fe"), ("s", "")),
+)
+"""Endings of plurals and of what they stand for: the detachment rules of morphy(7WN), and two more."""
+
+
+@dataclass(frozen=True)
+class Sense:
+    """One meaning of a noun.
+
+    Attributes:
+        id: its place in the file, the same in every run.
+        lexical_class: artifact, food, animal, ...; "" where the file says none that is known.
+        words: lower case; all that mean this.
+        definition: without examples.
+        wider: ids of the senses that this is a kind or an instance of.
+        parts: ids of the senses that are parts or the substance of this.
+    """
+
+    id: int
+    lexical_class: str
+    words: tuple[str, ...]
+    definition: str
+    wider: tuple[int, ...]
+    parts: tuple[int, ...]
+
+
+class Lexicon:
+    """The nouns of WordNet, and whether a word is a verb. Threads may share it.
+
+    Args:
+        folder: has the `FILES`.
+        name: the model's name, for errors.
+
+    Raises:
+        ModelUnavailableError: a file is missing, empty or no file of WordNet.
+    """
+
+    def __init__(self, folder: Path, *, name: str = "wordnet") -> None:
+        self._name = name
+        with ExitStack() as opened:
+            self._files = {file: opened.enter_context(self._mapped(folder / file)) for file in FILES}
+            self._opened = opened.pop_all()
+        self.senses = lru_cache(50_000)(self._senses)
+        self.sense = lru_cache(50_000)(self._sense)
+        self.wider = lru_cache(20_000)(self._wider)
+
+    def close(self) -> None:
+        """Give the files back; nothing can be asked any more."""
+        self._opened.close()
+
+    def is_verb(self, word: str) -> bool:
+        """Whether the word, as it stands, is a verb."""
+        return self._line("index.verb", word) is not None
+
+    def _senses(self, noun: str) -> tuple[Sense, ...]:
+        """The senses of a noun of one or more words, the most frequent first; none if the lexicon lacks it.
+
+        Upper case and plural endings do not matter.
+
+        Raises:
+            ModelUnavailableError: the files contradict each other.
+        """
+        for lemma in _singulars(" ".join(noun.lower().split())):
+            line = self._line("index.noun", lemma)
+            if line is not None:
+                fields = line.split()
+                try:
+                    count, pointers = int(fields[2]), int(fields[3])
+                    offsets = [int(offset) for offset in fields[6 + pointers : 6 + pointers + count]]
+                except (IndexError, ValueError) as error:
+                    raise self._damaged("index.noun") from error
+                return tuple(self.sense(offset) for offset in offsets)
+        return ()
+
+    def _sense(self, sense_id: int) -> Sense:
+        """The sense of an id.
+
+        Raises:
+            ModelUnavailableError: there is none at that place.
+        """
+        data = self._files["data.noun"]
+        end = data.find(b"\n", sense_id)
+        fields, bar, gloss = data[sense_id : end if end >= 0 else len(data)].decode("utf-8", "replace").partition(" | ")
+        parts = fields.split()
+        try:
+            if not bar or int(parts[0]) != sense_id:
+                raise ValueError(sense_id)
+            words = int(parts[3], 16)
+            pointers = 4 + 2 * words
+            found = [parts[pointers + 1 + 4 * k : pointers + 5 + 4 * k] for k in range(int(parts[pointers]))]
+            nouns = [(symbol, int(offset)) for symbol, offset, kind, _ in found if kind == "n"]
+            return Sense(
+                id=sense_id,
+                lexical_class=_LEXICAL_CLASSES.get(int(parts[1]), ""),
+                words=tuple(parts[4 + 2 * k].replace("_", " ").lower() for k in range(words)),
+                definition=gloss.split('; "')[0].strip(),
+                wider=tuple(offset for symbol, offset in nouns if symbol in ("@", "@i")),
+                parts=tuple(offset for symbol, offset in nouns if symbol in ("%p", "%s")),
+            )
+        except (IndexError, ValueError) as error:
+            raise self._damaged("data.noun") from error
+
+    def _wider(self, sense_id: int) -> Mapping[int, int]:
+        """By id, how many steps up each sense is that this one is a kind of; itself 0.
+
+        Raises:
+            ModelUnavailableError: there is none at that place.
+        """
+        distance, waiting = {sense_id: 0}, deque([sense_id])
+        while waiting:
+            below = waiting.popleft()
+            for above in self.sense(below).wider:
+                if above not in distance:
+                    distance[above] = distance[below] + 1
+                    waiting.append(above)
+        return distance
+
+    def _line(self, file: str, lemma: str) -> str | None:
+        """The line of a sorted index that begins with the lemma."""
+        index, key = self._files[file], lemma.lower().replace(" ", "_").encode()
+        low, high = 0, len(index)
+        while low < high:
+            middle = (low + high) // 2
+            start = index.rfind(b"\n", low, middle) + 1 or low
+            end = index.find(b"\n", middle)
+            end = len(index) if end < 0 else end
+            line = index[start:end]
+            word = b"" if line.startswith(b" ") else line.partition(b" ")[0]  # the license stands first, indented
+            if word == key:
+                return line.decode("utf-8", "replace") if key else None
+            low, high = (end + 1, high) if word < key else (low, start)
+        return None
+
+    def _mapped(self, path: Path) -> mmap.mmap:
+        try:
+            with path.open("rb") as file:
+                return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except (OSError, ValueError) as error:  # mmap refuses empty files by ValueError
+            raise ModelUnavailableError(
+                f"model {self._name}: {path.name} is missing or empty",
+                field=path.name,
+                hint="Fetch it with: fastsplat models pull wordnet",
+            ) from error
+
+    def _damaged(self, file: str) -> ModelUnavailableError:
+        return ModelUnavailableError(
+            f"model {self._name}: {file} is not a file of WordNet, or belongs to another release",
+            field=file,
+            hint="Fetch it again with: fastsplat models pull wordnet",
+        )
+
+
+def _singulars(noun: str) -> Iterator[str]:
+    """The noun as it is, then what it may be the plural of."""
+    yield noun
+    for ending, singular in _PLURALS:
+        if noun.endswith(ending) and len(noun) > len(ending) + 1:
+            yield noun.removesuffix(ending) + singular
