@@ -19,7 +19,8 @@ from fastsplat.service.perception.detectors import (
     open_closed_set_detector,
     open_open_set_detector,
 )
-from fastsplat.service.perception.mask_postprocessing import clean_mask
+from fastsplat.service.perception.mask_postprocessing import clean_mask, upsampled
+from fastsplat.service.perception.mask_proposals import answer_boxes
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, OpenSetDetector, Segmenter, joined
@@ -110,7 +111,10 @@ class MoverMasks:
         height, width = pixels.shape[:2]
         boxes = self._detections(pixels).boxes
         movers = np.zeros((height, width), np.bool_)
-        masks = self.segmenter.masks(self.segmenter.embed(pixels), boxes) if len(boxes) else ()
+        if boxes.size == 0:
+            return movers
+        answer = answer_boxes(self.segmenter, self.segmenter.embed(pixels), boxes)
+        masks = upsampled(answer.logits[:, 0], answer.scale, (height, width), width, height)
         for box, mask in zip(boxes, masks, strict=True):
             movers |= mask | clean_mask(mask)
             left, top = (max(0, int(np.floor(value))) for value in box[:2])
