@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +27,7 @@ from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
@@ -40,7 +41,7 @@ from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
-from fastsplat_contract.operations import UpAxis
+from fastsplat_contract.operations import Movers, Privacy, UpAxis
 
 _THINGS_SHARE = 0.3
 _LOOKING_SHARE = 0.9
@@ -116,6 +117,8 @@ def build_views(
     *,
     up: UpAxis | None = None,
     on_placed: Callable[[PlacedViews], None] | None = None,
+    movers: Movers | None = None,
+    privacy: Privacy | None = None,
 ) -> Capture:
     """The capture of any validated upload: of its images, or of pictures rendered around a splat that came alone.
 
@@ -126,12 +129,14 @@ def build_views(
         progress: hears of the stage "capture"; may raise `CancelledError`.
         up: for a splat alone: which axis of its world is up; None: estimated.
         on_placed: as for `build_capture`.
+        movers, privacy: what to leave out of the photos, see `SceneOptions`; pictures of a splat are used whole.
 
     Raises:
-        FastSplatError: as `build_capture` and `render_views`.
+        FastSplatError: as `build_capture`, `open_withholding` and `render_views`.
     """
     if read_manifest(validated_dir)[0].source != "splat":
-        return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed)
+        withholding = open_withholding(movers, privacy, settings.perception, settings.models)
+        return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding=withholding)
     backend = settings.training.backend
     return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
 
@@ -330,13 +335,15 @@ def scene_quality(
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
     mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it).
+    95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`).
     """
-    report, scale = capture.report, capture.report.scale
+    report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
+    held_back = {} if withheld is None else {"withheld": asdict(withheld)}
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     return {
         **trained.quality,
         **measured,
+        **held_back,
         "stopped_early": "stopped_at_share" in trained.quality,
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),

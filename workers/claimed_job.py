@@ -179,6 +179,14 @@ class ClaimedJob:
         self._report(stages, starts)
 
     @_patient
+    def drop_originals(self) -> None:
+        """Remove the upload once its photos are read, if that was promised; its folder stays, empty."""
+        upload_id = self.claim.operation.upload_id
+        if upload_id and self.options.privacy and (self.folder / "capture").is_dir():
+            self._blobs.drop_upload(upload_id)
+            self._blobs.upload(upload_id).mkdir(parents=True, exist_ok=True)
+
+    @_patient
     def note_photos(self) -> None:
         """Write what became of the photos, if the capture stage has said so: workers of earlier releases have not."""
         path = self.folder / "capture" / PHOTOS
@@ -285,7 +293,8 @@ class ClaimedJob:
     def clean_up(self, outcome: JobOutcome) -> None:
         """Remove the files that an ended job does not need; what cannot be removed is left to the periodic cleanup.
 
-        The upload of a job that failed or was cancelled stays for a retry, unless its scene was deleted.
+        The upload of a job that failed or was cancelled stays for a retry, unless its scene was deleted or its photos
+        were promised not to be stored.
         """
         with suppress(ObjectStoreError):
             self._blobs.drop_job(self.run_id)
@@ -293,7 +302,8 @@ class ClaimedJob:
             remove(self.log)
         with suppress(DatabaseError, ObjectStoreError):
             deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
-            if self.claim.operation.upload_id and (deleted or outcome.state == "done"):
+            promised = self.options.privacy is not None  # then no photo as sent outlives the attempt to read it
+            if self.claim.operation.upload_id and (deleted or promised or outcome.state == "done"):
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted:
                 self._blobs.drop_scene(self.scene_id)

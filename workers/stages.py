@@ -34,8 +34,17 @@ _TRADEOFFS = "tradeoffs.json"
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
     files = ProgressFiles(job, "capture", progress)
-    settings, up = job_settings(job), job.options.up
-    capture = build_views(job.upload, folder, settings, files.progress, up=up, on_placed=files.placed)
+    settings, options = job_settings(job), job.options
+    capture = build_views(
+        job.upload,
+        folder,
+        settings,
+        files.progress,
+        up=options.up,
+        on_placed=files.placed,
+        movers=options.movers,
+        privacy=options.privacy,
+    )
     files.placed(placed_of(capture))
     (folder / PHOTOS).write_text(json.dumps([to_plain(photo) for photo in capture.report.photos]))
 

@@ -113,6 +113,7 @@ class Supervisor:
                 trainer.ask_to_finish()
         if stage == "capture":
             self._job.note_photos()
+            self._job.drop_originals()
         return DONE
 
     def finish(self, outcome: JobOutcome) -> None:

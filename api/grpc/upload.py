@@ -79,6 +79,8 @@ class StreamSink:
             header.preset,
             header.priority,
             header.up,
+            header.movers,
+            header.privacy,
         )
         self._header = header
 

@@ -23,6 +23,8 @@ OperationKind = Literal["create_scene", "look_again"]
 PresetName = Literal["draft", "balanced", "best"]
 
 UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
+Movers = Literal["keep", "ignore"]
+Privacy = Literal["people"]
 """Which axis of a splat's world points up."""
 
 MAX_PRIORITY = 100
@@ -58,6 +60,21 @@ class SceneOptions(Request):
         Field(
             description="for a splat without posed photos: which axis of its world is up, so that pictures of it stand "
             "upright: x, -x, y, -y, z or -z; absent: estimated"
+        ),
+    ] = None
+    movers: Annotated[
+        Movers | None,
+        Field(
+            description="what moves in the photos. ignore: people, cats and dogs, by the detector's word, enter no "
+            "matching, no training and no label, even if they keep still; keep: everything is used; absent: everything, "
+            "or what does not contradict the other photos, as the server is set"
+        ),
+    ] = None
+    privacy: Annotated[
+        Privacy | None,
+        Field(
+            description="people: a promise. Pixels that show people, by the detector's word, enter no feature, no "
+            "training, no label and no stored image, and the files as sent are deleted once the photos are read"
         ),
     ] = None
 

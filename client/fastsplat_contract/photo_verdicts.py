@@ -43,6 +43,9 @@ class PhotoVerdict(Response):
         Field(description="points that it shares with the photo that shares most; absent: poses came with the upload"),
     ]
     advice: Annotated[str, Field(description="what to do about it, in plain words; empty where all is well")]
+    withheld: Annotated[
+        float, Field(description="share of its pixels, 0..1, that were left out because they show what moves")
+    ] = 0.0
 
 
 @travels(request=False, proto="ListPhotoVerdictsResponse")

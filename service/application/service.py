@@ -170,6 +170,7 @@ class SceneService:
         Raises:
             ConflictError: the request id was used before for other content, or the key has made a scene before.
             InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
+            ModelUnavailableError: people or movers are to be withheld, and no configured detector knows them.
             FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
         """
         with upload.committing():
@@ -181,8 +182,7 @@ class SceneService:
                 return self.jobs.operation(earlier)
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._settings.capture)
-                if options.labels and not validated.has_labels:
-                    check_labels(options.labels, self._settings)
+                check_labels(options, validated, self._settings)
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
@@ -251,7 +251,10 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return self.jobs.operation(self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id)))
+        record = self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id))
+        if record.state == "CANCELLED" and record.options.get("privacy"):
+            self._store.blobs.drop_upload(record.upload_id)
+        return self.jobs.operation(record)
 
     def retry_operation(self, operation_id: str) -> Operation:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.

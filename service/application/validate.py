@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import get_args
@@ -15,7 +14,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions, UpAxis
+from fastsplat_contract.operations import MAX_PRIORITY, Movers, Privacy, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
 
 _DEFAULT_PAGE = 50
@@ -120,7 +119,8 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
     """Raise if options are not for this upload.
 
     Raises:
-        InvalidInputError: a direction is stated for something else than a splat alone.
+        InvalidInputError: a direction is stated for something else than a splat alone, or pixels are to be withheld
+            from one.
         LimitExceededError: the splat has more Gaussians than the scene may have; its rows are the user's, none is left
             out.
     """
@@ -129,6 +129,12 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
             "up is stated for an upload that is not a splat alone",
             field="up",
             hint="Leave it out: photos and their poses say what is up.",
+        )
+    if (options.privacy or options.movers == "ignore") and upload.gaussians:
+        raise InvalidInputError(
+            "nothing can be withheld from a splat: its Gaussians stay as they are",
+            field="privacy" if options.privacy else "movers",
+            hint="Leave it out, or send the photos alone.",
         )
     if options.max_gaussians is not None and upload.gaussians > options.max_gaussians:
         raise LimitExceededError(
@@ -159,6 +165,17 @@ def _check_choices(options: SceneOptions) -> None:
     if options.up is not None and options.up not in get_args(UpAxis):
         raise InvalidInputError(
             f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."
+        )
+    for name, value, choices in (("movers", options.movers, Movers), ("privacy", options.privacy, Privacy)):
+        if value is not None and value not in get_args(choices):
+            raise InvalidInputError(
+                f"{name} cannot be {value[:20]!r}", field=name, hint=f"Use one of {', '.join(get_args(choices))}."
+            )
+    if options.privacy is not None and options.movers == "keep":
+        raise InvalidInputError(
+            "people are to be withheld, and what moves is to be kept",
+            field="movers",
+            hint="Leave one of movers and privacy out.",
         )
     if abs(options.priority) > MAX_PRIORITY:
         raise LimitExceededError(
@@ -211,12 +228,22 @@ def admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
     return validate_in_sandbox(folder, settings)
 
 
-def check_labels(labels: Sequence[str], settings: Settings) -> None:
-    """Raises InvalidInputError for names that the configured detectors cannot know."""
-    from fastsplat.service.perception.capture_detection import (
-        check_labels_known,  # onnxruntime loads with the first upload that names something
-    )
-    from fastsplat.service.perception.detectors import check_texts_known
+def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Settings) -> None:
+    """Raise if the configured detectors cannot know what they are to look for, or to withhold.
 
-    check_labels_known(labels, settings.perception)
-    check_texts_known(labels, settings.perception, settings.models, field="labels")
+    Raises:
+        InvalidInputError: they cannot know some of the labels, and no label maps came.
+        ModelUnavailableError: none of them knows people, or what moves, that are to be withheld.
+    """
+    withholds = options.privacy or options.movers == "ignore"
+    if not withholds and (not options.labels or upload.has_labels):
+        return  # onnxruntime loads with the first upload that names something
+    from fastsplat.service.perception.capture_detection import check_labels_known
+    from fastsplat.service.perception.detectors import check_texts_known
+    from fastsplat.service.perception.movers import mover_detectors
+
+    if options.labels and not upload.has_labels:
+        check_labels_known(options.labels, settings.perception)
+        check_texts_known(options.labels, settings.perception, settings.models, field="labels")
+    if withholds:
+        mover_detectors(options.movers, options.privacy, settings.perception, settings.models)

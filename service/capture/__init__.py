@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fastsplat.service.capture.build import build_capture, load_image
-    from fastsplat.service.capture.capture_files import load_capture
+    from fastsplat.service.capture.capture_files import load_capture, load_content
     from fastsplat.service.capture.upload_validation import validate_upload
 
-__all__ = ["build_capture", "load_capture", "load_image", "validate_upload"]
+__all__ = ["build_capture", "load_capture", "load_content", "load_image", "validate_upload"]
 
 _MODULES = {
     "build_capture": "build",
     "load_capture": "capture_files",
+    "load_content": "capture_files",
     "load_image": "build",
     "validate_upload": "upload_validation",
 }

@@ -34,9 +34,11 @@ from fastsplat.service.capture.view_writer import (
     LABELS,
     MASKS,
     SourceImage,
+    WrittenViews,
     view_geometry,
     write_view,
 )
+from fastsplat.service.capture.withholding import WithheldPixels, Withholding
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent
@@ -53,6 +55,7 @@ def build_capture(
     settings: CaptureSettings,
     progress: Progress,
     on_placed: Callable[[PlacedViews], None] | None = None,
+    withholding: Withholding | None = None,
 ) -> Capture:
     """The capture of a validated upload, written to `out_dir`, which appears only when complete.
 
@@ -66,6 +69,7 @@ def build_capture(
         settings: sizes of images, limits and options of structure from motion.
         progress: receives events of the stage "capture".
         on_placed: is shown the cameras while structure from motion places them, now and then.
+        withholding: which pixels of the photos enter nothing; None: all are used.
 
     Raises:
         ReconstructionError: no usable geometry, or no view with a valid pixel.
@@ -88,7 +92,8 @@ def build_capture(
         for folder in (work, work / IMAGES, work / _DECODING):
             folder.mkdir()
         with ImageDecoder(work / _DECODING, (files, work / IMAGES), settings) as decoder:
-            build = _Build(manifest, files, partial, work, settings, progress, decoder, on_placed)
+            held = WithheldPixels(withholding, work / "withheld")
+            build = _Build(manifest, files, partial, work, settings, progress, decoder, on_placed, held)
             capture = build.posed() if manifest.poses else build.reconstructed()
         shutil.rmtree(work)
         save_capture(capture, partial)
@@ -136,16 +141,6 @@ class _SfmImage:
 
 
 @dataclass(frozen=True)
-class _Views:
-    """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
-
-    views: tuple[View, ...]
-    label_maps: tuple[Path | None, ...]
-    masked: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Build:
     manifest: UploadManifest
     files: Path
@@ -155,6 +150,7 @@ class _Build:
     progress: Progress
     decoder: ImageDecoder
     on_placed: Callable[[PlacedViews], None] | None
+    held: WithheldPixels
 
     def reconstructed(self) -> Capture:
         """The capture of images or a video without poses."""
@@ -163,6 +159,7 @@ class _Build:
             "image_folder": str(self.work / IMAGES),
             "images": [image.to_request() for image in images],
             "ordered": self.manifest.source == "video",
+            **self.held.request,
             **self.settings.model_dump(),
         }
         result, points, colors = self._run_sfm("reconstruct", request, self._placing_listener(images))
@@ -189,6 +186,7 @@ class _Build:
             ),
         )
         labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
+        report = self.held.reported(report)
         capture = Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
         return self._in_meters(capture)
 
@@ -222,7 +220,7 @@ class _Build:
             points=points,
             point_colors=colors,
             scale=dataset.scale,
-            report=report,
+            report=self.held.reported(report),
             given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
             test_names=tuple(name for name in dataset.test_names if name in names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
@@ -241,7 +239,7 @@ class _Build:
             self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
             width, height = reduced_size(*photo.upright_size, self.settings.max_side)
             file = f"{index:05d}.png"
-            pixels = self.decoder.photo(self.files, photo, (width, height))
+            pixels = self.held.take(name, self.decoder.photo(self.files, photo, (width, height)), file).pixels
             save_rgb(pixels, self.work / IMAGES / file)
             focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
             group, quality = f"{photo.lens} {width}×{height}", measure_photo(name, pixels)
@@ -260,6 +258,7 @@ class _Build:
         images = []
         for file in result["files"]:
             frame = self.decoder.photo(self.work / IMAGES, _frame_info(file, width, height), (width, height))
+            frame = self.held.take_frame(self.work / IMAGES / file, frame)
             images.append(_SfmImage(file, file, width, height, "video", 0.0, None, measure_photo(file, frame)))
         return images
 
@@ -288,17 +287,19 @@ class _Build:
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None,
             label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
+            mask=self.held.usable(image.file),
         )
 
     def _posed_source(
         self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, qualities: list[PhotoQuality]
     ) -> SourceImage:
         geometry = view_geometry(image, photo, self.settings)
-        pixels = self.decoder.photo(self.files, photo, geometry.size)
+        photo_in_use = self.held.take(image.name, self.decoder.photo(self.files, photo, geometry.size))
+        pixels, mask = photo_in_use.pixels, photo_in_use.usable
         qualities.append(measure_photo(image.name, pixels))
-        mask = None
         if image.mask is not None:
-            mask = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
+            stored = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
+            mask = stored if mask is None else mask & stored
         unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
         return SourceImage(
             name=image.name,
@@ -321,7 +322,7 @@ class _Build:
     def _label_table(self) -> LabelTable | None:
         return read_label_table(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None
 
-    def _write(self, sources: Iterator[SourceImage], count: int, begin: float, end: float) -> _Views:
+    def _write(self, sources: Iterator[SourceImage], count: int, begin: float, end: float) -> WrittenViews:
         """Views without a valid pixel are left out: nothing could be learnt from them, nor measured on them."""
         written, blank = [], []
         for index, source in enumerate(sources):
@@ -337,7 +338,7 @@ class _Build:
                 hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
             )
         warning = f"{len(blank)} of {count} images are masked entirely and are not used: {list_names(blank)}."
-        return _Views(
+        return WrittenViews(
             views=tuple(view for view, _ in written),
             label_maps=tuple(label_map for _, label_map in written),
             masked=tuple(blank),
@@ -352,7 +353,9 @@ class _Build:
             pose = view.posed.camera_from_world().tolist()
             images.append({"file": view.image_path.name, "camera": numbers, "camera_from_world": pose})
         folder = str(self.out / IMAGES)
-        request = {"image_folder": folder, "images": images, "ordered": False, **self.settings.model_dump()}
+        self.held.mask_features(views)
+        request = {"image_folder": folder, "images": images, "ordered": False, **self.held.request}
+        request |= self.settings.model_dump()
         result, points, colors = self._run_sfm("triangulate", request, self._listener(0.3, 1.0))
         return points.astype(np.float32), colors, float(result["error_px"])
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, View
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, View, WithheldReport
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -84,6 +86,14 @@ def load_capture(out_dir: Path) -> Capture:
         ) from error
 
 
+def load_content(view: View) -> NDArray[np.bool_] | None:
+    """bool [H, W]: where a view's image has content that may be used; None where every pixel has."""
+    if view.valid_path is None:
+        return None
+    with Image.open(view.valid_path) as picture:
+        return np.asarray(picture.convert("L")) >= 128
+
+
 def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
     return {
         "name": view.posed.name,
@@ -102,10 +112,11 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
 
 def _report(stored: dict[str, Any]) -> CaptureReport:
     tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
-    scale = stored.get("scale")
+    scale, withheld = stored.get("scale"), stored.get("withheld")
     measured = {
         "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored.get("photos", ())),
         "scale": None if scale is None else ScaleEstimate(**scale),
+        "withheld": None if withheld is None else WithheldReport(**withheld),
     }
     return CaptureReport(**{**stored, **tuples, **measured})
 

@@ -19,7 +19,7 @@ from fastsplat.service.common.process import die_with_parent
 from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _NICENESS = 5
-_READ = ("video", "image_folder")  # and all of "roots"
+_READ = ("video", "image_folder", "mask_folder")  # and all of "roots"
 _WRITTEN = ("upload", "folder")
 """Fields of a request that name what a task may read, and change."""
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -38,8 +38,9 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
 
     Args:
         request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one camera a group, focal
-            length in pixels or 0 if unknown; "ordered" whether neighbors in the list are neighbors in time; and all
-            settings.
+            length in pixels or 0 if unknown; "ordered" whether neighbors in the list are neighbors in time;
+            where there is one, "mask_folder" with `<file>.png` for images of which only the pixels above 0 have
+            features; and all settings.
         folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
         report: receives progress.
 
@@ -143,12 +144,11 @@ def _extract_and_match(
     extraction.max_image_size = request["sfm_max_side"]
     extraction.num_threads = request["sfm_threads"] or os.cpu_count() or 1
     extraction.sift.max_num_features = request["sfm_features"]
+    masks = Path(request["mask_folder"]) if "mask_folder" in request else None
     for start in range(0, len(files), _IMAGES_A_STEP):
         report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
         step = files[start : start + _IMAGES_A_STEP]
-        pycolmap.extract_features(
-            database, images, image_names=step, extraction_options=extraction, device=pycolmap.Device.cpu
-        )
+        extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
     image_pairs = _choose_pairs(database, files, request)
     matching = pycolmap.FeatureMatchingOptions()
@@ -163,6 +163,35 @@ def _extract_and_match(
         step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
         (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
         pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def extract_features(
+    database: Path, images: Path, files: list[str], masks: Path | None, extraction: pycolmap.FeatureExtractionOptions
+) -> None:
+    """Write the features of images to a database; of those with a mask only the features where that is above 0.
+
+    Args:
+        database: to be written.
+        images: folder of the images.
+        files: their names in it.
+        masks: folder with `<file>.png` for those that have a mask; None: none has.
+        extraction: options.
+    """
+    masked = [file for file in files if masks is not None and (masks / f"{file}.png").is_file()]
+    for names, folder in ((masked, masks), ([file for file in files if file not in masked], None)):
+        if not names:
+            continue
+        options = pycolmap.ImageReaderOptions()
+        if folder is not None:  # COLMAP takes no image without a mask then
+            options.mask_path = folder
+        pycolmap.extract_features(
+            database,
+            images,
+            image_names=names,
+            reader_options=options,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
 
 
 def _matching_threads(threads: int) -> int:

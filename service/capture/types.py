@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.operations import Privacy
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.scenes import Scale
 
@@ -83,6 +84,21 @@ class ScaleEstimate:
 
 
 @dataclass(frozen=True)
+class WithheldReport:
+    """What a capture withholds.
+
+    Attributes:
+        privacy: what was promised, or None.
+        photos: of how many photos pixels are withheld.
+        share: of the pixels of all photos, each photo counted alike, 0..1.
+    """
+
+    privacy: Privacy | None
+    photos: int
+    share: float
+
+
+@dataclass(frozen=True)
 class CaptureReport:
     """What a user should know about a capture: images without a pose, accuracy, warnings.
 
@@ -96,6 +112,7 @@ class CaptureReport:
         splat: name of the splat file that came with the upload, or "".
         scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
+        withheld: which share of the photos entered nothing; None where nobody looked for any.
     """
 
     source: Source
@@ -107,6 +124,7 @@ class CaptureReport:
     splat: str = ""
     scale: ScaleEstimate | None = None
     photos: tuple[PhotoVerdict, ...] = ()
+    withheld: WithheldReport | None = None
 
 
 @dataclass(frozen=True)

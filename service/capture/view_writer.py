@@ -44,6 +44,16 @@ class SourceImage:
 
 
 @dataclass(frozen=True)
+class WrittenViews:
+    """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
+
+    views: tuple[View, ...]
+    label_maps: tuple[Path | None, ...]
+    masked: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ViewGeometry:
     """How a posed image becomes a view.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from fastsplat.service.capture import load_image
+from fastsplat.service.capture import load_content, load_image
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.detectors import open_closed_set_detector
@@ -46,6 +46,8 @@ def propose_view_masks(
         boxes = boxes_to_prompt(detections.take([]), detections, settings)
         embedding = segmenter.embed(image)
         answer = answer_boxes(segmenter, embedding, boxes)
-        masks[position] = propose_masks(segmenter, embedding, answer, (image.shape[0], image.shape[1]), settings)
+        proposed = propose_masks(segmenter, embedding, answer, (image.shape[0], image.shape[1]), settings)
+        content = load_content(views[position])
+        masks[position] = proposed if content is None else proposed.within(content)
         on_view(done, len(positions))
     return tuple(masks)

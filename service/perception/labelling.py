@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from fastsplat.service.capture import load_image
+from fastsplat.service.capture import load_content, load_image
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views, spread
@@ -101,20 +101,24 @@ def label_capture(
     for position, view_index in enumerate(positions):
         objects = resolved.objects[position]
         if len(objects) or position in proposing:
-            view = capture.views[view_index]
-            image = load(position)
+            view, image = capture.views[view_index], load(position)
+            content = load_content(view)
             embedding = segmenter.embed(image)
             if position in proposing:
                 boxes = boxes_to_prompt(objects, resolved.candidates[position], settings)
                 answer, size = answer_boxes(segmenter, embedding, boxes), (image.shape[0], image.shape[1])
-                proposed[view_index] = propose_masks(segmenter, embedding, answer, size, settings)
+                masks_of_view = propose_masks(segmenter, embedding, answer, size, settings)
+                proposed[view_index] = masks_of_view if content is None else masks_of_view.within(content)
                 of_objects = answer.logits[: len(objects), 0]
                 object_masks = upsampled(of_objects, answer.scale, size, size[1], size[0])
             else:
                 object_masks = segmenter.masks(embedding, objects.boxes)
+        if len(objects) and content is not None:  # what is withheld is no object, whatever its outline looks like
+            inside = 2 * (object_masks & content).sum((1, 2)) >= object_masks.sum((1, 2))
+            objects, object_masks = objects.take(np.flatnonzero(inside)), object_masks[inside]
         if len(objects):
             region_ids, rows = _segment_regions(object_masks, objects, resolved.support, settings)
-            _blank_outside(region_ids, view)
+            _blank_outside(region_ids, content)
             votes = region_votes(objects, resolved.candidates[position], resolved.ids, settings.rival_iou)
             regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
             region_labels = np.array([0, *(resolved.ids[objects.labels[row]] for row in rows)], np.uint16)
@@ -202,7 +206,7 @@ def _read_labels(capture: Capture, labels: GivenLabels, progress: Progress) -> L
                 hint="Label maps are single-channel images of their view's size.",
             )
         maps.append(label_map.astype(np.uint16))
-        _blank_outside(maps[-1], view)
+        _blank_outside(maps[-1], load_content(view))
     progress(ProgressEvent("perception", 1.0, f"{len(maps)} label maps came with the capture"))
     return labelling_from_maps(labels.dictionary, maps)
 
@@ -211,8 +215,7 @@ def _blank(view: View) -> NDArray[np.uint16]:
     return np.zeros((view.posed.camera.height, view.posed.camera.width), np.uint16)
 
 
-def _blank_outside(label_map: NDArray[np.uint16], view: View) -> None:
-    """Set to 0 the margins without content that undistortion leaves."""
-    if view.valid_path is not None:
-        with PillowImage.open(view.valid_path) as picture:
-            label_map[np.asarray(picture.convert("L")) < 128] = 0
+def _blank_outside(label_map: NDArray[np.uint16], content: NDArray[np.bool_] | None) -> None:
+    """Set to 0 what has no content: margins that undistortion leaves, pixels that are masked or withheld."""
+    if content is not None:
+        label_map[~content] = 0

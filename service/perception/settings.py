@@ -48,6 +48,12 @@ class PerceptionSettings(BaseModel):
     in the capture (the tag list if there are none), or the tag list at once."""
     tags: tuple[str, ...] = ()
     """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
+    people_words: tuple[str, ...] = ("person",)
+    """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
+    mover_words: tuple[str, ...] = ("person", "cat", "dog")
+    """What detectors are asked for where what moves is to be left out (`movers`)."""
+    mover_margin: float = Field(0.01, ge=0, le=0.2)
+    """Masks of what is withheld are widened by this share of the photo's longer side."""
     prompts_per_pass: int = Field(1, ge=1)
     """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
     scores only the first of several."""

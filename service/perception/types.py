@@ -72,6 +72,17 @@ class ViewMasks:
         columns = ((np.arange(width) + 0.5) * self.width / width).astype(np.int64)
         return np.asarray(masks[:, rows][:, :, columns])
 
+    def within(self, content: NDArray[np.bool_]) -> ViewMasks:
+        """The masks cut to the pixels that have content, bool [H, W] of the view's image; without those of which more
+        than half is elsewhere: they are of what a photo withholds."""
+        rows = ((np.arange(self.height) + 0.5) * content.shape[0] / self.height).astype(np.int64)
+        columns = ((np.arange(self.width) + 0.5) * content.shape[1] / self.width).astype(np.int64)
+        whole = self.resized(self.width, self.height)
+        cut = whole & content[rows][:, columns]
+        mostly = 2 * cut.sum((1, 2)) >= whole.sum((1, 2))
+        bits = np.packbits(cut[mostly].reshape(-1, self.width * self.height), axis=1)
+        return ViewMasks(bits, self.quality[mostly], self.width, self.height, self.prompts)
+
 
 @dataclass(frozen=True)
 class Labelling:

@@ -59,7 +59,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
-_OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3)
+_OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3, privacy="people")
 
 
 @pytest.mark.parametrize("kind", ["folder", "archive"])
@@ -74,7 +74,7 @@ def test_a_capture_arrives_whole_with_its_options(
         stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
         assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
-        assert record.priority == 3 and record.options["preset"] == "draft"
+        assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
 

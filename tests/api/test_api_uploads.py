@@ -186,12 +186,26 @@ def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) ->
         ([("own.ply", _splat())], {"up": "w"}, "up"),
         (_photos(2), {"up": "z"}, "up"),
         ([("own.ply", _splat())], {"max_gaussians": 8}, "max_gaussians"),
+        ([("own.ply", _splat())], {"privacy": "people"}, "privacy"),
+        ([("own.ply", _splat())], {"movers": "ignore"}, "movers"),
+        (_photos(2), {"privacy": "faces"}, "privacy"),
+        (_photos(2), {"movers": "hide"}, "movers"),
+        (_photos(2), {"privacy": "people", "movers": "keep"}, "movers"),
     ):
         rest = rest_refusal(_post(faces, files, options))
         with pytest.raises(grpc.RpcError) as caught:
             faces.rpc.CreateScene(_messages(files, **options))
         rpc = rpc_refusal(caught.value)
         assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == field
+
+
+def test_what_is_to_be_withheld_arrives_whatever_the_protocol(faces: Faces, service: SceneService) -> None:
+    files, options = _photos(2), {"privacy": "people", "movers": "ignore"}
+    rest = _post(faces, files, options).json()["id"]
+    rpc = faces.rpc.CreateScene(_messages(files, **options)).id
+    for record in (service._store.scenes.operation(operation_id) for operation_id in (rest, rpc)):
+        assert {name: record.options[name] for name in options} == options
+        service.delete_scene(record.scene_id)
 
 
 def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> None:

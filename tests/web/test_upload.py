@@ -51,6 +51,23 @@ def _choose(page: Page, paths: list[Path]) -> None:
     page.get_by_label("Choose files").set_input_files(paths)
 
 
+def test_people_are_kept_out_where_the_box_says_so(place: Place, browser: Browser, photos: list[Path]) -> None:
+    with visiting(browser, place.url, "#/new") as visit:
+        page = visit.page
+        _choose(page, photos)
+        page.get_by_label("Name", exact=True).fill("without people")
+        box = page.get_by_role("checkbox", name="Keep people out")
+        box.focus()
+        page.keyboard.press("Space")
+        expect(box).to_be_checked()
+        visit.check_accessible()
+        page.get_by_role("button", name="Upload").click()
+        expect(page.get_by_role("heading", name="without people")).to_be_visible()
+        scene = place.service.get_scene(page.url.rpartition("/")[2])
+        assert place.service._store.scenes.operation(scene.operation_id).options["privacy"] == "people"
+        place.service.delete_scene(scene.id)
+
+
 def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
     place: Place, browser: Browser, photos: list[Path]
 ) -> None:

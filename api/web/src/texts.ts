@@ -467,6 +467,13 @@ export const texts = {
     left: "Left out",
     readOnly: "Your key may look, but not upload. Sign in with the key of an editor.",
   },
+  privacy: {
+    people: "Keep people out",
+    hint: "Who is seen in the photos, by the detector’s word, is blanked before anything is made of them. The files as sent are deleted.",
+    withheld: (people: boolean, photos: number, share: number) =>
+      `${people ? "People are" : "What moves is"} left out of ${plural(photos, "photo", "photos")}: ${(100 * share).toFixed(1)} % of all pixels.`,
+    ofPhoto: (share: number) => `${(100 * share).toFixed(1)} % withheld`,
+  },
   look: {
     menu: "View",
     colors: "Colors show",

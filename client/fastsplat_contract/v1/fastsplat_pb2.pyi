@@ -707,6 +707,8 @@ class CreateSceneHeader(_message.Message):
     PRESET_FIELD_NUMBER: _builtins.int
     PRIORITY_FIELD_NUMBER: _builtins.int
     UP_FIELD_NUMBER: _builtins.int
+    MOVERS_FIELD_NUMBER: _builtins.int
+    PRIVACY_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -725,6 +727,15 @@ class CreateSceneHeader(_message.Message):
     """for a splat without posed photos: which axis of its world is up, so that pictures of it stand upright: x, -x, y, -y,
     z or -z; absent: estimated
     """
+    movers: _builtins.str
+    """what moves in the photos. ignore: people, cats and dogs, by the detector's word, enter no matching, no training and
+    no label, even if they keep still; keep: everything is used; absent: everything, or what does not contradict the
+    other photos, as the server is set
+    """
+    privacy: _builtins.str
+    """people: a promise. Pixels that show people, by the detector's word, enter no feature, no training, no label and no
+    stored image, and the files as sent are deleted once the photos are read
+    """
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
@@ -740,15 +751,21 @@ class CreateSceneHeader(_message.Message):
         preset: _builtins.str | None = ...,
         priority: _builtins.int = ...,
         up: _builtins.str | None = ...,
+        movers: _builtins.str | None = ...,
+        privacy: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "max_gaussians", b"max_gaussians", "preset", b"preset", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "max_gaussians", b"max_gaussians", "movers", b"movers", "preset", b"preset", "privacy", b"privacy", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "max_gaussians", b"max_gaussians", "movers", b"movers", "name", b"name", "preset", b"preset", "priority", b"priority", "privacy", b"privacy", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
+    _WhichOneofReturnType__movers: _TypeAlias = _typing.Literal["movers"]  # noqa: Y015
+    _WhichOneofArgType__movers: _TypeAlias = _typing.Literal["_movers", b"_movers"]  # noqa: Y015
     _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
     _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
+    _WhichOneofReturnType__privacy: _TypeAlias = _typing.Literal["privacy"]  # noqa: Y015
+    _WhichOneofArgType__privacy: _TypeAlias = _typing.Literal["_privacy", b"_privacy"]  # noqa: Y015
     _WhichOneofReturnType__time_budget_s: _TypeAlias = _typing.Literal["time_budget_s"]  # noqa: Y015
     _WhichOneofArgType__time_budget_s: _TypeAlias = _typing.Literal["_time_budget_s", b"_time_budget_s"]  # noqa: Y015
     _WhichOneofReturnType__up: _TypeAlias = _typing.Literal["up"]  # noqa: Y015
@@ -756,7 +773,11 @@ class CreateSceneHeader(_message.Message):
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__max_gaussians) -> _WhichOneofReturnType__max_gaussians | None: ...
     @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__movers) -> _WhichOneofReturnType__movers | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__privacy) -> _WhichOneofReturnType__privacy | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__time_budget_s) -> _WhichOneofReturnType__time_budget_s | None: ...
     @_typing.overload
@@ -4820,6 +4841,7 @@ class PhotoVerdict(_message.Message):
     BRIGHTNESS_FIELD_NUMBER: _builtins.int
     MATCHES_FIELD_NUMBER: _builtins.int
     ADVICE_FIELD_NUMBER: _builtins.int
+    WITHHELD_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """as in the upload, and as the camera of the scene that it is"""
     placed: _builtins.bool
@@ -4839,6 +4861,8 @@ class PhotoVerdict(_message.Message):
     """points that it shares with the photo that shares most; absent: poses came with the upload"""
     advice: _builtins.str
     """what to do about it, in plain words; empty where all is well"""
+    withheld: _builtins.float
+    """share of its pixels, 0..1, that were left out because they show what moves"""
     @_builtins.property
     def defects(self) -> _containers.RepeatedScalarFieldContainer[Global___PhotoDefect.ValueType]:
         """of the photo itself, placed or not. blurred: much less sharp than the others; dark: nearly black; duplicate: it
@@ -4857,10 +4881,11 @@ class PhotoVerdict(_message.Message):
         brightness: _builtins.float = ...,
         matches: _builtins.int | None = ...,
         advice: _builtins.str = ...,
+        withheld: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "matches", b"matches", "not_placed", b"not_placed"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness", "withheld", b"withheld"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__matches: _TypeAlias = _typing.Literal["matches"]  # noqa: Y015
     _WhichOneofArgType__matches: _TypeAlias = _typing.Literal["_matches", b"_matches"]  # noqa: Y015

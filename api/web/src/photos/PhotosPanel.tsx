@@ -59,6 +59,7 @@ function Photo({ photo }: { photo: PhotoVerdict }) {
           </li>
         ))}
       </ul>
+      {photo.withheld > 0 && <p class="hint">{texts.privacy.ofPhoto(photo.withheld)}</p>}
       {photo.advice && <p class="hint">{photo.advice}</p>}
     </>
   );

@@ -1,5 +1,6 @@
 import type { Scene } from "../api/types";
 import { texts } from "../texts";
+import { Withheld } from "../upload/WithholdPeople";
 
 /** How large and how good the scene is. */
 export function SceneFacts({ scene }: { scene: Scene }) {
@@ -12,6 +13,7 @@ export function SceneFacts({ scene }: { scene: Scene }) {
   return (
     <section class="facts">
       <p class="hint">{facts.filter(Boolean).join(" · ")}</p>
+      <Withheld quality={scene.quality} />
     </section>
   );
 }

@@ -12,6 +12,7 @@ import { bytesText, chosen, dropped, problemOf, sorted, totalBytes } from "./cho
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
 import { forget, sendFile, wasBegun } from "./tus";
+import { WithholdPeople } from "./WithholdPeople";
 
 type Preset = keyof typeof texts.upload.presets;
 
@@ -142,6 +143,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
             ))}
           </select>
         </label>
+        <WithholdPeople />
         {sent && (
           <div class="sending">
             <progress max={total} value={sent.bytes} aria-label={texts.upload.progress} />

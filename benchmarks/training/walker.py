@@ -1,0 +1,188 @@
+"""A walker in 40 % of the training photos of a posed data set with depth maps: what he costs, and what masks save.
+
+    python -m benchmarks.training.walker DATA [--steps 600] [--side 240] [--gaussians 20000] [--out benchmarks/results]
+
+DATA is a folder as `benchmarks.training` takes it, whose frames have `depth_path` (16-bit PNG, 1e-4 m, planar z) and
+whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place in
+each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a busy
+machine changes nothing. PSNR is of the test photos, which show the empty room.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.capture.withholding import Withholding
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
+
+_SHARE = 0.4
+_LEAST_SHARE = 0.06
+"""Of a photo; a place where less of him is to be seen is drawn again, at most `_DRAWS` times."""
+_DRAWS = 40
+_SIZE_M = (0.45, 1.3)
+_FOOT_M = -0.25
+"""Height of his feet; the table's top is 0."""
+
+
+def figure() -> NDArray[np.uint8]:
+    """uint8 [300, 100, 4] RGBA: head, striped shirt, trousers, legs apart."""
+    image = Image.new("RGBA", (100, 300), (0, 0, 0, 0))
+    draw = ImageDraw.Draw(image)
+    draw.polygon([(28, 160), (72, 160), (92, 298), (70, 298), (50, 200), (30, 298), (8, 298)], fill=(44, 52, 92, 255))
+    draw.rounded_rectangle((18, 58, 82, 172), 16, fill=(190, 60, 44, 255))
+    for y in range(66, 168, 16):
+        draw.rectangle((18, y, 82, y + 6), fill=(236, 226, 205, 255))
+    draw.rectangle((4, 66, 18, 150), fill=(176, 52, 40, 255))
+    draw.rectangle((82, 66, 96, 150), fill=(176, 52, 40, 255))
+    draw.ellipse((32, 4, 68, 56), fill=(224, 172, 138, 255))
+    draw.chord((30, 0, 70, 44), 170, 370, fill=(52, 36, 26, 255))
+    return np.asarray(image)
+
+
+def with_walker(
+    view: View, pixels: NDArray[np.uint8], depth: NDArray[np.float32], place: NDArray[np.float64]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The photo with the figure standing at `place` (x, y of the world, z up), and where it is to be seen, bool [H, W].
+
+    Args:
+        view: its camera.
+        pixels: uint8 [H, W, 3].
+        depth: float32 [H, W], planar z in the world's unit.
+        place: float64 [2].
+    """
+    camera, camera_from_world = view.posed.camera, np.linalg.inv(view.posed.world_from_camera)
+    center = view.posed.world_from_camera[:3, 3]
+    toward = np.append(center[:2] - place, 0.0)
+    toward /= np.linalg.norm(toward)
+    right = np.array([-toward[1], toward[0], 0.0])
+    origin = np.array([*place, _FOOT_M])
+    height, width = depth.shape
+    rows, columns = np.mgrid[0:height, 0:width]
+    rays = np.stack(
+        [(columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy, np.ones((height, width))], -1
+    )
+    directions = rays @ view.posed.world_from_camera[:3, :3].T
+    z = ((origin - center) @ toward) / (directions @ toward)  # along rays of planar depth 1
+    hits = center + directions * z[..., None]
+    across = ((hits - origin) @ right) / _SIZE_M[0] + 0.5
+    up = (hits[..., 2] - _FOOT_M) / _SIZE_M[1]
+    art = figure()
+    inside = (z > 0) & (across >= 0) & (across < 1) & (up >= 0) & (up < 1)
+    u = np.where(inside, across * art.shape[1], 0).astype(int)
+    v = np.where(inside, (1 - up) * art.shape[0], 0).astype(int).clip(0, art.shape[0] - 1)
+    shown = inside & (art[v, u, 3] > 0) & (z < depth)
+    assert camera_from_world.shape == (4, 4)
+    return np.where(shown[..., None], art[v, u, :3], pixels), shown
+
+
+def crossed(
+    folder: Path, capture: Capture, training: tuple[str, ...], out: Path, seed: int = 0
+) -> tuple[Capture, Capture, dict[str, float]]:
+    """The capture with the walker in `_SHARE` of its training photos, the same with masks of him, and his share of each
+    photo."""
+    rng = np.random.default_rng(seed)
+    walked = set(rng.choice(training, round(_SHARE * len(training)), replace=False))
+    views, masked, shares = [], [], {}
+    document = json.loads((folder / "transforms.json").read_text())
+    depth_of = {Path(frame["file_path"]).name: folder / frame["depth_path"] for frame in document["frames"]}
+    for view in capture.views:
+        name = view.posed.name
+        if Path(name).stem not in walked:
+            views.append(view)
+            masked.append(view)
+            continue
+        pixels = np.asarray(Image.open(view.image_path).convert("RGB"))
+        depth = np.asarray(Image.open(depth_of[name])).astype(np.float32) * 1e-4
+        empty = pixels
+        for _ in range(_DRAWS):
+            place = np.array([rng.uniform(-0.9, 0.9), rng.uniform(0.1, 0.7)])
+            pixels, shown = with_walker(view, empty, depth, place)
+            if shown.mean() >= _LEAST_SHARE:
+                break
+        path = out / f"{Path(name).stem}.png"
+        Image.fromarray(pixels).save(path)
+        usable = Withholding(lambda _, shown=shown: shown).apply(pixels).usable
+        valid = None
+        if usable is not None:
+            valid = out / f"{Path(name).stem}_usable.png"
+            Image.fromarray(usable.astype(np.uint8) * 255).save(valid)
+        shares[name] = round(float(shown.mean()), 4)
+        views.append(replace(view, image_path=path))
+        masked.append(replace(view, image_path=path, valid_path=valid))
+    return replace(capture, views=tuple(views)), replace(capture, views=tuple(masked)), shares
+
+
+def loaded(folder: Path) -> tuple[Capture, tuple[str, ...]]:
+    """The capture, its test photos set apart, and the stems of its training photos."""
+    capture, _ = load_posed_folder(folder)
+    split = json.loads((folder / "transforms.json").read_text())["split"]
+    tests = tuple(view.posed.name for view in capture.views if Path(view.posed.name).stem in split["test"])
+    return replace(capture, test_names=tests), tuple(split["train"])
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--steps", type=int, default=600)
+    parser.add_argument("--side", type=int, default=240)
+    parser.add_argument("--gaussians", type=int, default=20_000)
+    parser.add_argument("--only", nargs="*", default=[], help="names of variants")
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    options = parser.parse_args()
+    settings = TrainingSettings(
+        iterations=options.steps,
+        time_budget_s=None,
+        max_side=options.side,
+        max_gaussians=options.gaussians,
+        evaluations=0,
+        passers_by="keep",
+    )
+    robust = settings.model_copy(update={"passers_by": "auto"})
+    start = begin()
+    with tempfile.TemporaryDirectory() as work:
+        empty, training = loaded(options.data)
+        walked, masked, shares = crossed(options.data, empty, training, Path(work))
+        variants = {
+            "empty room": (empty, settings),
+            "empty room, residuals": (empty, robust),
+            "walker, untreated": (walked, settings),
+            "walker, masks known": (masked, settings),
+            "walker, residuals": (walked, robust),
+        }
+        rows: dict[str, dict[str, Any]] = {}
+        for name, (capture, chosen) in variants.items():
+            if options.only and name not in options.only:
+                continue
+            trained = train(capture, Labelling(Dictionary(()), ()), chosen, silent)
+            figures = ("psnr", "ssim", "gaussians", "contradicting_views", "contradicting_share")
+            rows[name] = {key: round(trained.quality[key], 4) for key in figures if key in trained.quality}
+            print(name, rows[name], flush=True)
+    document = {
+        "data": options.data.resolve().name,
+        **provenance(start),
+        "steps": options.steps,
+        "walker_share": shares,
+        "variants": rows,
+    }
+    write_json(options.out / "walker.json", document)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""Where a photo shows people and other things that move, by the word of the configured detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.withholding import Withholding, dilated
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.perception.capture_detection import detect_closed_set
+from fastsplat.service.perception.detectors import (
+    check_open_set_detector,
+    check_texts_known,
+    closed_set_labels,
+    open_closed_set_detector,
+    open_open_set_detector,
+)
+from fastsplat.service.perception.mask_postprocessing import clean_mask, upsampled
+from fastsplat.service.perception.mask_proposals import answer_boxes
+from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, OpenSetDetector, Segmenter, joined
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+from fastsplat_contract.operations import Movers, Privacy
+
+_MIN_FILL = 0.25
+_MIN_EXTENT = 0.5
+
+
+@dataclass(frozen=True)
+class MoverDetectors:
+    """Which detector is asked for which words.
+
+    Attributes:
+        closed_set: words that the closed-set detector is asked for; none: it is not asked.
+        open_set: the same for the open-set detector.
+    """
+
+    closed_set: tuple[str, ...]
+    open_set: tuple[str, ...]
+
+
+def mover_detectors(
+    movers: Movers | None, privacy: Privacy | None, settings: PerceptionSettings, models: Path
+) -> MoverDetectors:
+    """Who is asked for what, if these choices withhold anything; no network is opened.
+
+    Every configured detector is asked for the words that it knows, so that what one overlooks another may see.
+
+    Raises:
+        ModelUnavailableError: no configured detector knows some of the words; names them.
+    """
+    words = (*(settings.people_words if privacy else ()), *(settings.mover_words if movers == "ignore" else ()))
+    words = tuple(dict.fromkeys(words))
+    known = {label_key(label) for label in closed_set_labels(settings)}
+    closed = tuple(word for word in words if label_key(word) in known)
+    asked = words if settings.open_set_detector and _open_set_knows(words, settings, models) else ()
+    unknown = [word for word in words if word not in closed and word not in asked]
+    if unknown:
+        raise ModelUnavailableError(
+            f"no configured detector knows what is to be withheld: {', '.join(unknown)}",
+            field="privacy" if privacy else "movers",
+            hint="Configure one that does: FASTSPLAT_PERCEPTION__CLOSED_SET_DETECTOR or "
+            "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR, for the API and its workers.",
+        )
+    return MoverDetectors(closed, asked)
+
+
+def open_withholding(
+    movers: Movers | None, privacy: Privacy | None, settings: PerceptionSettings, models: Path
+) -> Withholding | None:
+    """What is to be left out of photos, with its models opened; None where nothing is.
+
+    Raises:
+        ModelUnavailableError: a model that this needs is missing or damaged, or none knows what is to be withheld.
+    """
+    if privacy is None and movers != "ignore":
+        return None
+    asked = mover_detectors(movers, privacy, settings, models)
+    closed = open_closed_set_detector(settings, models) if asked.closed_set else None
+    open_set = open_open_set_detector(settings, models) if asked.open_set else None
+    return Withholding(MoverMasks(asked, closed, open_set, open_segmenter(settings, models), settings), privacy)
+
+
+@dataclass(frozen=True)
+class MoverMasks:
+    """A `FindMovers`: detectors give boxes, the segmenter their masks.
+
+    It errs towards withholding: scores count from the floor, masks are widened by `mover_margin`, and where a mask
+    hardly fills its box or reaches along less than half of it, the whole box counts.
+
+    Attributes:
+        asked: which words which detector is asked for.
+        closed_set, open_set: the detectors; None for one that is not asked.
+        segmenter: of boxes.
+        settings: thresholds.
+    """
+
+    asked: MoverDetectors
+    closed_set: ClosedSetDetector | None
+    open_set: OpenSetDetector | None
+    segmenter: Segmenter
+    settings: PerceptionSettings
+
+    def __call__(self, pixels: Image) -> NDArray[np.bool_]:
+        """bool [H, W] of uint8 [H, W, 3]: true where a detector sees one of its words."""
+        height, width = pixels.shape[:2]
+        boxes = self._detections(pixels).boxes
+        movers = np.zeros((height, width), np.bool_)
+        if boxes.size == 0:
+            return movers
+        answer = answer_boxes(self.segmenter, self.segmenter.embed(pixels), boxes)
+        masks = upsampled(answer.logits[:, 0], answer.scale, (height, width), width, height)
+        for box, mask in zip(boxes, masks, strict=True):
+            movers |= mask | clean_mask(mask)
+            left, top = (max(0, int(np.floor(value))) for value in box[:2])
+            right, bottom = int(np.ceil(box[2])), int(np.ceil(box[3]))
+            if not _covers(mask[top:bottom, left:right]):
+                movers[top:bottom, left:right] = True
+        return dilated(movers, max(1, round(self.settings.mover_margin * max(height, width))))
+
+    def _detections(self, pixels: Image) -> Detections:
+        parts = []
+        if self.closed_set is not None:
+            everything = detect_closed_set(self.closed_set, pixels, self.settings)
+            words = {label_key(word) for word in self.asked.closed_set}
+            parts.append(
+                everything.take([row for row, label in enumerate(everything.labels) if label_key(label) in words])
+            )
+        if self.open_set is not None:
+            parts.append(self.open_set.detect(pixels, self.asked.open_set, self.settings.open_score_floor))
+        return joined(parts)
+
+
+def _covers(inside: NDArray[np.bool_]) -> bool:
+    """Whether a mask, cut to its box, is plausibly the whole of what the box shows."""
+    rows, columns = inside.any(1), inside.any(0)
+    if not inside.size or inside.mean() < _MIN_FILL:
+        return False
+    return all(np.ptp(np.flatnonzero(line)) + 1 >= _MIN_EXTENT * line.size for line in (rows, columns))
+
+
+def _open_set_knows(words: Sequence[str], settings: PerceptionSettings, models: Path) -> bool:
+    check_open_set_detector(settings)
+    try:
+        check_texts_known(words, settings, models, field="privacy")
+    except InvalidInputError:
+        return False
+    return True
