@@ -127,7 +127,9 @@ def _contradictions(index: int, seen: Sequence[_SeenView]) -> NDArray[np.bool_]:
             spread = np.nanmedian(np.abs(colors - median).mean(-1), axis=0)
     gain = np.median((median[agreed] + 0.02) / (own.colors[agreed] + 0.02), axis=0)  # of exposure and white balance
     difference = np.abs((own.colors + 0.02) * gain - 0.02 - median).mean(-1)
-    contradicts = agreed & (own.residual > _LEAST_RESIDUAL) & (difference > np.maximum(_LEAST_DIFFERENCE, _SPREADS * spread))
+    contradicts = (
+        agreed & (own.residual > _LEAST_RESIDUAL) & (difference > np.maximum(_LEAST_DIFFERENCE, _SPREADS * spread))
+    )
     return _areas(contradicts, agreed)
 
 
@@ -222,9 +224,7 @@ class PassersBy:
         views = float(sum(share > 0 for share in self.contradicting))
         return {"contradicting_views": views, "contradicting_share": float(np.mean(self.contradicting))}
 
-    def _masked(
-        self, views: tuple[TrainingView, ...], masks: Sequence[NDArray[np.bool_]]
-    ) -> tuple[TrainingView, ...]:
+    def _masked(self, views: tuple[TrainingView, ...], masks: Sequence[NDArray[np.bool_]]) -> tuple[TrainingView, ...]:
         self._masks = list(masks)
         self.contradicting = tuple(float(mask.mean()) for mask in masks)
         return tuple(
