@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel
+from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.label_maps import LabelTable
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
@@ -26,6 +27,7 @@ class PosedImage:
         world_from_camera: float64 [4, 4], OpenCV axes.
         label_map: path of its label map, if any.
         mask: path of its mask, if any: 0 where pixels are to be ignored.
+        depth: its depth map, if any.
     """
 
     name: str
@@ -34,6 +36,7 @@ class PosedImage:
     world_from_camera: NDArray[np.float64]
     label_map: str | None = None
     mask: str | None = None
+    depth: DepthFile | None = None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture, ScaleEstimate
+from fastsplat.service.capture.types import Capture, ScaleEstimate, View
 from fastsplat_contract.camera import PosedCamera
 
 F64 = NDArray[np.float64]
@@ -152,11 +152,17 @@ def scaled_capture(capture: Capture, scale: ScaleEstimate) -> Capture:
     """The capture in metres: poses and points times `scale.meters_per_unit`."""
     return replace(
         capture,
-        views=tuple(replace(view, posed=_scaled(view.posed, scale.meters_per_unit)) for view in capture.views),
+        views=tuple(scaled_view(view, scale.meters_per_unit) for view in capture.views),
         points=(capture.points * np.float32(scale.meters_per_unit)).astype(np.float32),
         scale="METRIC",
         report=replace(capture.report, scale=scale),
     )
+
+
+def scaled_view(view: View, factor: float) -> View:
+    """The view in units of which one of its own has `factor`."""
+    depth = None if view.depth is None else replace(view.depth, unit=view.depth.unit * factor)
+    return replace(view, posed=_scaled(view.posed, factor), depth=depth)
 
 
 def _scaled(posed: PosedCamera, factor: float) -> PosedCamera:

@@ -39,6 +39,8 @@ class CaptureSettings(BaseModel):
 
     max_json_bytes: int = 16 * 2**20
     """Bytes of a transforms.json or labels.json."""
+    depth_points: int = Field(20_000, ge=0)
+    """Points taken from the depth maps of a capture, all together, for the scene to start from."""
     max_model_points: int = 5_000_000
     """Sparse points read from a COLMAP model or a PLY file."""
     max_splat_gaussians: int = Field(5_000_000, ge=1)

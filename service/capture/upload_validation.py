@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from fastsplat.service.capture.archive import is_archive, unpack
 from fastsplat.service.capture.camera_model import aspect_error
 from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.capture.depth_validation import check_depths, depth_images
 from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_size
 from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
@@ -203,6 +204,8 @@ def _validate_posed(
     maps = {name for image in dataset.images for name in (image.mask, image.label_map) if name is not None}
     maps |= set(contents.label_maps if contents.labels else ())
     _check_pixels(files, [*paths, *sorted(maps)], sent_bytes, settings)
+    _check_pixels(files, depth_images(dataset), sent_bytes, settings)
+    depth_sizes, depth_warnings = check_depths(files, dataset, settings)
     photo_by_path = {photo.path: photo for photo in _check_images(files, paths, settings)}
     blank_masks = 0
     for image in dataset.images:
@@ -234,7 +237,8 @@ def _validate_posed(
         image_folder=contents.image_folder,
         labels=labels,
         label_maps=label_maps,
-        warnings=(*contents.warnings, *dataset.warnings),
+        warnings=(*contents.warnings, *dataset.warnings, *depth_warnings),
+        depth_sizes=depth_sizes,
     )
 
 
