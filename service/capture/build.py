@@ -235,7 +235,8 @@ class _Build:
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
         # The rows of a splat that was brought stay as they are, so its units stay too.
-        return capture if capture.scale == "METRIC" or self.manifest.splat else self._in_meters(capture)
+        exact = capture.scale == "METRIC" and capture.report.scale is None
+        return capture if exact or self.manifest.splat else self._in_meters(capture)
 
     def _in_meters(self, capture: Capture) -> Capture:
         """The capture in metres if printed tags tell how long they are, else the same."""

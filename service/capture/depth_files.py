@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.image_io import open_map, read_size
+from fastsplat.service.capture.lzfse_files import unpack_lzfse
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
@@ -164,19 +165,4 @@ def _decompressed(root: Path, name: str, expected_bytes: int) -> bytes:
     packed = path.read_bytes()
     if len(packed) == expected_bytes:  # some exports leave it as it is
         return packed
-    import lzfse  # only here: few uploads need it
-
-    try:
-        content = lzfse.decompress(packed)
-    except lzfse.error as error:
-        raise CorruptImageError(
-            f"{name} is cut short or damaged: {error}", field=name, hint="Export the recording again."
-        ) from error
-    if len(content) != expected_bytes:
-        raise CorruptImageError(
-            f"{name} unpacks to {len(content)} bytes",
-            field=name,
-            limit=f"{expected_bytes} bytes, by the size in the metadata",
-            hint="Export the recording again.",
-        )
-    return bytes(content)
+    return unpack_lzfse(packed, name, expected_bytes)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.scale_estimates import combined_estimate
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, ScaleEstimate, View
 from fastsplat_contract.camera import PosedCamera
@@ -129,7 +130,8 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in metres if tags in its pictures tell how long they are, else the same.
+    """The capture in metres if tags in its pictures tell how long they are, else the same. Of a capture whose metres
+    were estimated before, both estimates are combined.
 
     Args:
         capture: whose views lie on disk.
@@ -145,7 +147,7 @@ def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int
         sightings += find_tags(gray, index, range(settings.first_tag, settings.last_tag + 1))
     cameras = [view.posed for view in capture.views]
     scale = estimate_scale(sightings, cameras, settings.tag_side_m, settings.tag_side_error_m)
-    return capture if scale is None else scaled_capture(capture, scale)
+    return capture if scale is None else scaled_capture(capture, combined_estimate(capture.report.scale, scale))
 
 
 def scaled_capture(capture: Capture, scale: ScaleEstimate) -> Capture:

@@ -25,12 +25,12 @@ from fastsplat.service.capture.posed_input import (
     MissingImage,
     PosedDataset,
     PosedImage,
+    missing_warning,
     no_points,
     resolve_file,
     resolve_path,
 )
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.scenes import Scale
@@ -105,30 +105,13 @@ def read_transforms(
         labels=labels,
         test_names=_test_names(document, [image.name for image in images], missing),
         missing=missing,
-        warnings=_check_missing(name, missing, len(frames), settings),
+        warnings=missing_warning(name, missing, len(frames), settings),
     )
 
 
 def name_keys(name: str) -> tuple[str, str, str]:
     """How a split may name an image: with its folder, without, and without its extension too."""
     return name, PurePosixPath(name).name, PurePosixPath(name).stem
-
-
-def _check_missing(
-    name: str, missing: tuple[MissingImage, ...], frames: int, settings: CaptureSettings
-) -> tuple[str, ...]:
-    if not missing:
-        return ()
-    listed = list_names([image.name for image in missing])
-    present = frames - len(missing)
-    if present == 0 or present < settings.min_frames_present * frames:
-        raise InvalidInputError(
-            f"{len(missing)} of {frames} frames of {name} name images that are not in the upload: {listed}",
-            field=name,
-            limit=f"a share of {settings.min_frames_present:g} of the images (FASTSPLAT_CAPTURE__MIN_FRAMES_PRESENT)",
-            hint="Send the images under the names that file_path gives them.",
-        )
-    return (f"{len(missing)} of {frames} frames of {name} are skipped, as their images are missing: {listed}.",)
 
 
 def _posed_image(

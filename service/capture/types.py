@@ -89,7 +89,8 @@ class ScaleEstimate:
     """How long a scene unit is, and how sure that is.
 
     Attributes:
-        source: what told it: "tags", printed tags of a known side.
+        source: what told it: "tags", printed tags of a known side; "arkit", a phone's tracking; "sensor_depth", its
+            depth sensor; several, the surest first, joined by "+".
         meters_per_unit: of the world before it was scaled to metres.
         relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
     """
