@@ -128,7 +128,7 @@ def _posed_image(
         return MissingImage(name, path)
     if path not in sizes:
         raise InvalidInputError(
-            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF or BMP images."
+            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images."
         )
     maps = {}
     mask = frame.get("mask_path")

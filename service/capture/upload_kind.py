@@ -118,7 +118,8 @@ def detect_kind(root: Path) -> UploadContents:
         raise InvalidInputError(
             "the upload has no images",
             field="files",
-            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, one video, or a splat (PLY or SPZ).",
+            hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
+            "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
         )
     used = {*photos, *maps, labels}
     unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
