@@ -96,7 +96,7 @@ def detect_kind(root: Path) -> UploadContents:
         )
     phone = _phone_recording(root, files)
     if phone is not None:
-        return replace(phone, images=images, splats=splats)
+        return replace(phone, images=images, labels=labels, label_maps=maps, splats=splats)
     if splats:
         beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
         warning = (
