@@ -52,7 +52,13 @@ def _ramp(width: int = 32, height: int = 24) -> np.ndarray:
 def send(upload, photo):
     """An upload of three photos of 64×48 with these depth maps and changes of the document."""
 
-    def write(maps: list[bytes], suffix: str = "png", depth_names: list[str] | None = None, **changes: Any) -> Path:
+    def write(
+        maps: list[bytes],
+        suffix: str = "png",
+        depth_names: list[str] | None = None,
+        points: bytes = _POINTS,
+        **changes: Any,
+    ) -> Path:
         names = depth_names or [f"depth/{index}.{suffix}" for index in range(len(maps))]
         frames = [{"file_path": f"images/{i}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(3)]
         for frame, name in zip(frames, names, strict=False):
@@ -61,7 +67,7 @@ def send(upload, photo):
         files = {f"depth/{index}.{suffix}": content for index, content in enumerate(maps)}
         images = {f"images/{i}.jpg": photo(i) for i in range(3)}
         text = json.dumps(document).encode()
-        return upload({**images, **files, "transforms.json": text, "points3d.ply": _POINTS})
+        return upload({**images, **files, "transforms.json": text, "points3d.ply": points})
 
     return write
 
@@ -97,6 +103,40 @@ def test_units_and_arrays(send, settings) -> None:
     assert (loaded[0][1, :5] == 0).all() and loaded[0].max() < 2.01
     np.testing.assert_allclose(loaded[1], meters, atol=2e-5)
     np.testing.assert_allclose(loaded[2], meters, atol=2e-3)
+
+
+def _points_on_the_ramp(share: float) -> bytes:
+    """150 points where `_ramp` is for the identity of OpenGL's axes, in a world of which a unit is 1 / share metres."""
+    random = np.random.default_rng(0)
+    column, row = random.integers(2, 30, 150), random.integers(2, 22, 150)
+    z = share * _ramp()[row, column] / 1000
+    xyz = np.stack([(column + 0.5 - 16) / 30 * z, -(row + 0.5 - 12) / 30 * z, -z], axis=1)
+    head = _POINTS.replace(b"vertex 1", b"vertex 150").partition(b"end_header")[0]
+    return head + b"end_header\n" + b"".join(b"%.6f %.6f %.6f\n" % tuple(point) for point in xyz)
+
+
+def test_depth_in_metres_tells_the_unit_of_poses_and_points(send, settings) -> None:
+    capture, _ = _build(send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.25)), settings)
+    assert capture.scale == "METRIC"
+    scale = capture.report.scale
+    assert scale.source == "sensor_depth" and abs(scale.meters_per_unit - 4) < 0.01
+    assert 0.02 <= scale.relative_error_95 < 0.021
+    assert -capture.points[:150, 2].max() > 1 and -capture.points[:150, 2].min() < 2.01
+    np.testing.assert_allclose(load_depth(capture.views[0].depth), _ramp() / 1000, rtol=3e-3, atol=1e-4)
+
+
+def test_metric_poses_keep_their_unit(send, settings) -> None:
+    upload = send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.95), scale="metric")
+    capture, _ = _build(upload, settings)
+    assert capture.scale == "METRIC" and capture.report.scale is None and not capture.report.warnings
+    np.testing.assert_allclose(load_depth(capture.views[0].depth), 0.95 * _ramp() / 1000, rtol=3e-3, atol=1e-4)
+
+
+def test_maps_that_contradict_metric_poses_are_not_used(send, settings) -> None:
+    upload = send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.25), scale="metric")
+    capture, _ = _build(upload, settings)
+    assert all(view.depth is None for view in capture.views) and len(capture.points) == 150
+    assert any("4 times as far" in warning for warning in capture.report.warnings)
 
 
 def test_the_map_of_a_turned_photo_turns_with_it(send, settings, photo, tmp_path) -> None:
