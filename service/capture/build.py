@@ -26,12 +26,12 @@ from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
-from fastsplat.service.capture.sensor_depth import view_depth
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
 from fastsplat.service.capture.upload_validation import read_posed_dataset
+from fastsplat.service.capture.view_depths import view_depth
 from fastsplat.service.capture.view_writer import (
     IMAGES,
     LABELS,

@@ -23,9 +23,9 @@ from fastsplat.service.capture.scale_estimates import (
     sensor_estimate,
 )
 from fastsplat.service.capture.scale_tags import scaled_view
-from fastsplat.service.capture.sensor_depth import depth_points
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ScaleEstimate, View
+from fastsplat.service.capture.view_depths import depth_points
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import ReconstructionError
 

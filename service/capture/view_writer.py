@@ -33,7 +33,7 @@ class SourceImage:
         lossless: whether the view is stored without loss.
         label_ids: uint16 [H, W] of the dictionary, or None.
         mask: bool [H, W], false where pixels are to be ignored, or None.
-        depth: a sensor's map and its own pinhole camera (`sensor_depth.view_depth`), or None.
+        depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
     """
 
     name: str

@@ -13,8 +13,11 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.depth_maps import load_depth
+from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.pose_refinement import refusal
+from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.scale_estimates import combined_estimate
 from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.upload_manifest import read_manifest
@@ -85,6 +88,20 @@ def test_record3d_by_frame_intrinsics_and_without_compression(frames, upload, se
     paths = tuple(photo.path for photo in manifest.photos)
     dataset = read_posed_dataset(folder, manifest, ImageSizes(folder, paths, settings), settings)
     assert [image.camera_model.params[0] for image in dataset.images] == [50.0, 52.0, 53.0]
+
+
+def test_compressed_depth_is_read_in_the_confined_processes(frames, upload, settings, tmp_path: Path) -> None:
+    folder = upload({"room.r3d": zipped(record3d_files(frames))})
+    for name in ("check", "decode"):
+        (tmp_path / name).mkdir()
+    request = {"upload": str(folder), "settings": settings.model_dump()}
+    run_sandboxed("validate", request, tmp_path / "check", settings, lambda fraction, message: None)
+    manifest, files = read_manifest(folder)
+    depth = DepthFile("rgbd/2.depth", 1.0, (16, 12), "rgbd/2.conf")
+    with ImageDecoder(tmp_path / "decode", (files,), settings) as decoder:
+        read = decoder.depth(files, depth, manifest.photos[2], (8, 6))
+    assert read.shape == (6, 8) and set(np.unique(read)) <= {0.0, 1.75}
+    assert (read[1:, 1:] == 1.75).all()
 
 
 def test_long_recordings_are_thinned(frames, upload, settings) -> None:
