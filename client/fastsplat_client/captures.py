@@ -9,13 +9,16 @@ from typing import Any, BinaryIO
 
 from fastsplat_contract.errors import InvalidInputError
 
-_PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
+_PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"}
 _SPLATS = {".ply", ".spz"}
 _VIDEOS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"}
-_NOT_READ = {".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
+_NOT_READ = {".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
 """The server says what to do about these."""
 _COLMAP = {f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in (".bin", ".txt")}
-_SENT = _PHOTOS | _VIDEOS | _NOT_READ | _SPLATS | {".json"}
+_DEPTHS = {".npy", ".depth", ".conf"}
+_SENT = _PHOTOS | _VIDEOS | _NOT_READ | _SPLATS | _DEPTHS | {".json"}
+_METADATA = "metadata"
+"""Record3D's, which has no suffix."""
 _LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 
 
@@ -95,4 +98,4 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
 def _is_sent(name: Path) -> bool:
     if any(part in _LITTER or part.startswith(".") for part in name.parts):
         return False
-    return name.suffix.lower() in _SENT or name.name in _COLMAP
+    return name.suffix.lower() in _SENT or name.name in _COLMAP or name.name == _METADATA

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, compute_undistortion
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
+from fastsplat.service.capture.depth_maps import DEPTHS
 from fastsplat.service.capture.geometry import normalize_world
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.image_decoding import reduced_size
@@ -21,6 +22,7 @@ from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.mapping_snapshots import take_placed
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
+from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
@@ -29,6 +31,7 @@ from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
 from fastsplat.service.capture.upload_validation import read_posed_dataset
+from fastsplat.service.capture.view_depths import view_depth
 from fastsplat.service.capture.view_writer import (
     IMAGES,
     LABELS,
@@ -86,7 +89,7 @@ def build_capture(
     if out_dir.exists() and any(out_dir.iterdir()) and not holds_capture(out_dir):
         raise InvalidInputError(f"{out_dir} is in use", field="out_dir", hint="Name an empty or a new folder.")
     with atomic_directory(out_dir) as partial:
-        for name in (IMAGES, MASKS, LABELS):
+        for name in (IMAGES, MASKS, LABELS, DEPTHS):
             (partial / name).mkdir()
         work = partial / "work"
         for folder in (work, work / IMAGES, work / _DECODING):
@@ -200,33 +203,39 @@ class _Build:
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
         qualities: list[PhotoQuality] = []
         sources = (self._posed_source(image, photo_by_path[image.path], table, qualities) for image in dataset.images)
-        written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
+        written = self._write(sources, len(dataset.images), 0.0, 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
-        if len(points) == 0 and not self.manifest.splat:  # a splat needs no points to start from
-            points, colors, error_px = self._triangulated(written.views)
+        views, scale, notes = written.views, None, tuple[str, ...]()
+        if not self.manifest.splat:  # a splat needs no points to start from
+            self.held.mask_features(views)
+            geometry = posed_geometry(dataset, views, self.out / IMAGES, self.settings, self._run_posed)
+            views, points, colors, error_px = geometry.views, geometry.points, geometry.colors, geometry.error_px
+            scale, notes = geometry.scale, geometry.warnings
         has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
             source=self.manifest.source,
             images=len(self.manifest.photos),
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
-            warnings=(*self.manifest.warnings, *mask_warning(dataset), *written.warnings),
+            warnings=(*self.manifest.warnings, *mask_warning(dataset), *written.warnings, *notes),
             splat=self.manifest.splat,
-            photos=judge_photos(qualities, _poses(written.views), None, written.masked),
+            photos=judge_photos(qualities, _poses(views), None, written.masked),
+            scale=scale,
         )
         names = {view.posed.name for view in written.views}
         capture = Capture(
-            views=written.views,
+            views=views,
             points=points,
             point_colors=colors,
-            scale=dataset.scale,
+            scale="METRIC" if scale is not None else dataset.scale,
             report=self.held.reported(report),
             given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
             test_names=tuple(name for name in dataset.test_names if name in names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
         # The rows of a splat that was brought stay as they are, so its units stay too.
-        return capture if capture.scale == "METRIC" or self.manifest.splat else self._in_meters(capture)
+        exact = capture.scale == "METRIC" and capture.report.scale is None
+        return capture if exact or self.manifest.splat else self._in_meters(capture)
 
     def _in_meters(self, capture: Capture) -> Capture:
         """The capture in metres if printed tags tell how long they are, else the same."""
@@ -300,6 +309,9 @@ class _Build:
         if image.mask is not None:
             stored = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
             mask = stored if mask is None else mask & stored
+        depth, depth_size = None, self.manifest.depth_sizes.get(photo.path)
+        if image.depth is not None and depth_size is not None and not self.manifest.splat:
+            depth = view_depth(image, image.depth, depth_size, photo, self.decoder, self.files, self.settings)
         unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
         return SourceImage(
             name=image.name,
@@ -309,6 +321,7 @@ class _Build:
             lossless=photo.path.lower().endswith(".png") or unchanged,
             label_ids=self._label_ids(photo, table, geometry.size),
             mask=mask,
+            depth=depth,
         )
 
     def _label_ids(
@@ -345,23 +358,12 @@ class _Build:
             warnings=(warning,) if blank else (),
         )
 
-    def _triangulated(self, views: tuple[View, ...]) -> tuple[NDArray[np.float32], NDArray[np.uint8], float]:
-        images = []
-        for view in views:
-            camera = view.posed.camera
-            numbers = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
-            pose = view.posed.camera_from_world().tolist()
-            images.append({"file": view.image_path.name, "camera": numbers, "camera_from_world": pose})
-        folder = str(self.out / IMAGES)
-        self.held.mask_features(views)
-        request = {"image_folder": folder, "images": images, "ordered": False, **self.held.request}
-        request |= self.settings.model_dump()
-        result, points, colors = self._run_sfm("triangulate", request, self._listener(0.3, 1.0))
-        return points.astype(np.float32), colors, float(result["error_px"])
+    def _run_posed(self, task: PosedTask, request: dict[str, Any]) -> SfmAnswer:
+        return self._run_sfm(task, request | self.held.request, self._listener(0.3, 1.0))
 
     def _run_sfm(
-        self, task: Literal["reconstruct", "triangulate"], request: dict[str, Any], listen: Listener
-    ) -> tuple[dict[str, Any], NDArray[np.float64], NDArray[np.uint8]]:
+        self, task: Literal["reconstruct"] | PosedTask, request: dict[str, Any], listen: Listener
+    ) -> SfmAnswer:
         folder = self._task_folder(task)
         result = run_sandboxed(task, request, folder, self.settings, listen)
         with np.load(folder / "points.npz") as arrays:

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, View, WithheldReport
+from fastsplat.service.capture.types import (
+    Capture,
+    CaptureReport,
+    GivenLabels,
+    ScaleEstimate,
+    SensorDepth,
+    View,
+    WithheldReport,
+)
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -101,13 +109,26 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "world_from_camera": view.posed.world_from_camera.tolist(),
         "image": _relative(view.image_path, folder),
         "valid": _relative(view.valid_path, folder),
+        "depth": None
+        if view.depth is None
+        else {
+            "map": _relative(view.depth.path, folder),
+            "camera": asdict(view.depth.camera),
+            "unit": view.depth.unit,
+        },
     }
 
 
 def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
     pose = np.array(stored["world_from_camera"], dtype=np.float64)
     posed = PosedCamera(Camera(**stored["camera"]), pose, stored["name"])
-    return View(posed, folder / stored["image"], None if stored["valid"] is None else folder / stored["valid"])
+    valid, depth = stored["valid"], stored.get("depth")
+    return View(
+        posed,
+        folder / stored["image"],
+        None if valid is None else folder / valid,
+        None if depth is None else SensorDepth(folder / depth["map"], Camera(**depth["camera"]), depth["unit"]),
+    )
 
 
 def _report(stored: dict[str, Any]) -> CaptureReport:

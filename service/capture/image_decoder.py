@@ -16,11 +16,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.image_decoding import DECODED
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.sandbox import error_from_json, kill_sandboxed, sandbox_error, start_sandboxed
@@ -75,16 +76,27 @@ class ImageDecoder:
         pixels = self._decode("map", root, name, photo, size, 2)
         return np.frombuffer(pixels, dtype=np.uint16).reshape(size[1], size[0])
 
+    def depth(self, root: Path, file: DepthFile, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.float32]:
+        """float32 [H, W] of a depth map as stored, scene units, 0 where unknown, sampled to `size` (width, height).
+
+        Raises:
+            InvalidInputError, CorruptImageError, LimitExceededError: as `read_depth`.
+            ResourceError: as `photo`.
+        """
+        pixels = self._decode("depth", root, file.path, photo, size, 4, asdict(file))
+        return np.frombuffer(pixels, dtype=np.float32).reshape(size[1], size[0])
+
     def _decode(
         self,
-        kind: Literal["rgb", "map"],
+        kind: Literal["rgb", "map", "depth"],
         root: Path,
         name: str,
         photo: PhotoInfo,
         size: tuple[int, int],
         pixel_bytes: int,
+        depth: dict[str, Any] | None = None,
     ) -> bytearray:
-        asked = {"kind": kind, "root": str(root), "name": name, "photo": asdict(photo), "size": size}
+        asked = {"kind": kind, "root": str(root), "name": name, "photo": asdict(photo), "size": size, "depth": depth}
         deadline = time.monotonic() + self._settings.validation_seconds
         assert self._process.stdin is not None
         try:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.depth_files import DepthFile, read_depth, sample_depth
 from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, load_upright, open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import FastSplatError
@@ -29,7 +30,8 @@ def decode_requests(
     """Answer one request a line of stdin until it is closed.
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
-    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]) or "map" (uint16 [H, W]).
+    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]) or "depth" (float32
+    [H, W], of the `DepthFile` that "depth" is).
 
     Args:
         request: the task's: its "settings".
@@ -44,6 +46,8 @@ def decode_requests(
         try:
             if asked["kind"] == "map":
                 pixels = load_upright_map(root, asked["name"], photo, size, settings)
+            elif asked["kind"] == "depth":
+                pixels = sample_depth(read_depth(root, DepthFile(**asked["depth"]), settings), size)
             else:
                 pixels = reduce(load_upright(root, photo, settings), size)
         except (FastSplatError, MemoryError, OSError) as error:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,10 +15,11 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
-IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
-UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"})
+UNSUPPORTED_SUFFIXES = frozenset({".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
 Image.init()  # registers all decoders, of which only these are ever tried:
 _FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
+_HEIF_MARK = b"ftyp"
 _MIRRORED = frozenset({2, 4, 5, 7})
 _TRANSPOSED = frozenset({5, 6, 7, 8})
 _QUARTER_TURNS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to clockwise rotations by 90° that make it upright
@@ -148,19 +151,34 @@ def load_rgb(path: Path) -> NDArray[np.uint8]:
 
 def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
     try:
-        image = Image.open(path, formats=_FORMATS)
+        with path.open("rb") as file:
+            is_heif = file.read(8)[4:] == _HEIF_MARK
+        if is_heif:
+            _register_heif()
+        image = Image.open(path, formats=("HEIF",) if is_heif else _FORMATS)
     except Image.DecompressionBombError as error:
         raise _too_many_pixels(name, "far too many", settings) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
         raise CorruptImageError(
             f"{name} is not an image this service can read",
             field=name,
-            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF or BMP.",
+            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
         ) from error
     if image.width * image.height > settings.max_image_pixels:
         image.close()
         raise _too_many_pixels(name, f"{image.width}×{image.height}", settings)
     return image
+
+
+@cache
+def _register_heif() -> None:
+    """Let Pillow read HEIC. Its library is loaded by the first such file, which is a process of the sandbox.
+
+    libheif turns the pixels by the file's own transformations, and what EXIF says of the orientation is set to upright
+    by the plugin: neither is applied twice. Thumbnails and depth maps inside are not looked at.
+    """
+    pi_heif = importlib.import_module("pi_heif")
+    pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
 
 
 def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
@@ -173,9 +191,20 @@ def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitEx
 
 
 def _decode(image: Image.Image, name: str) -> None:
+    size = image.size
     try:
         image.load()
-    except (OSError, ValueError, SyntaxError, EOFError, IndexError, Image.DecompressionBombError) as error:
+        if image.size != size:
+            raise ValueError(f"its header says {size[0]}×{size[1]} pixels, its content {image.width}×{image.height}")
+    except (
+        RuntimeError,  # libheif's
+        OSError,
+        ValueError,
+        SyntaxError,
+        EOFError,
+        IndexError,
+        Image.DecompressionBombError,
+    ) as error:
         raise CorruptImageError(
             f"{name} is cut short or damaged: {error}", field=name, hint="Copy it again from the camera, or remove it."
         ) from error

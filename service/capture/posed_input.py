@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel
+from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.label_maps import LabelTable
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
 
@@ -26,6 +30,7 @@ class PosedImage:
         world_from_camera: float64 [4, 4], OpenCV axes.
         label_map: path of its label map, if any.
         mask: path of its mask, if any: 0 where pixels are to be ignored.
+        depth: its depth map, if any.
     """
 
     name: str
@@ -34,6 +39,7 @@ class PosedImage:
     world_from_camera: NDArray[np.float64]
     label_map: str | None = None
     mask: str | None = None
+    depth: DepthFile | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,7 @@ class PosedDataset:
         points: float32 [P, 3], world; may be empty.
         point_colors: uint8 [P, 3].
         scale: whether world units are metres.
+        tracked: whether the poses are estimates of a phone's tracking, which the images refine; else they are exact.
         labels: names of the ids in the label maps, if there are any.
         test_names: names of the images set apart for testing.
         mean_reprojection_error_px: over the points, as far as the source says; else 0.
@@ -74,6 +81,29 @@ class PosedDataset:
     mean_reprojection_error_px: float = 0.0
     missing: tuple[MissingImage, ...] = ()
     warnings: tuple[str, ...] = ()
+    tracked: bool = False
+
+
+def missing_warning(
+    field: str, missing: Sequence[MissingImage], frames: int, settings: CaptureSettings
+) -> tuple[str, ...]:
+    """What to say of frames whose image is not in the upload.
+
+    Raises:
+        InvalidInputError: fewer than `min_frames_present` are there.
+    """
+    if not missing:
+        return ()
+    listed = list_names([image.name for image in missing])
+    present = frames - len(missing)
+    if present == 0 or present < settings.min_frames_present * frames:
+        raise InvalidInputError(
+            f"{len(missing)} of {frames} frames of {field} name images that are not in the upload: {listed}",
+            field=field,
+            limit=f"a share of {settings.min_frames_present:g} of the images (FASTSPLAT_CAPTURE__MIN_FRAMES_PRESENT)",
+            hint="Send the images under the names that file_path gives them.",
+        )
+    return (f"{len(missing)} of {frames} frames of {field} are skipped, as their images are missing: {listed}.",)
 
 
 def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

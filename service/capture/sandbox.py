@@ -28,7 +28,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError, ReconstructionError, ResourceError
 
-Task = Literal["validate", "probe", "frames", "decode", "reconstruct", "triangulate"]
+Task = Literal["validate", "probe", "frames", "decode", "reconstruct", "triangulate", "refine"]
 Listener = Callable[[float, str], None]
 """Receives the share of the task that is done, and a line for people; may raise to stop it."""
 
@@ -53,6 +53,7 @@ _DESCRIPTIONS: dict[Task, str] = {
     "decode": "decoding the images",
     "reconstruct": "structure from motion",
     "triangulate": "triangulation",
+    "refine": "refining the poses",
 }
 
 

@@ -89,7 +89,8 @@ def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
         video = importlib.import_module("fastsplat.service.capture.video")
         result: dict[str, Any] = video.probe(request) if task == "probe" else video.extract(request, _report)
     else:
-        sfm = importlib.import_module("fastsplat.service.capture.sfm")
+        module = "pose_refinement" if task == "refine" else "sfm"
+        sfm = importlib.import_module(f"fastsplat.service.capture.{module}")
         result = getattr(sfm, task)(request, folder, _report)
     return result
 

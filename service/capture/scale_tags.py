@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.scale_estimates import combined_estimate
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture, ScaleEstimate
+from fastsplat.service.capture.types import Capture, ScaleEstimate, View
 from fastsplat_contract.camera import PosedCamera
 
 F64 = NDArray[np.float64]
@@ -129,7 +130,8 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in metres if tags in its pictures tell how long they are, else the same.
+    """The capture in metres if tags in its pictures tell how long they are, else the same. Of a capture whose metres
+    were estimated before, both estimates are combined.
 
     Args:
         capture: whose views lie on disk.
@@ -145,18 +147,24 @@ def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int
         sightings += find_tags(gray, index, range(settings.first_tag, settings.last_tag + 1))
     cameras = [view.posed for view in capture.views]
     scale = estimate_scale(sightings, cameras, settings.tag_side_m, settings.tag_side_error_m)
-    return capture if scale is None else scaled_capture(capture, scale)
+    return capture if scale is None else scaled_capture(capture, combined_estimate(capture.report.scale, scale))
 
 
 def scaled_capture(capture: Capture, scale: ScaleEstimate) -> Capture:
     """The capture in metres: poses and points times `scale.meters_per_unit`."""
     return replace(
         capture,
-        views=tuple(replace(view, posed=_scaled(view.posed, scale.meters_per_unit)) for view in capture.views),
+        views=tuple(scaled_view(view, scale.meters_per_unit) for view in capture.views),
         points=(capture.points * np.float32(scale.meters_per_unit)).astype(np.float32),
         scale="METRIC",
         report=replace(capture.report, scale=scale),
     )
+
+
+def scaled_view(view: View, factor: float) -> View:
+    """The view in units of which one of its own has `factor`."""
+    depth = None if view.depth is None else replace(view.depth, unit=view.depth.unit * factor)
+    return replace(view, posed=_scaled(view.posed, factor), depth=depth)
 
 
 def _scaled(posed: PosedCamera, factor: float) -> PosedCamera:

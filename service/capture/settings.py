@@ -37,8 +37,12 @@ class CaptureSettings(BaseModel):
     """Frames of a transforms.json whose image is missing from the upload are skipped and named in the warnings; the
     upload is refused when fewer than this share of its frames have their image."""
 
+    max_phone_frames: int = Field(200, ge=2)
+    """Of a recording of a phone (Polycam, Record3D, 3D Scanner App) at most so many frames are used, evenly spread."""
     max_json_bytes: int = 16 * 2**20
     """Bytes of a transforms.json or labels.json."""
+    depth_points: int = Field(5_000, ge=0)
+    """Points taken from the depth maps of a capture, all together, for the scene to start from."""
     max_model_points: int = 5_000_000
     """Sparse points read from a COLMAP model or a PLY file."""
     max_splat_gaussians: int = Field(5_000_000, ge=1)

@@ -23,10 +23,10 @@ from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
 
-_SEED = 0
+SEED = 0
 _IMAGES_A_STEP = 8
 _PAIRS_A_STEP = 48
-_FEATURES_DONE, _MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
+_FEATURES_DONE, MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
 _MIN_FEATURES = 50
 _FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
 """faiss::distance_compute_blas_threshold: searches of at least so many descriptors multiply matrices by BLAS."""
@@ -51,13 +51,13 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     Raises:
         ReconstructionError: no usable geometry; see `validate_reconstruction`.
     """
-    pycolmap.set_random_seed(_SEED)
+    pycolmap.set_random_seed(SEED)
     database = folder / "features.db"
     images = Path(request["image_folder"])
     files = [image["file"] for image in request["images"]]
-    _import_images(database, images, request["images"])
-    _extract_and_match(database, images, files, request, folder, report)
-    report(_MATCHING_DONE, "registering images")
+    import_images(database, images, request["images"])
+    extract_and_match(database, images, files, request, folder, report)
+    report(MATCHING_DONE, "registering images")
     models = _map(database, images, folder, len(files), report)
     if not models:
         raise ReconstructionError(
@@ -69,12 +69,12 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     warnings = geometry.validate_reconstruction(
         reconstruction, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
-    warnings += geometry.repetition_warning(*_contradictions(best, database))
+    warnings += geometry.repetition_warning(*contradictions(best, database))
     report(1.0, f"{best.num_reg_images()} of {len(files)} images registered")
-    _save_points(best, folder)
+    save_points(best, folder)
     image_by_name = {image.name: image for image in best.images.values() if image.has_pose}
     return {
-        "poses": {name: _world_from_camera(image).tolist() for name, image in image_by_name.items()},
+        "poses": {name: world_from_camera(image).tolist() for name, image in image_by_name.items()},
         "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
         "matches": _matches_of_images(models, database),
         "models": list(reconstruction.models),
@@ -97,32 +97,32 @@ def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     Raises:
         ReconstructionError: the images contradict the poses, or too few points agree with them.
     """
-    pycolmap.set_random_seed(_SEED)
+    pycolmap.set_random_seed(SEED)
     database = folder / "features.db"
     images = Path(request["image_folder"])
     posed_images = request["images"]
     files = [image["file"] for image in posed_images]
     ungrouped = [{**image, "group": index, "focal": 0} for index, image in enumerate(posed_images)]
-    _import_images(database, images, ungrouped)
-    posed = _known_poses(database, posed_images)
-    _extract_and_match(database, images, files, request, folder, report)
-    geometry.refuse_wrong_poses(*_contradictions(posed, database))
-    report(_MATCHING_DONE, "triangulating points")
+    import_images(database, images, ungrouped)
+    posed = known_poses(database, posed_images)
+    extract_and_match(database, images, files, request, folder, report)
+    geometry.refuse_wrong_poses(*contradictions(posed, database))
+    report(MATCHING_DONE, "triangulating points")
     output = folder / "model"
     output.mkdir()
-    result = pycolmap.triangulate_points(posed, database, images, output, options=_mapper_options())
+    result = pycolmap.triangulate_points(posed, database, images, output, options=mapper_options())
     if result.num_points3D() < request["min_points"]:
         raise ReconstructionError(
             f"only {result.num_points3D()} points agree with the camera poses",
             limit=f"{request['min_points']} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
             hint="Check the convention of the poses (axes, world-from-camera) and the intrinsics, or send points.",
         )
-    _save_points(result, folder)
+    save_points(result, folder)
     report(1.0, f"{result.num_points3D()} points triangulated")
     return {"points": result.num_points3D(), "error_px": result.compute_mean_reprojection_error()}
 
 
-def _import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -> None:
+def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -> None:
     """Write images and cameras to the database, a camera a group, ids in the order of the entries."""
     pycolmap.Database.open(database).close()
     groups = defaultdict(list)
@@ -137,7 +137,7 @@ def _import_images(database: Path, images: Path, entries: list[dict[str, Any]]) 
         pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, image_names=names, options=options)
 
 
-def _extract_and_match(
+def extract_and_match(
     database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, report: Report
 ) -> None:
     extraction = pycolmap.FeatureExtractionOptions()
@@ -154,11 +154,11 @@ def _extract_and_match(
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = _matching_threads(extraction.num_threads)
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = _SEED
+    verification.ransac.random_seed = SEED
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = folder / "pairs.txt"
     for start in range(0, len(image_pairs), _PAIRS_A_STEP):
-        fraction = _FEATURES_DONE + (_MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
+        fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
         report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
         step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
         (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
@@ -239,10 +239,10 @@ def _probes(reader: pycolmap.Database, image_id: int, images: int) -> NDArray[np
     return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales, images)
 
 
-def _mapper_options() -> pycolmap.IncrementalPipelineOptions:
+def mapper_options() -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = 1
-    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = _SEED
+    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = SEED
     options.min_model_size = 2
     options.max_num_models = 10
     return options
@@ -257,13 +257,13 @@ def _map(database: Path, images: Path, folder: Path, count: int, report: Report)
         registered += 1
         mapping_snapshots.keep_newest(snapshots, folder, pycolmap.Reconstruction)
         share = min(1.0, registered / count)
-        fraction = _MATCHING_DONE + (_MAPPING_DONE - _MATCHING_DONE) * share
+        fraction = MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * share
         report(fraction, f"registering images {min(registered, count)}/{count}")
 
     output, snapshots = folder / "models", folder / "snapshots"
     output.mkdir()
     snapshots.mkdir()
-    options = _mapper_options()
+    options = mapper_options()
     options.snapshot_path, options.snapshot_frames_freq = snapshots, mapping_snapshots.frames_between(count)
     models = pycolmap.incremental_mapping(
         database, images, output, options=options, next_image_callback=report_next_image
@@ -279,7 +279,7 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
         for point in model.points3D.values()
     ]
     return geometry.Reconstruction(
-        world_from_camera=np.stack([_world_from_camera(image) for image in posed]),
+        world_from_camera=np.stack([world_from_camera(image) for image in posed]),
         relative_focals=np.array(
             [image.camera.mean_focal_length() / max(image.camera.width, image.camera.height) for image in posed]
         ),
@@ -290,7 +290,7 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     )
 
 
-def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
+def contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
     """Compare every verified pair of images with the poses: see `geometry.contradictions`.
 
     A pair of which only one image was registered contradicts too: matching well should have registered the other.
@@ -312,7 +312,7 @@ def _contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int
             if first not in registered or second not in registered:
                 errors.append(float("inf"))
                 continue
-            relative = np.linalg.inv(_world_from_camera(registered[second])) @ _world_from_camera(registered[first])
+            relative = np.linalg.inv(world_from_camera(registered[second])) @ world_from_camera(registered[first])
             errors_px = geometry.epipolar_error_px(
                 rays[first][matches[:, 0]],
                 rays[second][matches[:, 1]],
@@ -350,7 +350,7 @@ def _matches_of_images(models: list[pycolmap.Reconstruction], database: Path) ->
         }
 
 
-def _known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap.Reconstruction:
+def known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap.Reconstruction:
     """A model of known poses, under the database's ids; their cameras replace the database's."""
     posed = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as editor:
@@ -371,7 +371,7 @@ def _known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap
     return posed
 
 
-def _world_from_camera(image: pycolmap.Image) -> NDArray[np.float64]:
+def world_from_camera(image: pycolmap.Image) -> NDArray[np.float64]:
     pose = np.eye(4)
     pose[:3] = image.cam_from_world().inverse().matrix()
     return pose
@@ -381,7 +381,7 @@ def _camera(camera: pycolmap.Camera) -> list[Any]:
     return [camera.model.name, camera.width, camera.height, [float(value) for value in camera.params]]
 
 
-def _save_points(model: pycolmap.Reconstruction, folder: Path) -> None:
+def save_points(model: pycolmap.Reconstruction, folder: Path) -> None:
     points = np.array([point.xyz for point in model.points3D.values()], dtype=np.float64).reshape(-1, 3)
     colors = np.array([point.color for point in model.points3D.values()], dtype=np.uint8).reshape(-1, 3)
     # A feature with two orientations gives the same point twice.

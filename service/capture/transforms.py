@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.depth_files import ARRAY_SUFFIX, DepthFile, check_depth_unit
+from fastsplat.service.capture.depth_files import IMAGE_SUFFIXES as DEPTH_IMAGE_SUFFIXES
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES
 from fastsplat.service.capture.label_maps import LabelTable, parse_label_table
 from fastsplat.service.capture.ply_points import read_points
@@ -23,12 +25,12 @@ from fastsplat.service.capture.posed_input import (
     MissingImage,
     PosedDataset,
     PosedImage,
+    missing_warning,
     no_points,
     resolve_file,
     resolve_path,
 )
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.scenes import Scale
@@ -42,6 +44,7 @@ _FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
 _DISTORTION_KEYS = (*_FISHEYE_KEYS, "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
+_MILLIMETRE = 0.001
 _IMPLIED_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -102,30 +105,13 @@ def read_transforms(
         labels=labels,
         test_names=_test_names(document, [image.name for image in images], missing),
         missing=missing,
-        warnings=_check_missing(name, missing, len(frames), settings),
+        warnings=missing_warning(name, missing, len(frames), settings),
     )
 
 
 def name_keys(name: str) -> tuple[str, str, str]:
     """How a split may name an image: with its folder, without, and without its extension too."""
     return name, PurePosixPath(name).name, PurePosixPath(name).stem
-
-
-def _check_missing(
-    name: str, missing: tuple[MissingImage, ...], frames: int, settings: CaptureSettings
-) -> tuple[str, ...]:
-    if not missing:
-        return ()
-    listed = list_names([image.name for image in missing])
-    present = frames - len(missing)
-    if present == 0 or present < settings.min_frames_present * frames:
-        raise InvalidInputError(
-            f"{len(missing)} of {frames} frames of {name} name images that are not in the upload: {listed}",
-            field=name,
-            limit=f"a share of {settings.min_frames_present:g} of the images (FASTSPLAT_CAPTURE__MIN_FRAMES_PRESENT)",
-            hint="Send the images under the names that file_path gives them.",
-        )
-    return (f"{len(missing)} of {frames} frames of {name} are skipped, as their images are missing: {listed}.",)
 
 
 def _posed_image(
@@ -142,7 +128,7 @@ def _posed_image(
         return MissingImage(name, path)
     if path not in sizes:
         raise InvalidInputError(
-            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF or BMP images."
+            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images."
         )
     maps = {}
     mask = frame.get("mask_path")
@@ -156,8 +142,38 @@ def _posed_image(
         path=path,
         camera_model=_camera_model({**document.top, **frame}, sizes[path], where),
         world_from_camera=_pose(frame.get("transform_matrix"), document.opengl, where),
+        depth=_depth_file(root, document, frame, where),
         **maps,
     )
+
+
+def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
+    """nerfstudio's depth map of a frame: millimetres unless the document says otherwise.
+
+    https://docs.nerf.studio/quickstart/data_conventions.html#depth-images
+    """
+    name = frame.get("depth_file_path")
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise InvalidInputError(f"{where} has a depth_file_path that is not text", field=where, hint="Name a file.")
+    suffix = PurePosixPath(name).suffix.lower()
+    if suffix not in {*DEPTH_IMAGE_SUFFIXES, ARRAY_SUFFIX}:
+        raise InvalidInputError(
+            f"{where}: depth maps of the kind {suffix[:20]!r} are not read",
+            field=where,
+            hint="Send 16-bit PNG files, millimetres, or float arrays as .npy.",
+        )
+    unit = document.top.get("depth_unit_scale_factor", _MILLIMETRE)
+    unit = check_depth_unit(unit, field=f"{document.name}: depth_unit_scale_factor")
+    path = resolve_path(root, document.folder, name, where)
+    if not os.path.isfile(root / path):
+        raise InvalidInputError(
+            f"{where} names the depth map {name[:120]!r}, which is not in the upload",
+            field=where,
+            hint="Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
+        )
+    return DepthFile(path, unit)
 
 
 def _image_path(root: Path, folder: str, file_path: str, where: str) -> str:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import Privacy
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.scenes import Scale
 
-Source = Literal["images", "video", "colmap", "nerfstudio", "splat"]
+Source = Literal["images", "video", "colmap", "nerfstudio", "splat", "polycam", "record3d", "arkit"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,21 @@ class ValidatedUpload:
 
 
 @dataclass(frozen=True)
+class SensorDepth:
+    """What a depth sensor measured of a view: camera z, in a 16-bit gray PNG.
+
+    Attributes:
+        path: the PNG in the capture's folder; 0 where nothing was measured.
+        camera: pinhole intrinsics of the map's own pixels; its pose is the view's.
+        unit: scene units of one step.
+    """
+
+    path: Path
+    camera: Camera
+    unit: float
+
+
+@dataclass(frozen=True)
 class View:
     """One registered image: upright, undistorted, RGB, of exactly the camera's size.
 
@@ -47,11 +62,13 @@ class View:
         posed: pinhole intrinsics of the stored image, pose, and the image's name in the upload.
         image_path: the undistorted image (PNG or JPEG) in the capture's folder.
         valid_path: PNG mask, 255 where the undistorted image has content, or None when every pixel has.
+        depth: what a depth sensor measured, if there was one.
     """
 
     posed: PosedCamera
     image_path: Path
     valid_path: Path | None = None
+    depth: SensorDepth | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +90,8 @@ class ScaleEstimate:
     """How long a scene unit is, and how sure that is.
 
     Attributes:
-        source: what told it: "tags", printed tags of a known side.
+        source: what told it: "tags", printed tags of a known side; "arkit", a phone's tracking; "sensor_depth", its
+            depth sensor; several, the surest first, joined by "+".
         meters_per_unit: of the world before it was scaled to metres.
         relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
     """

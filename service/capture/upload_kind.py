@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from fastsplat.service.capture.phones.polycam import find_polycam
+from fastsplat.service.capture.phones.record3d import find_record3d
+from fastsplat.service.capture.phones.scanner_app import find_scanner_app
 from fastsplat.service.capture.splat_files.splat_reading import PLY_SUFFIX, is_splat_file
 from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import is_system_file
@@ -15,7 +18,7 @@ from fastsplat_contract.errors import InvalidInputError
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
-_FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"})
+_FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths", "confidence"})
 _IMAGES = "images"
 _SPLAT_FRAME = "dataparser_transforms.json"
 
@@ -52,8 +55,8 @@ class UploadContents:
 def detect_kind(root: Path) -> UploadContents:
     """The kind and the parts of an upload.
 
-    Poses take precedence over images, a transforms.json over a COLMAP model, a shallower file over a deeper one. A
-    splat takes precedence over images without poses, and goes with those that have some.
+    Poses take precedence over images, a transforms.json over a COLMAP model, that over a phone's recording, a shallower
+    file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
 
     Raises:
         InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
@@ -91,6 +94,9 @@ def detect_kind(root: Path) -> UploadContents:
             splat_frame=frame,
             warnings=(warning,) if len(models) > 1 else (),
         )
+    phone = _phone_recording(root, files)
+    if phone is not None:
+        return replace(phone, images=images, labels=labels, label_maps=maps, splats=splats)
     if splats:
         beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
         warning = (
@@ -112,12 +118,24 @@ def detect_kind(root: Path) -> UploadContents:
         raise InvalidInputError(
             "the upload has no images",
             field="files",
-            hint="Send JPEG, PNG, WebP, TIFF or BMP images, an archive of them, one video, or a splat (PLY or SPZ).",
+            hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
+            "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
         )
     used = {*photos, *maps, labels}
     unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
     warnings = (f"{len(unused)} files beside the photos are not used, e.g. {unused[0]}.",) if unused else ()
     return UploadContents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
+
+
+def _phone_recording(root: Path, files: list[str]) -> UploadContents | None:
+    """The kind and the poses of a phone's recording."""
+    if poses := find_polycam(root, files):
+        return UploadContents("polycam", (), poses)
+    if poses := find_record3d(files):
+        return UploadContents("record3d", (), poses)
+    if poses := find_scanner_app(files):
+        return UploadContents("arkit", (), poses)
+    return None
 
 
 def _files(root: Path) -> list[str]:

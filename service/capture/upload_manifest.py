@@ -33,6 +33,7 @@ class UploadManifest:
         warnings: what is not used, as sentences for people.
         splat: name of the splat file in the upload, whose arrays lie beside the folder as `SPLAT`; "" for none.
         gaussians: rows of the splat.
+        depth_sizes: photo path to (width, height) of its depth map as stored, of photos that have one.
         splat_frame: the file that says how the splat's world lies in that of the poses, or "".
     """
 
@@ -48,6 +49,7 @@ class UploadManifest:
     splat: str = ""
     gaussians: int = 0
     splat_frame: str = ""
+    depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:
@@ -71,6 +73,7 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
+    stored["depth_sizes"] = {path: tuple(size) for path, size in stored.get("depth_sizes", {}).items()}
     manifest, files = UploadManifest(**stored), validated / FILES
     photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
     for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):

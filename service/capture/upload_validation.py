@@ -12,8 +12,12 @@ from pathlib import Path, PurePosixPath
 from fastsplat.service.capture.archive import is_archive, unpack
 from fastsplat.service.capture.camera_model import aspect_error
 from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.capture.depth_validation import check_depths, depth_images
 from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_size
 from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
+from fastsplat.service.capture.phones.polycam import read_polycam
+from fastsplat.service.capture.phones.record3d import read_record3d
+from fastsplat.service.capture.phones.scanner_app import read_scanner_app
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
@@ -28,6 +32,7 @@ from fastsplat.service.common.file_names import common_folder, is_system_file
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
+_PHONES = {"polycam": read_polycam, "record3d": read_record3d, "arkit": read_scanner_app}
 _FREE_PIXELS = 256_000_000
 _VIDEO_SIGNATURES = (
     (4, b"ftyp"),
@@ -88,6 +93,8 @@ def read_posed_dataset(
     """Images with cameras and poses of an upload that has some; `sizes` are those of its images as stored."""
     if upload.source == "colmap":
         return read_colmap(files, upload.poses, upload.image_folder, settings)
+    if upload.source in _PHONES:
+        return _PHONES[upload.source](files, upload.poses, sizes, settings)
     return read_transforms(files, upload.poses, sizes, settings)
 
 
@@ -203,6 +210,8 @@ def _validate_posed(
     maps = {name for image in dataset.images for name in (image.mask, image.label_map) if name is not None}
     maps |= set(contents.label_maps if contents.labels else ())
     _check_pixels(files, [*paths, *sorted(maps)], sent_bytes, settings)
+    _check_pixels(files, depth_images(dataset), sent_bytes, settings)
+    depth_sizes, depth_warnings = check_depths(files, dataset, settings)
     photo_by_path = {photo.path: photo for photo in _check_images(files, paths, settings)}
     blank_masks = 0
     for image in dataset.images:
@@ -234,7 +243,8 @@ def _validate_posed(
         image_folder=contents.image_folder,
         labels=labels,
         label_maps=label_maps,
-        warnings=(*contents.warnings, *dataset.warnings),
+        warnings=(*contents.warnings, *dataset.warnings, *depth_warnings),
+        depth_sizes=depth_sizes,
     )
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.camera_model import Undistortion, compute_undistortion, rotate90, rotate90_pose
+from fastsplat.service.capture.depth_maps import DEPTHS, save_depth, valid_depth
 from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, save_rgb
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import View
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.camera import Camera, PosedCamera
 
 IMAGES, MASKS, LABELS = "images", "masks", "labels"
 
@@ -32,6 +33,7 @@ class SourceImage:
         lossless: whether the view is stored without loss.
         label_ids: uint16 [H, W] of the dictionary, or None.
         mask: bool [H, W], false where pixels are to be ignored, or None.
+        depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
     """
 
     name: str
@@ -41,6 +43,7 @@ class SourceImage:
     lossless: bool = False
     label_ids: NDArray[np.uint16] | None = None
     mask: NDArray[np.bool_] | None = None
+    depth: tuple[NDArray[np.float32], Camera] | None = None
 
 
 @dataclass(frozen=True)
@@ -113,4 +116,10 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
         label_path = folder / LABELS / f"{index:05d}.png"
         Image.fromarray(undistortion.apply_to_ids(source.label_ids)).save(label_path)
     posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
-    return View(posed, image_path, valid_path), label_path
+    depth = None
+    measured = None if source.depth is None else source.depth[0]
+    if source.depth is not None and valid is not None:
+        measured = valid_depth(*source.depth, valid, undistortion.camera)
+    if source.depth is not None and measured is not None and measured.any():
+        depth = save_depth(measured, source.depth[1], folder / DEPTHS / f"{index:05d}.png")
+    return View(posed, image_path, valid_path, depth), label_path

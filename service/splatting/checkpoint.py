@@ -132,7 +132,7 @@ def fingerprint_of(
     digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
     for view in views:
         frame = view.frames[-1]
-        for tensor in (view.viewmat, frame.rgb, frame.valid, frame.labels):
+        for tensor in (view.viewmat, frame.rgb, frame.valid, frame.labels, frame.depth):
             _update(digest, None if tensor is None else tensor.cpu().numpy())
     for own in regions:
         _update(digest, own.ids)

@@ -12,6 +12,7 @@ from fastsplat.service.splatting.depth_regularization import DepthAnchors, depth
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Rendering, Splats, rasterize, sh_to_rgb
 from fastsplat.service.splatting.semantics import label_loss
+from fastsplat.service.splatting.sensor_depth import sensor_depth_terms
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
@@ -86,6 +87,7 @@ def loss_terms(
         terms["semantic"] = settings.semantic_weight * settings.semantic_every * cross_entropy
     if anchors is not None:
         terms |= depth_terms(rendering, squared[..., 0], anchors, target, frame.valid, settings)
+        terms |= sensor_depth_terms(rendering, frame, settings)
     if settings.opacity_decay:
         terms["opacity"] = settings.opacity_decay * splats.opacities.mean()
     if settings.scale_decay:

@@ -103,7 +103,7 @@ class Trainer:
         view = self._view_of(iteration)
         frame = view.frames[image_level(progress, settings)]
         semantic = self._supervision.applies(frame, iteration)
-        regularized = depth_regularized(iteration, progress, settings)
+        regularized = depth_regularized(iteration, progress, settings, frame.depth is not None)
         anchors = depth_anchors(self._anchor_points, view, frame) if regularized else None
         splats = splats_of(parameters)
         rendering = render_frame(

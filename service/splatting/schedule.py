@@ -59,11 +59,17 @@ def event_due(before: float, now: float, events: int) -> bool:
     return math.floor(now * events) > math.floor(before * events)
 
 
-def depth_regularized(iteration: int, progress: float, settings: TrainingSettings) -> bool:
-    """Whether the terms of `service.splatting.depth_regularization` enter the loss of a step.
+def depth_regularized(iteration: int, progress: float, settings: TrainingSettings, measured: bool = False) -> bool:
+    """Whether the terms of `service.splatting.depth_regularization` and `.sensor_depth` enter the loss of a step;
+    the latter only where the depth of the frame was `measured`.
 
     The last of every `depth_every` steps, because the cross-entropy has the first of every `semantic_every`.
     """
-    weights = (settings.depth_spread_weight, settings.depth_smoothness_weight, settings.depth_anchor_weight)
+    weights = (
+        settings.depth_spread_weight,
+        settings.depth_smoothness_weight,
+        settings.depth_anchor_weight,
+        measured and settings.sensor_depth_weight,
+    )
     due = iteration % settings.depth_every == settings.depth_every - 1
     return any(weights) and progress >= settings.depth_from and due

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from fastsplat.service.capture.depth_maps import load_depth, resample_depth
 from fastsplat.service.capture.image_io import (
     load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
 )
@@ -31,12 +32,14 @@ class Frame:
         rgb: uint8 [H, W, 3].
         labels: uint8 or int32 [H, W] class per pixel (0 undetected), or None when the scene has no labels.
         valid: bool [H, W], or None when every pixel has content.
+        depth: float32 [H, W] camera z that a sensor measured, scene units, 0 where unknown; None without.
     """
 
     camera: Camera
     rgb: Tensor
     labels: Tensor | None
     valid: Tensor | None
+    depth: Tensor | None = None
 
     def target(self) -> Tensor:
         """float32 [H, W, 3], 0..1."""
@@ -49,8 +52,9 @@ class Frame:
 
     def to(self, device: torch.device) -> Frame:
         """The same frame with its tensors on `device`."""
-        labels = None if self.labels is None else self.labels.to(device)
-        return Frame(self.camera, self.rgb.to(device), labels, None if self.valid is None else self.valid.to(device))
+        optional = (self.labels, self.valid, self.depth)
+        moved = (None if tensor is None else tensor.to(device) for tensor in optional)
+        return Frame(self.camera, self.rgb.to(device), *moved)
 
 
 @dataclass(frozen=True)
@@ -163,6 +167,12 @@ def _load_view(
     if label_map is not None:
         _check_size(label_map, camera, f"label map of image {name}")
     frames = tuple(_frame(rgb, label_map, valid, training_size(camera, max_side, scale)) for scale in scales)
+    if view.depth is not None:
+        measured = load_depth(view.depth)
+        frames = tuple(
+            replace(frame, depth=torch.from_numpy(resample_depth(measured, view.depth.camera, frame.camera)))
+            for frame in frames
+        )
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
     position = torch.from_numpy(view.posed.world_from_camera[:3, 3].astype(np.float32))
     return TrainingView(name, viewmat, position, frames)

@@ -54,8 +54,8 @@ def test_too_many_images(upload, photo, settings, refused) -> None:
 
 
 def test_phone_format(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(), "IMG_1.HEIC": b"\0\0\0\x18ftypheic"})
-    with refused(InvalidInputError, "IMG_1.HEIC", "HEIC"):
+    folder = upload({"a.jpg": photo(), "IMG_1.AVIF": b"\0\0\0\x18ftypavif"})
+    with refused(InvalidInputError, "IMG_1.AVIF", "AVIF"):
         validate_upload(folder, settings)
 
 

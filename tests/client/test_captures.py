@@ -18,7 +18,10 @@ from tests.client.scripted import FINE, Scripted, problem, scripted
 _SENT = {
     "images/0001.jpg": b"photo",
     "images/more/0002.PNG": b"photo, too",
-    "images/0003.heic": b"the server says what to do",
+    "images/0003.heic": b"photo of a phone",
+    "images/0004.gif": b"the server says what to do",
+    "rgbd/0.depth": b"depth map",
+    "metadata": b"{}",
     "masks/0001.png": b"mask",
     "labels/0001.png": b"label map",
     "labels.json": b"{}",

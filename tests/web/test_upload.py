@@ -130,13 +130,13 @@ def test_an_upload_that_is_cut_goes_on_where_it_stopped(place: Place, browser: B
 
 
 def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser, tmp_path: Path) -> None:
-    names = {"a.heic": b"x", "notes <b>.docx": b"x", "empty.jpg": b"", "good.jpg": _photo(32, 1)}
+    names = {"a.gif": b"x", "notes <b>.docx": b"x", "empty.jpg": b"", "good.jpg": _photo(32, 1)}
     for name, content in names.items():
         (tmp_path / name).write_bytes(content)
     with visiting(browser, place.url, "#/new") as visit:
         _choose(visit.page, [tmp_path / name for name in names])
         told = visit.page.get_by_role("alert")
-        for name in ("a.heic", "notes <b>.docx", "empty.jpg"):
+        for name in ("a.gif", "notes <b>.docx", "empty.jpg"):
             expect(told).to_contain_text(name)
         expect(visit.page.get_by_text("1 file")).to_be_visible()
         visit.check_accessible()

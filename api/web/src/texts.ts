@@ -459,7 +459,6 @@ export const texts = {
     resumed: "An earlier upload of these files goes on where it stopped.",
     interrupted: "The connection broke. What has arrived is kept; go on when the server can be reached.",
     progress: "Upload",
-    heic: (name: string) => `${name}: HEIC photos are not read. Export them as JPEG (“most compatible”).`,
     kind: (name: string) => `${name}: not a kind of file that a scene can be made of.`,
     tooLarge: (size: string, limit: string) => `${size} are more than the server takes (${limit}).`,
     oneArchive: "Send one archive, video or splat alone, not together with other files.",

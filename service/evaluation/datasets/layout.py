@@ -60,7 +60,7 @@ def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layou
     if not root.is_dir():
         raise NotFoundError(f"there is no folder {root}", field="data set", hint="Name a data set's folder.")
     contents = detect_kind(root)
-    if not contents.poses:
+    if contents.source not in ("nerfstudio", "colmap"):
         raise InvalidInputError(
             f"{root.name} has no poses",
             field="data set",

@@ -115,6 +115,7 @@ def _stage_transforms(
         if photo.name not in selected:
             continue
         frame = dict(by_path[photo.path])
+        frame.pop("depth_file_path", None)  # a truth to measure by, not a sensor's word to train on
         if dataset.mask_label:
             frame.pop("mask_path", None)
             if photo.path in binary:

@@ -8,19 +8,20 @@ const paths = (files: ChosenFile[]) => files.map(({ path }) => path);
 
 test("photos, archives and videos are taken, the rest is named", () => {
   const { taken, refused } = sorted(
-    ["a.JPG", "b.png", "c.heic", "d.docx", "e.zip", ".DS_Store"].map((each) => file(each)),
+    ["a.JPG", "b.png", "c.heic", "d.docx", "e.zip", "f.r3d", ".DS_Store"].map((each) => file(each)),
   );
-  expect(paths(taken)).toEqual(["a.JPG", "b.png", "e.zip"]);
-  expect(refused).toHaveLength(2);
-  expect(refused[0]).toContain("c.heic");
-  expect(refused[1]).toContain("d.docx");
+  expect(paths(taken)).toEqual(["a.JPG", "b.png", "c.heic", "e.zip", "f.r3d"]);
+  expect(refused).toHaveLength(1);
+  expect(refused[0]).toContain("d.docx");
 });
 
 test("a folder may bring poses and label maps", () => {
   const { taken, refused } = sorted(
-    ["room/images/1.jpg", "room/transforms.json", "room/.git/x.json"].map((each) => file(each)),
+    ["room/images/1.jpg", "room/transforms.json", "room/metadata", "room/rgbd/1.depth", "room/.git/x.json"].map(
+      (each) => file(each),
+    ),
   );
-  expect(paths(taken)).toEqual(["room/images/1.jpg", "room/transforms.json"]);
+  expect(paths(taken)).toEqual(["room/images/1.jpg", "room/transforms.json", "room/metadata", "room/rgbd/1.depth"]);
   expect(refused).toEqual([]);
 });
 

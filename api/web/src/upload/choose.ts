@@ -7,10 +7,10 @@ export interface ChosenFile {
   path: string;
 }
 
-const PHOTOS = /\.(jpe?g|png|webp|bmp|tiff?)$/i;
-const WHOLE = /\.(zip|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
-const BESIDE = /\.(json|txt|bin|ply|spz)$/i; // poses, label maps and models in a capture's folder
-const HEIC = /\.(heic|heif)$/i;
+const PHOTOS = /\.(jpe?g|png|webp|bmp|tiff?|heic|heif)$/i;
+const WHOLE = /\.(zip|r3d|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
+// Poses, depth maps, label maps and models in a capture's folder; Record3D's metadata has no suffix.
+const BESIDE = /(\.(json|txt|bin|ply|spz|npy|depth|conf)|(^|\/)metadata)$/i;
 
 /** What can be sent of these files, and why the rest cannot. Hidden files of a folder are left out without a word. */
 export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; refused: string[] } {
@@ -19,8 +19,7 @@ export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; ref
   const visible = files.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".")));
   const folder = visible.some(({ path }) => path.includes("/"));
   for (const each of visible) {
-    if (HEIC.test(each.path)) refused.push(texts.upload.heic(each.path));
-    else if (!PHOTOS.test(each.path) && !WHOLE.test(each.path) && !(folder && BESIDE.test(each.path)))
+    if (!PHOTOS.test(each.path) && !WHOLE.test(each.path) && !(folder && BESIDE.test(each.path)))
       refused.push(texts.upload.kind(each.path));
     else if (each.file.size === 0) refused.push(texts.upload.empty(each.path));
     else taken.push(each);

@@ -1,0 +1,95 @@
+"""A capture's depth maps on disk and at the sizes that others look at them.
+
+They are stored as 16-bit PNG whose step is 1/65535 of the largest value. Imports little: trainings load them.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fastsplat.service.capture.types import SensorDepth
+from fastsplat_contract.camera import Camera
+
+DEPTHS = "depths"
+"""The folder of a capture's maps."""
+_STEPS = 65_535
+_EDGE = 0.04
+"""A pixel whose depth differs from a neighbor's by a larger share of it lies on an edge, where sensors mix surfaces."""
+
+F32 = NDArray[np.float32]
+
+
+def save_depth(depth: F32, camera: Camera, path: Path) -> SensorDepth:
+    """Write a map as a PNG, and say how it is to be read."""
+    unit = float(depth.max(initial=0.0)) / _STEPS or 1.0
+    Image.fromarray(np.round(depth / unit).astype(np.uint16)).save(path, compress_level=1)
+    return SensorDepth(path, camera, unit)
+
+
+def load_depth(sensor: SensorDepth) -> F32:
+    """float32 [H, W], scene units, 0 where unknown."""
+    with Image.open(sensor.path) as image:
+        return np.asarray(image).astype(np.float32) * np.float32(sensor.unit)
+
+
+def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
+    """float32 [H, W]: what a map says of the pixels of another camera at the same place; 0 where it says nothing.
+
+    No two measurements are mixed. Of a finer map a pixel takes the measurement at its center; of a coarser one only the
+    pixels in which a measurement's center lies get it, because between them nothing was measured.
+
+    Args:
+        depth: [H, W], 0 where unknown.
+        source: its camera.
+        target: the other one.
+    """
+    finer = source.fx >= target.fx
+    at, of = (target, source) if finer else (source, target)
+    columns = np.floor((np.arange(at.width) + 0.5 - at.cx) / at.fx * of.fx + of.cx).astype(np.int64)
+    rows = np.floor((np.arange(at.height) + 0.5 - at.cy) / at.fy * of.fy + of.cy).astype(np.int64)
+    inside_x = np.flatnonzero((columns >= 0) & (columns < of.width))
+    inside_y = np.flatnonzero((rows >= 0) & (rows < of.height))
+    result = np.zeros((target.height, target.width), np.float32)
+    here, there = np.ix_(inside_y, inside_x), np.ix_(rows[inside_y], columns[inside_x])
+    if finer:
+        result[here] = depth[there]
+    else:
+        result[there] = depth[here]
+    return result
+
+
+def valid_depth(depth: F32, source: Camera, valid: NDArray[np.bool_], target: Camera) -> F32:
+    """float32 [H, W]: the map without the measurements whose pixels lie, even in part, on pixels of another camera at
+    the same place that are not valid; what is withheld of a photo is withheld of its depths.
+
+    Args:
+        depth: [H, W], 0 where unknown.
+        source: its camera.
+        valid: bool [H', W'], of the other camera's pixels.
+        target: the other camera.
+    """
+    columns = (np.arange(source.width) + 0.5 - source.cx) / source.fx * target.fx + target.cx
+    rows = (np.arange(source.height) + 0.5 - source.cy) / source.fy * target.fy + target.cy
+    half = [max(1, math.ceil(0.5 * t / s + 0.5)) for t, s in ((target.fx, source.fx), (target.fy, source.fy))]
+    kernel = np.ones((2 * half[1] + 1, 2 * half[0] + 1), np.uint8)
+    whole = cv2.erode(valid.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE) > 0
+    x = np.clip(np.floor(columns).astype(np.int64), 0, target.width - 1)
+    y = np.clip(np.floor(rows).astype(np.int64), 0, target.height - 1)
+    return np.where(whole[np.ix_(y, x)], depth, np.float32(0))
+
+
+def inner_pixels(depth: F32) -> NDArray[np.bool_]:
+    """bool [H, W]: pixels with a depth whose four neighbors have nearly the same one."""
+    inner = np.zeros(depth.shape, bool)
+    here = depth[1:-1, 1:-1]
+    alike = here > 0
+    for other in (depth[:-2, 1:-1], depth[2:, 1:-1], depth[1:-1, :-2], depth[1:-1, 2:]):
+        alike &= np.abs(other - here) <= _EDGE * here
+    inner[1:-1, 1:-1] = alike
+    return inner

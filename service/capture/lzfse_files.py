@@ -1,0 +1,70 @@
+"""Content that is compressed by LZFSE, as Apple's compression library writes it, in no more memory than it may take.
+
+The decoder is the reference implementation's; it doubles its memory for as long as a stream asks for more, so that what
+the blocks of a stream say of their sizes is added up before (https://github.com/lzfse/lzfse, `lzfse_internal.h`).
+"""
+
+from __future__ import annotations
+
+import struct
+
+from fastsplat_contract.errors import CorruptImageError
+
+_END, _PLAIN, _LZFSE, _LZVN = b"bvx$", b"bvx-", b"bvx2", b"bvxn"
+_HINT = "Export the recording again."
+_PAYLOAD_BITS = (1 << 20) - 1
+
+
+def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
+    """The content, of exactly `expected_bytes`; errors name the file `name`.
+
+    Raises:
+        CorruptImageError: it is cut short, damaged, no LZFSE, or of another size.
+    """
+    size = _unpacked_bytes(packed)
+    if size is None:
+        raise CorruptImageError(f"{name} is cut short or damaged", field=name, hint=_HINT)
+    if size != expected_bytes:
+        raise _wrong_size(name, size, expected_bytes)
+    import lzfse  # only here: few uploads need it
+
+    try:
+        content = bytes(lzfse.decompress(packed))
+    except (lzfse.error, MemoryError) as error:  # it asks for ever more memory where the content is damaged
+        raise CorruptImageError(f"{name} is damaged: {error}", field=name, hint=_HINT) from error
+    if len(content) != expected_bytes:
+        raise _wrong_size(name, len(content), expected_bytes)
+    return content
+
+
+def _unpacked_bytes(packed: bytes) -> int | None:
+    """What the headers of all blocks add up to; None where the stream ends early or is none."""
+    at, total = 0, 0
+    while True:
+        kind = packed[at : at + 4]
+        if kind == _END:
+            return total
+        header = packed[at : at + 32]
+        if len(header) < 12:
+            return None
+        raw = struct.unpack_from("<I", header, 4)[0]
+        total += raw
+        if kind == _PLAIN:
+            at += 8 + raw
+        elif kind == _LZVN:
+            at += 12 + struct.unpack_from("<I", header, 8)[0]
+        elif kind == _LZFSE and len(header) == 32:
+            literals, matches, sizes = struct.unpack_from("<3Q", header, 8)
+            payload = (literals >> 20 & _PAYLOAD_BITS) + (matches >> 40 & _PAYLOAD_BITS)
+            at += max(32, sizes & 0xFFFFFFFF) + payload
+        else:
+            return None
+
+
+def _wrong_size(name: str, size: int, expected_bytes: int) -> CorruptImageError:
+    return CorruptImageError(
+        f"{name} unpacks to {size} bytes",
+        field=name,
+        limit=f"{expected_bytes} bytes, by the size in the metadata",
+        hint=_HINT,
+    )
