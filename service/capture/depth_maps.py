@@ -5,10 +5,8 @@ They are stored as 16-bit PNG whose step is 1/65535 of the largest value. Import
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -62,26 +60,6 @@ def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
     else:
         result[there] = depth[here]
     return result
-
-
-def valid_depth(depth: F32, source: Camera, valid: NDArray[np.bool_], target: Camera) -> F32:
-    """float32 [H, W]: the map without the measurements whose pixels lie, even in part, on pixels of another camera at
-    the same place that are not valid; what is withheld of a photo is withheld of its depths.
-
-    Args:
-        depth: [H, W], 0 where unknown.
-        source: its camera.
-        valid: bool [H', W'], of the other camera's pixels.
-        target: the other camera.
-    """
-    columns = (np.arange(source.width) + 0.5 - source.cx) / source.fx * target.fx + target.cx
-    rows = (np.arange(source.height) + 0.5 - source.cy) / source.fy * target.fy + target.cy
-    half = [max(1, math.ceil(0.5 * t / s + 0.5)) for t, s in ((target.fx, source.fx), (target.fy, source.fy))]
-    kernel = np.ones((2 * half[1] + 1, 2 * half[0] + 1), np.uint8)
-    whole = cv2.erode(valid.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE) > 0
-    x = np.clip(np.floor(columns).astype(np.int64), 0, target.width - 1)
-    y = np.clip(np.floor(rows).astype(np.int64), 0, target.height - 1)
-    return np.where(whole[np.ix_(y, x)], depth, np.float32(0))
 
 
 def inner_pixels(depth: F32) -> NDArray[np.bool_]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.camera_model import Undistortion, compute_undistortion, rotate90, rotate90_pose
-from fastsplat.service.capture.depth_maps import DEPTHS, save_depth, valid_depth
+from fastsplat.service.capture.depth_maps import DEPTHS, save_depth
 from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, save_rgb
 from fastsplat.service.capture.posed_input import PosedImage
@@ -119,7 +121,29 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
     depth = None
     measured = None if source.depth is None else source.depth[0]
     if source.depth is not None and valid is not None:
-        measured = valid_depth(*source.depth, valid, undistortion.camera)
+        measured = _valid_depth(*source.depth, valid, undistortion.camera)
     if source.depth is not None and measured is not None and measured.any():
         depth = save_depth(measured, source.depth[1], folder / DEPTHS / f"{index:05d}.png")
     return View(posed, image_path, valid_path, depth), label_path
+
+
+def _valid_depth(
+    depth: NDArray[np.float32], source: Camera, valid: NDArray[np.bool_], target: Camera
+) -> NDArray[np.float32]:
+    """float32 [H, W]: the map without the measurements whose pixels lie, even in part, on pixels of another camera at
+    the same place that are not valid; what is withheld of a photo is withheld of its depths.
+
+    Args:
+        depth: [H, W], 0 where unknown.
+        source: its camera.
+        valid: bool [H', W'], of the other camera's pixels.
+        target: the other camera.
+    """
+    columns = (np.arange(source.width) + 0.5 - source.cx) / source.fx * target.fx + target.cx
+    rows = (np.arange(source.height) + 0.5 - source.cy) / source.fy * target.fy + target.cy
+    half = [max(1, math.ceil(0.5 * t / s + 0.5)) for t, s in ((target.fx, source.fx), (target.fy, source.fy))]
+    kernel = np.ones((2 * half[1] + 1, 2 * half[0] + 1), np.uint8)
+    whole = cv2.erode(valid.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE) > 0
+    x = np.clip(np.floor(columns).astype(np.int64), 0, target.width - 1)
+    y = np.clip(np.floor(rows).astype(np.int64), 0, target.height - 1)
+    return np.where(whole[np.ix_(y, x)], depth, np.float32(0))
