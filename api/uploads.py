@@ -7,11 +7,18 @@ from typing import cast
 
 from fastsplat.service.planning.presets import PresetName
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import SceneOptions, UpAxis
+from fastsplat_contract.operations import Lens, SceneOptions, UpAxis
 
 
 def scene_options(
-    labels: Sequence[str], time_budget_s: float | None, max_gaussians: int | None, preset: str, priority: int, up: str
+    labels: Sequence[str],
+    time_budget_s: float | None,
+    max_gaussians: int | None,
+    preset: str,
+    priority: int,
+    up: str,
+    lens: str,
+    nadir_deg: float | None,
 ) -> SceneOptions:
     """Options as sent; one string may hold several labels, separated by commas."""
     names = [part.strip() for text in labels for part in text.split(",")]
@@ -22,6 +29,8 @@ def scene_options(
         cast(PresetName, preset) if preset else None,  # the service refuses what is none
         priority,
         cast(UpAxis, up) if up else None,
+        cast(Lens, lens) if lens else None,
+        nadir_deg,
     )
 
 

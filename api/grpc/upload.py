@@ -79,6 +79,8 @@ class StreamSink:
             header.preset,
             header.priority,
             header.up,
+            header.lens,
+            header.nadir_deg if header.HasField("nadir_deg") else None,
         )
         self._header = header
 

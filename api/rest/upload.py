@@ -93,6 +93,8 @@ class _Texts(BaseModel):
     preset: str = ""
     priority: int = 0
     up: str = ""
+    lens: str = ""
+    nadir_deg: float | None = None
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -168,7 +170,14 @@ class _FormSink:
         for upload_id in form.uploads:
             session.adopt(*self._service.resumable.complete(self._project, upload_id))
         options = scene_options(
-            form.labels, form.time_budget_s, form.max_gaussians, form.preset, form.priority, form.up
+            form.labels,
+            form.time_budget_s,
+            form.max_gaussians,
+            form.preset,
+            form.priority,
+            form.up,
+            form.lens,
+            form.nadir_deg,
         )
         return self._service.create_scene(session, form.name, form.request_id, options)
 

@@ -25,7 +25,11 @@ PresetName = Literal["draft", "balanced", "best"]
 UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 """Which axis of a splat's world points up."""
 
+Lens = Literal["auto", "fisheye", "panorama"]
+"""What photos and videos without poses were taken with."""
+
 MAX_PRIORITY = 100
+MAX_NADIR_DEG = 80.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,22 @@ class SceneOptions(Request):
         Field(
             description="for a splat without posed photos: which axis of its world is up, so that pictures of it stand "
             "upright: x, -x, y, -y, z or -z; absent: estimated"
+        ),
+    ] = None
+    lens: Annotated[
+        Lens | None,
+        Field(
+            description="of photos or a video without poses: fisheye, or panorama (equirectangular, 360° by 180°); "
+            "auto: panoramas are known by their metadata, all others are perspective; absent: the server's default"
+        ),
+    ] = None
+    nadir_deg: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=MAX_NADIR_DEG,
+            description="of panoramas: pixels within so many degrees of straight down, where the photographer stands, "
+            "are left out; absent: the server's default",
         ),
     ] = None
 

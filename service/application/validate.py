@@ -15,7 +15,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import MAX_PRIORITY, SceneOptions, UpAxis
+from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
 
 _DEFAULT_PAGE = 50
@@ -130,6 +130,12 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
             field="up",
             hint="Leave it out: photos and their poses say what is up.",
         )
+    if options.lens not in (None, "auto") and upload.source not in ("images", "video"):
+        raise InvalidInputError(
+            "a lens is stated for an upload that brings its cameras",
+            field="lens",
+            hint="Leave it out: the camera models beside the poses say what the lens is.",
+        )
     if options.max_gaussians is not None and upload.gaussians > options.max_gaussians:
         raise LimitExceededError(
             f"the splat has {upload.gaussians} Gaussians",
@@ -159,6 +165,17 @@ def _check_choices(options: SceneOptions) -> None:
     if options.up is not None and options.up not in get_args(UpAxis):
         raise InvalidInputError(
             f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."
+        )
+    if options.lens is not None and options.lens not in get_args(Lens):
+        raise InvalidInputError(
+            f"there is no lens {options.lens[:20]!r}", field="lens", hint=f"Use one of {', '.join(get_args(Lens))}."
+        )
+    if options.nadir_deg is not None and not 0 <= options.nadir_deg <= MAX_NADIR_DEG:
+        raise LimitExceededError(
+            f"{options.nadir_deg:g}° around straight down",
+            field="nadir_deg",
+            limit=f"0 to {MAX_NADIR_DEG:g}",
+            hint="25 hides a photographer or a tripod.",
         )
     if abs(options.priority) > MAX_PRIORITY:
         raise LimitExceededError(

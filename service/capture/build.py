@@ -11,20 +11,29 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, compute_undistortion
+from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.geometry import normalize_world
 from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.image_decoding import reduced_size
-from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
+from fastsplat.service.capture.image_io import PhotoInfo, load_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
+from fastsplat.service.capture.lens_faces import face_name
+from fastsplat.service.capture.lens_views import ViewLog, lens_of, posed_lens, test_views, views_of
 from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
+from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm_images import (
+    SfmImage,
+    frame_width,
+    source_ids,
+    source_pixels,
+    upright_photos,
+    video_frames,
+)
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
@@ -34,7 +43,6 @@ from fastsplat.service.capture.view_writer import (
     LABELS,
     MASKS,
     SourceImage,
-    view_geometry,
     write_view,
 )
 from fastsplat.service.common.atomic import atomic_directory
@@ -44,7 +52,6 @@ from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
 _DECODING = "decoding"
-_FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 
 
 def build_capture(
@@ -102,40 +109,6 @@ def load_image(view: View) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True)
-class _SfmImage:
-    """An upright, reduced image as structure from motion reads it.
-
-    Attributes:
-        name: of the view.
-        file: below the work folder's images.
-        width, height: of the reduced pixels.
-        camera_group: images of one group share a camera.
-        focal_px: by EXIF; 0 if unknown.
-        photo: what it was made from; None for a video's frame.
-        quality: of its pixels.
-    """
-
-    name: str
-    file: str
-    width: int
-    height: int
-    camera_group: str
-    focal_px: float
-    photo: PhotoInfo | None
-    quality: PhotoQuality
-
-    def to_request(self) -> dict[str, Any]:
-        """As `sfm.reconstruct` takes it."""
-        return {
-            "file": self.file,
-            "width": self.width,
-            "height": self.height,
-            "group": self.camera_group,
-            "focal": self.focal_px,
-        }
-
-
-@dataclass(frozen=True)
 class _Views:
     """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
 
@@ -169,22 +142,25 @@ class _Build:
         registered = [image for image in images if image.file in result["poses"]]
         poses, points = normalize_world(np.array([result["poses"][image.file] for image in registered]), points)
         table = self._label_table()
+        log = ViewLog()
         sources = (
-            self._reconstructed_source(image, pose, result["cameras"][image.file], table)
+            source
             for image, pose in zip(registered, poses, strict=True)
+            for source in self._reconstructed_sources(image, pose, result, table, log)
         )
         written = self._write(sources, len(registered), 0.9, 1.0)
+        unregistered = [image for image in images if image.file not in result["poses"]]
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(images),
-            unregistered=tuple(image.name for image in images if image.file not in result["poses"]),
+            images=len(log.qualities) + len(unregistered),
+            unregistered=tuple(image.name for image in unregistered),
             models=tuple(result["models"]),
             mean_reprojection_error_px=result["error_px"],
-            warnings=(*self.manifest.warnings, *result["warnings"], *written.warnings),
+            warnings=(*self.manifest.warnings, *result["warnings"], *log.warnings(), *written.warnings),
             photos=judge_photos(
-                [image.quality for image in images],
+                [*log.qualities, *(image.quality for image in unregistered)],
                 _poses(written.views),
-                {image.name: PhotoMatches(*result["matches"][image.file]) for image in images},
+                {image.name: PhotoMatches(*result["matches"][image.file]) for image in unregistered} | log.matches,
                 written.masked,
             ),
         )
@@ -200,8 +176,12 @@ class _Build:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
-        qualities: list[PhotoQuality] = []
-        sources = (self._posed_source(image, photo_by_path[image.path], table, qualities) for image in dataset.images)
+        log = ViewLog()
+        sources = (
+            source
+            for image in dataset.images
+            for source in self._posed_sources(image, photo_by_path[image.path], table, log)
+        )
         written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         if len(points) == 0 and not self.manifest.splat:  # a splat needs no points to start from
@@ -209,14 +189,14 @@ class _Build:
         has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(self.manifest.photos),
+            images=len(log.qualities),
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
-            warnings=(*self.manifest.warnings, *mask_warning(dataset), *written.warnings),
+            warnings=(*self.manifest.warnings, *mask_warning(dataset), *log.warnings(), *written.warnings),
             splat=self.manifest.splat,
-            photos=judge_photos(qualities, _poses(written.views), None, written.masked),
+            photos=judge_photos(log.qualities, _poses(written.views), None, written.masked),
         )
-        names = {view.posed.name for view in written.views}
+        names = [view.posed.name for view in written.views]
         capture = Capture(
             views=written.views,
             points=points,
@@ -224,7 +204,7 @@ class _Build:
             scale=dataset.scale,
             report=report,
             given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
-            test_names=tuple(name for name in dataset.test_names if name in names),
+            test_names=test_views(dataset.test_names, names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
         # The rows of a splat that was brought stay as they are, so its units stay too.
@@ -235,80 +215,80 @@ class _Build:
         count = len(capture.views)
         return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 
-    def _upright_photos(self) -> list[_SfmImage]:
-        images = []
-        for index, (photo, name) in enumerate(zip(self.manifest.photos, self.manifest.names, strict=True)):
-            self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
-            width, height = reduced_size(*photo.upright_size, self.settings.max_side)
-            file = f"{index:05d}.png"
-            pixels = self.decoder.photo(self.files, photo, (width, height))
-            save_rgb(pixels, self.work / IMAGES / file)
-            focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
-            group, quality = f"{photo.lens} {width}×{height}", measure_photo(name, pixels)
-            images.append(_SfmImage(name, file, width, height, group, focal_px, photo, quality))
+    def _upright_photos(self) -> list[SfmImage]:
+        photos = upright_photos(self.manifest, self.files, self.work / IMAGES, self.settings, self.decoder)
+        images, count = [], len(self.manifest.names)
+        for image in photos:
+            images.append(image)
+            done = min(count, len(images))
+            self._report(0.15 * done / count, f"reading images {done}/{count}")
         return images
 
-    def _video_frames(self) -> list[_SfmImage]:
+    def _video_frames(self) -> list[SfmImage]:
+        panorama = self.settings.lens == "panorama"
         request = {
             "video": str(self.files / self.manifest.video),
             "name": self.manifest.video,
             "folder": str(self.work / IMAGES),
             **self.settings.model_dump(),
+            "max_side": frame_width(self.settings),
+            "video_frames": self.settings.panorama_frames if panorama else self.settings.video_frames,
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
         width, height = (int(number) for number in result["size"])
-        images = []
-        for file in result["files"]:
-            frame = self.decoder.photo(self.work / IMAGES, _frame_info(file, width, height), (width, height))
-            images.append(_SfmImage(file, file, width, height, "video", 0.0, None, measure_photo(file, frame)))
-        return images
+        images, video = self.work / IMAGES, self.manifest.video
+        return list(video_frames(result["files"], (width, height), video, images, self.settings, self.decoder))
 
-    def _reconstructed_source(
-        self, image: _SfmImage, pose: NDArray[np.float64], camera: list[Any], table: LabelTable | None
-    ) -> SourceImage:
-        model, width, height, params = camera
+    def _reconstructed_sources(
+        self, image: SfmImage, pose: NDArray[np.float64], result: dict[str, Any], table: LabelTable | None, log: ViewLog
+    ) -> Iterator[SourceImage]:
+        model, width, height, params = result["cameras"][image.file]
         camera_model = CameraModel(model, width, height, tuple(params))
         try:
             check_camera_model(camera_model, field=image.name)
-            undistortion = compute_undistortion(camera_model, self.settings.max_side, field=image.name)
+            lens = lens_of(camera_model, self.settings.max_side, field=image.name)
         except InvalidInputError as error:
             raise ReconstructionError(
                 f"structure from motion gave {image.name} a camera that cannot exist: {error.message}",
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
-        # Frames of a video were written by a child that met a stranger's bytes, photos by this process.
-        frame = _frame_info(image.file, image.width, image.height)
-        return SourceImage(
+        log.add(lens, image.quality, PhotoMatches(*result["matches"][image.file]))
+        stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
+        ids = None if stored is None or table is None else source_ids(image, self.files, stored, self.decoder)
+        source = SourceImage(
             name=image.name,
-            pixels=self.decoder.photo(self.work / IMAGES, frame, (image.width, image.height))
-            if image.photo is None
-            else load_rgb(self.work / IMAGES / image.file),
-            undistortion=undistortion,
+            pixels=source_pixels(image, self.work / IMAGES, self.decoder),
+            undistortion=lens.faces[0].undistortion,
             world_from_camera=pose,
-            lossless=image.name.lower().endswith(".png") and image.photo is not None,
-            label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
+            lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
+            label_ids=None if ids is None or table is None else table.translate(ids),
+            mask=image.mask,
         )
+        yield from views_of(source, lens)
 
-    def _posed_source(
-        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, qualities: list[PhotoQuality]
-    ) -> SourceImage:
-        geometry = view_geometry(image, photo, self.settings)
-        pixels = self.decoder.photo(self.files, photo, geometry.size)
-        qualities.append(measure_photo(image.name, pixels))
+    def _posed_sources(
+        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, log: ViewLog
+    ) -> Iterator[SourceImage]:
+        lens, geometries = posed_lens(image, photo, self.settings)
+        size = geometries[0].size
+        pixels = self.decoder.photo(self.files, photo, size)
+        log.add(lens, measure_photo(image.name, pixels))
         mask = None
         if image.mask is not None:
-            mask = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
-        unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
-        return SourceImage(
-            name=image.name,
-            pixels=pixels,
-            undistortion=geometry.undistortion,
-            world_from_camera=geometry.world_from_camera,
-            lossless=photo.path.lower().endswith(".png") or unchanged,
-            label_ids=self._label_ids(photo, table, geometry.size),
-            mask=mask,
-        )
+            mask = self.decoder.ids(self.files, image.mask, photo, size) > 0
+        label_ids = self._label_ids(photo, table, size)
+        for face, geometry in zip(lens.faces, geometries, strict=True):
+            unchanged = geometry.undistortion.map_xy is None and size == photo.upright_size
+            yield SourceImage(
+                name=face_name(image.name, face.name),
+                pixels=pixels,
+                undistortion=geometry.undistortion,
+                world_from_camera=geometry.world_from_camera,
+                lossless=photo.path.lower().endswith(".png") or unchanged,
+                label_ids=label_ids,
+                mask=mask,
+            )
 
     def _label_ids(
         self, photo: PhotoInfo, table: LabelTable | None, size: tuple[int, int]
@@ -325,7 +305,7 @@ class _Build:
         """Views without a valid pixel are left out: nothing could be learnt from them, nor measured on them."""
         written, blank = [], []
         for index, source in enumerate(sources):
-            self._report(begin + (end - begin) * index / count, f"undistorting images {index}/{count}")
+            self._report(begin + (end - begin) * index / count, f"undistorting images {min(index, count)}/{count}")
             view = write_view(source, index, self.out)
             if view is None:
                 blank.append(source.name)
@@ -372,7 +352,7 @@ class _Build:
     def _listener(self, begin: float, end: float) -> Listener:
         return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
 
-    def _placing_listener(self, images: list[_SfmImage]) -> Listener:
+    def _placing_listener(self, images: list[SfmImage]) -> Listener:
         """As `_listener`, and shows the cameras that are placed."""
         names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
 
@@ -390,7 +370,3 @@ class _Build:
 
 def _poses(views: tuple[View, ...]) -> dict[str, NDArray[np.float64]]:
     return {view.posed.name: view.posed.world_from_camera for view in views}
-
-
-def _frame_info(file: str, width: int, height: int) -> PhotoInfo:
-    return PhotoInfo(file, width, height, orientation=1, lens="", focal_35mm=0.0)

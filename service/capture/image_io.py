@@ -16,7 +16,7 @@ from fastsplat_contract.errors import CorruptImageError, InvalidInputError, Limi
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"})
 UNSUPPORTED_SUFFIXES = frozenset({".heic", ".heif", ".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
 Image.init()  # registers all decoders, of which only these are ever tried:
-_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
+IMAGE_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 _MIRRORED = frozenset({2, 4, 5, 7})
 _TRANSPOSED = frozenset({5, 6, 7, 8})
 _QUARTER_TURNS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to clockwise rotations by 90° that make it upright
@@ -148,7 +148,7 @@ def load_rgb(path: Path) -> NDArray[np.uint8]:
 
 def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
     try:
-        image = Image.open(path, formats=_FORMATS)
+        image = Image.open(path, formats=IMAGE_FORMATS)
     except Image.DecompressionBombError as error:
         raise _too_many_pixels(name, "far too many", settings) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:

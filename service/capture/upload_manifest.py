@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
@@ -34,6 +35,8 @@ class UploadManifest:
         splat: name of the splat file in the upload, whose arrays lie beside the folder as `SPLAT`; "" for none.
         gaussians: rows of the splat.
         splat_frame: the file that says how the splat's world lies in that of the poses, or "".
+        metadata: by photo path, what photos without poses say of themselves; see `photo_metadata`. It has the places
+            where they were taken, and goes with the upload.
     """
 
     source: Source
@@ -48,6 +51,7 @@ class UploadManifest:
     splat: str = ""
     gaussians: int = 0
     splat_frame: str = ""
+    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:

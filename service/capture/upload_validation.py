@@ -14,6 +14,7 @@ from fastsplat.service.capture.camera_model import aspect_error
 from fastsplat.service.capture.colmap_model import read_colmap
 from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_size
 from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
+from fastsplat.service.capture.photo_metadata import read_metadata
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
@@ -192,6 +193,7 @@ def _validate_images(
         labels=contents.labels if label_maps else "",
         label_maps=label_maps,
         warnings=contents.warnings,
+        metadata=read_metadata(files, photos),
     )
 
 

@@ -707,6 +707,8 @@ class CreateSceneHeader(_message.Message):
     PRESET_FIELD_NUMBER: _builtins.int
     PRIORITY_FIELD_NUMBER: _builtins.int
     UP_FIELD_NUMBER: _builtins.int
+    LENS_FIELD_NUMBER: _builtins.int
+    NADIR_DEG_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -725,6 +727,14 @@ class CreateSceneHeader(_message.Message):
     """for a splat without posed photos: which axis of its world is up, so that pictures of it stand upright: x, -x, y, -y,
     z or -z; absent: estimated
     """
+    lens: _builtins.str
+    """of photos or a video without poses: fisheye, or panorama (equirectangular, 360° by 180°); auto: panoramas are known
+    by their metadata, all others are perspective; absent: the server's default
+    """
+    nadir_deg: _builtins.float
+    """of panoramas: pixels within so many degrees of straight down, where the photographer stands, are left out; absent:
+    the server's default
+    """
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
@@ -740,13 +750,19 @@ class CreateSceneHeader(_message.Message):
         preset: _builtins.str | None = ...,
         priority: _builtins.int = ...,
         up: _builtins.str | None = ...,
+        lens: _builtins.str | None = ...,
+        nadir_deg: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "max_gaussians", b"max_gaussians", "preset", b"preset", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "lens", b"lens", "max_gaussians", b"max_gaussians", "nadir_deg", b"nadir_deg", "preset", b"preset", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "max_gaussians", b"max_gaussians", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "lens", b"lens", "max_gaussians", b"max_gaussians", "nadir_deg", b"nadir_deg", "name", b"name", "preset", b"preset", "priority", b"priority", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__lens: _TypeAlias = _typing.Literal["lens"]  # noqa: Y015
+    _WhichOneofArgType__lens: _TypeAlias = _typing.Literal["_lens", b"_lens"]  # noqa: Y015
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
+    _WhichOneofReturnType__nadir_deg: _TypeAlias = _typing.Literal["nadir_deg"]  # noqa: Y015
+    _WhichOneofArgType__nadir_deg: _TypeAlias = _typing.Literal["_nadir_deg", b"_nadir_deg"]  # noqa: Y015
     _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
     _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
     _WhichOneofReturnType__time_budget_s: _TypeAlias = _typing.Literal["time_budget_s"]  # noqa: Y015
@@ -754,7 +770,11 @@ class CreateSceneHeader(_message.Message):
     _WhichOneofReturnType__up: _TypeAlias = _typing.Literal["up"]  # noqa: Y015
     _WhichOneofArgType__up: _TypeAlias = _typing.Literal["_up", b"_up"]  # noqa: Y015
     @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__lens) -> _WhichOneofReturnType__lens | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__max_gaussians) -> _WhichOneofReturnType__max_gaussians | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__nadir_deg) -> _WhichOneofReturnType__nadir_deg | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
     @_typing.overload
