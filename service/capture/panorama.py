@@ -110,7 +110,9 @@ def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
     cropped = _number(text, "CroppedAreaImageWidthPixels")
     stated = [number for name in names if (number := _number(text, name)) is not None]
     pitch, roll = _number(text, "PosePitchDegrees"), _number(text, "PoseRollDegrees")
-    whole = len(stated) < len(names)
+    whole = not any(_value(text, name) for name in names)
+    if not whole and len(stated) < len(names):
+        return None
     full_width, full_height, left, top = (width, height, 0.0, 0.0) if whole else stated
     # Editors that resize a picture leave its numbers as they were.
     scale = width / cropped if cropped and not whole else 1.0

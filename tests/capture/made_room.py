@@ -22,7 +22,7 @@ def _texture(face: int) -> NDArray[np.uint8]:
     size = ((HIGH - LOW)[across] * _PIXELS_A_METER).astype(int)
     rng = np.random.default_rng(face)
     image = np.zeros((size[1], size[0], 3), np.float32)
-    for cells, weight in ((6, 0.25), (24, 0.35), (80, 0.4)):
+    for cells, weight in ((6, 0.25), (30, 0.75)):
         noise = rng.uniform(0, 255, (cells, cells, 3)).astype(np.float32)
         image += weight * cv2.resize(noise, (int(size[0]), int(size[1])), interpolation=cv2.INTER_CUBIC)
     return np.clip((image - 127) * 1.8 + 127, 0, 255).astype(np.uint8)
@@ -45,7 +45,9 @@ def look(origin: F64, directions: F64) -> NDArray[np.uint8]:
         if len(rows):
             pad = -len(rows) % 1024
             x, y = (np.pad(at[:, i], (0, pad)).reshape(-1, 1024) for i in range(2))
-            colors[rows] = cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 3)[: len(rows)]
+            colors[rows] = cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 3)[
+                : len(rows)
+            ]
     return colors.reshape(directions.shape)
 
 
