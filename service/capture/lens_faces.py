@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import PurePosixPath
 
@@ -73,7 +73,8 @@ class WideLens:
 
     Attributes:
         faces: one for a field of view up to 120°, else those of a cube that have content.
-        field_of_view_deg: how wide or high the picture is through its middle, whichever is more, as far as it is used.
+        field_of_view_deg: how wide or high the picture is through its middle, whichever is more, as far as it is used; 0
+            of a lens that is no wider than others.
         covered: share of the picture's pixels that lie in a face.
     """
 
@@ -123,21 +124,24 @@ def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideL
             field=field,
             hint="Check the distortion parameters and their order.",
         )
+    if not lens.faces:
+        undistortion = compute_undistortion(camera_model, max_side, field=field)
+        return replace(lens, faces=(LensFace("", np.eye(3), undistortion),))
     return lens
 
 
 @lru_cache(maxsize=2)
 def _wide_lens(camera_model: CameraModel, max_side: int) -> WideLens | None:
-    """Photos of one upload mostly share a camera, whose maps take a second and some ten megabytes."""
+    """As `fisheye_faces`, but no faces of a lens that is no wider than others; None where the distortion folds the
+    picture. Photos of one upload mostly share a camera, whose maps take a second and some ten megabytes."""
     lens = _Lens(camera_model)
     field_of_view = lens.field_of_view_deg()
     if field_of_view < _LEAST_DEG:
         return None
     if field_of_view <= _NARROW_DEG and camera_model.circle_px is None:
-        narrow = compute_undistortion(camera_model, max_side, field="lens")
-        faces: tuple[LensFace, ...] = (LensFace("", np.eye(3), narrow),)
-    elif field_of_view <= _ONE_PINHOLE_DEG:
-        faces = (LensFace("", np.eye(3), lens.undistortion(lens.pinhole(max_side), np.eye(3))),)
+        return WideLens((), 0.0, 1.0)
+    if field_of_view <= _ONE_PINHOLE_DEG:
+        faces: tuple[LensFace, ...] = (LensFace("", np.eye(3), lens.undistortion(lens.pinhole(max_side), np.eye(3))),)
     else:
         side = min(max_side, max(16, round(2 * lens.focal_px * np.tan(np.radians(FACE_FOV_DEG / 2)))))
         faces = tuple(

@@ -30,8 +30,8 @@ from fastsplat.service.capture.upload_manifest import UploadManifest
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
-_FISHEYE_FOV_DEG = 150.0
-"""Across a fisheye photo that does not say its focal length; bundle adjustment makes it better."""
+_FISHEYE_FOV_DEG = 120.0
+"""Across a fisheye photo that does not say its focal length: from here 100° to 175° are found by bundle adjustment."""
 _FACES_A_PANORAMA = 6
 
 
