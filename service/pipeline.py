@@ -330,10 +330,12 @@ def scene_quality(
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
     mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it).
+    95 % interval of a length, as a share of it); of a world made upright, vertical_source and vertical_deviation_deg.
     """
     report, scale = capture.report, capture.report.scale
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
+    if (vertical := report.vertical) is not None:
+        measured |= {"vertical_source": vertical.source, "vertical_deviation_deg": vertical.deviation_deg}
     return {
         **trained.quality,
         **measured,

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.geometry import normalize_world
+from fastsplat.service.capture.gps_scale import with_gps
+from fastsplat.service.capture.gravity import vertical_of_capture
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.image_io import PhotoInfo, load_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
@@ -29,6 +31,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import (
     SfmImage,
     frame_width,
+    photo_ups,
     source_ids,
     source_pixels,
     upright_photos,
@@ -140,7 +143,9 @@ class _Build:
         }
         result, points, colors = self._run_sfm("reconstruct", request, self._placing_listener(images))
         registered = [image for image in images if image.file in result["poses"]]
-        poses, points = normalize_world(np.array([result["poses"][image.file] for image in registered]), points)
+        poses = np.array([result["poses"][image.file] for image in registered])
+        vertical = vertical_of_capture(poses, points, photo_ups(registered, poses))
+        poses, points = normalize_world(poses, points, None if vertical is None else vertical.up)
         table = self._label_table()
         log = ViewLog()
         sources = (
@@ -163,10 +168,11 @@ class _Build:
                 {image.name: PhotoMatches(*result["matches"][image.file]) for image in unregistered} | log.matches,
                 written.masked,
             ),
+            vertical=None if vertical is None else vertical.estimate,
         )
         labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
         capture = Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
-        return self._in_meters(capture)
+        return with_gps(self._in_meters(capture), log.places([view.posed.name for view in written.views]))
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
@@ -253,7 +259,7 @@ class _Build:
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
-        log.add(lens, image.quality, PhotoMatches(*result["matches"][image.file]))
+        log.add(lens, image.quality, PhotoMatches(*result["matches"][image.file]), image)
         stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
         ids = None if stored is None or table is None else source_ids(image, self.files, stored, self.decoder)
         source = SourceImage(

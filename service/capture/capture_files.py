@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, View
+from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, ScaleEstimate, VerticalEstimate, View
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -106,6 +106,7 @@ def _report(stored: dict[str, Any]) -> CaptureReport:
     measured = {
         "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored.get("photos", ())),
         "scale": None if scale is None else ScaleEstimate(**scale),
+        "vertical": None if stored.get("vertical") is None else VerticalEstimate(**stored["vertical"]),
     }
     return CaptureReport(**{**stored, **tuples, **measured})
 

@@ -73,8 +73,8 @@ class WideLens:
 
     Attributes:
         faces: one for a field of view up to 120°, else those of a cube that have content.
-        field_of_view_deg: how wide or high the picture is through its middle, whichever is more, as far as it is used; 0
-            of a lens that is no wider than others.
+        field_of_view_deg: how wide or high the picture is through its middle, whichever is more, as far as it is
+            used; 0 of a lens that is no wider than others.
         covered: share of the picture's pixels that lie in a face.
     """
 

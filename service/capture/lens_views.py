@@ -12,9 +12,11 @@ from fastsplat.service.capture.camera_model import CameraModel, compute_undistor
 from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.lens_faces import LensFace, WideLens, face_name, fisheye_faces, is_fisheye
+from fastsplat.service.capture.photo_metadata import PhotoPlace
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm_images import SfmImage
 from fastsplat.service.capture.view_writer import SourceImage, ViewGeometry
 
 F64 = NDArray[np.float64]
@@ -28,13 +30,22 @@ class ViewLog:
         lenses: by the number of faces and the field of view in whole degrees, the share of pixels that is covered.
         qualities: one a view.
         matches: of the views of images without poses.
+        place_of: of the first view of each photo that says where it was taken.
     """
 
     lenses: dict[tuple[int, int], float] = field(default_factory=dict)
     qualities: list[PhotoQuality] = field(default_factory=list)
     matches: dict[str, PhotoMatches] = field(default_factory=dict)
+    place_of: dict[str, PhotoPlace] = field(default_factory=dict)
+    _photos: set[str] = field(default_factory=set)
 
-    def add(self, lens: WideLens, quality: PhotoQuality, matches: PhotoMatches | None = None) -> None:
+    def add(
+        self,
+        lens: WideLens,
+        quality: PhotoQuality,
+        matches: PhotoMatches | None = None,
+        image: SfmImage | None = None,
+    ) -> None:
         """Take in an image that is about to become the views of a lens's faces."""
         if lens.field_of_view_deg:
             self.lenses[len(lens.faces), round(lens.field_of_view_deg)] = lens.covered
@@ -43,6 +54,15 @@ class ViewLog:
             self.qualities.append(replace(quality, name=name))
             if matches is not None:
                 self.matches[name] = matches
+
+        photo = None if image is None else image.photo
+        if image is not None and photo is not None and image.metadata.place and photo.path not in self._photos:
+            self._photos.add(photo.path)
+            self.place_of[face_name(quality.name, lens.faces[0].name)] = image.metadata.place
+
+    def places(self, views: Sequence[str]) -> list[PhotoPlace | None]:
+        """Of each view the place of its photo, once a photo."""
+        return [self.place_of.get(view) for view in views]
 
     def warnings(self) -> tuple[str, ...]:
         """What becomes of fisheye photos, as sentences for people."""

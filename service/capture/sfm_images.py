@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -50,7 +50,7 @@ class SfmImage:
         model: COLMAP's camera model that is assumed.
         face: of a panorama, which knows its camera and its rotation; None for an image of its own.
         panorama: what a face was made from; None for an image of its own.
-        up: unit vector up in its camera frame as its metadata say, or None.
+        metadata: of the photo.
         mask: bool [H, W], false where pixels are to be ignored, or None.
     """
 
@@ -135,6 +135,24 @@ def video_frames(
             side = face_side(frame, settings.panorama_face_side)
             yield from _faces(pixels, frame, side, file, file, images, settings)
             (images / file).unlink()
+
+
+def photo_ups(images: Sequence[SfmImage], world_from_camera: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Unit vectors up in the world, float64 [3], one a photo that says what is up; of a panorama by one of its faces.
+
+    Args:
+        images: that have poses.
+        world_from_camera: float64 [N, 4, 4] of them.
+    """
+    ups: dict[str, NDArray[np.float64]] = {}
+    for image, pose in zip(images, world_from_camera, strict=True):
+        up, panorama = image.metadata.up, image.panorama
+        if image.face is not None and panorama is not None and panorama.vertical is not None:
+            there = image.face.camera_from_face.T @ panorama.vertical
+            ups.setdefault(image.file.partition("/")[2], pose[:3, :3] @ there)
+        elif image.face is None and up is not None:
+            ups[image.file] = pose[:3, :3] @ np.array(up)
+    return list(ups.values())
 
 
 def source_pixels(image: SfmImage, images: Path, decoder: ImageDecoder) -> NDArray[np.uint8]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from fastsplat_contract.scenes import Scale
+from fastsplat_contract.scenes import Scale, VerticalSource
 
 Source = Literal["images", "video", "colmap", "nerfstudio", "splat"]
 
@@ -72,7 +72,7 @@ class ScaleEstimate:
     """How long a scene unit is, and how sure that is.
 
     Attributes:
-        source: what told it: "tags", printed tags of a known side.
+        source: what told it: "tags", printed tags of a known side, or "gps", the places in the photos' EXIF.
         meters_per_unit: of the world before it was scaled to metres.
         relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
     """
@@ -80,6 +80,19 @@ class ScaleEstimate:
     source: str
     meters_per_unit: float
     relative_error_95: float
+
+
+@dataclass(frozen=True)
+class VerticalEstimate:
+    """Which way is up in a world whose +z it is, and how sure that is.
+
+    Attributes:
+        source: what told it; see `VerticalSource` of the contract.
+        deviation_deg: 1 sigma of its angle, degrees.
+    """
+
+    source: VerticalSource
+    deviation_deg: float
 
 
 @dataclass(frozen=True)
@@ -95,6 +108,7 @@ class CaptureReport:
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
         scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
+        vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
     """
 
@@ -107,6 +121,7 @@ class CaptureReport:
     splat: str = ""
     scale: ScaleEstimate | None = None
     photos: tuple[PhotoVerdict, ...] = ()
+    vertical: VerticalEstimate | None = None
 
 
 @dataclass(frozen=True)

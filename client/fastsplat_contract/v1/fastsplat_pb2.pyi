@@ -75,6 +75,38 @@ SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
 
+class _VerticalSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _VerticalSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_VerticalSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    VERTICAL_SOURCE_UNSPECIFIED: _VerticalSource.ValueType  # 0
+    """never sent"""
+    VERTICAL_SOURCE_METADATA: _VerticalSource.ValueType  # 1
+    """sensors, as the photos' metadata have them"""
+    VERTICAL_SOURCE_HORIZON: _VerticalSource.ValueType  # 2
+    """cameras that were held level"""
+    VERTICAL_SOURCE_PLANES: _VerticalSource.ValueType  # 3
+    """floors, tables and other level planes"""
+    VERTICAL_SOURCE_CAMERAS: _VerticalSource.ValueType  # 4
+    """the mean of what the cameras had for up: least sure"""
+
+class VerticalSource(_VerticalSource, metaclass=_VerticalSourceEnumTypeWrapper):
+    """What said which way is up."""
+
+VERTICAL_SOURCE_UNSPECIFIED: VerticalSource.ValueType  # 0
+"""never sent"""
+VERTICAL_SOURCE_METADATA: VerticalSource.ValueType  # 1
+"""sensors, as the photos' metadata have them"""
+VERTICAL_SOURCE_HORIZON: VerticalSource.ValueType  # 2
+"""cameras that were held level"""
+VERTICAL_SOURCE_PLANES: VerticalSource.ValueType  # 3
+"""floors, tables and other level planes"""
+VERTICAL_SOURCE_CAMERAS: VerticalSource.ValueType  # 4
+"""the mean of what the cameras had for up: least sure"""
+Global___VerticalSource: _TypeAlias = VerticalSource  # noqa: Y015
+
 class _Grade:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -112,6 +144,8 @@ class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSour
     """lengths that a person knew"""
     SCALE_SOURCE_TAGS: _ScaleSource.ValueType  # 2
     """printed tags in the photos"""
+    SCALE_SOURCE_GPS: _ScaleSource.ValueType  # 3
+    """the places in the photos' EXIF"""
 
 class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
     """What said how long a unit is."""
@@ -122,6 +156,8 @@ SCALE_SOURCE_KNOWN_LENGTH: ScaleSource.ValueType  # 1
 """lengths that a person knew"""
 SCALE_SOURCE_TAGS: ScaleSource.ValueType  # 2
 """printed tags in the photos"""
+SCALE_SOURCE_GPS: ScaleSource.ValueType  # 3
+"""the places in the photos' EXIF"""
 Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
 
 class _NameSource:
@@ -950,6 +986,7 @@ class Scene(_message.Message):
     CAMERA_COUNT_FIELD_NUMBER: _builtins.int
     ASSESSMENT_FIELD_NUMBER: _builtins.int
     SCALING_FIELD_NUMBER: _builtins.int
+    VERTICAL_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -987,6 +1024,10 @@ class Scene(_message.Message):
     def scaling(self) -> Global___SceneScaling:
         """absent where the poses came in meters, or nothing says how long a unit is"""
 
+    @_builtins.property
+    def vertical(self) -> Global___SceneVertical:
+        """absent where poses came with the upload, or nothing says what is up"""
+
     def __init__(
         self,
         *,
@@ -1005,14 +1046,40 @@ class Scene(_message.Message):
         camera_count: _builtins.int = ...,
         assessment: Global___Assessment | None = ...,
         scaling: Global___SceneScaling | None = ...,
+        vertical: Global___SceneVertical | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
+
+@_typing.final
+class SceneVertical(_message.Message):
+    """Which way is up in a scene whose +z it is, and how sure that is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SOURCE_FIELD_NUMBER: _builtins.int
+    DEVIATION_DEG_FIELD_NUMBER: _builtins.int
+    source: Global___VerticalSource.ValueType
+    deviation_deg: _builtins.float
+    """1 sigma of the angle between +z and the vertical, degrees"""
+    def __init__(
+        self,
+        *,
+        source: Global___VerticalSource.ValueType = ...,
+        deviation_deg: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneVertical: _TypeAlias = SceneVertical  # noqa: Y015
 
 @_typing.final
 class Finding(_message.Message):
