@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from fastsplat.service.capture import build_capture, load_image, validate_upload
 from fastsplat.service.capture.image_decoder import ImageDecoder
@@ -54,10 +54,16 @@ def room(tmp_path_factory) -> Capture:
     folder.mkdir()
     rays = made_room.panorama_rays(_WIDTH)
     for name, pose in _PLACES.items():
-        (folder / name).write_bytes(_encoded(made_room.photo(pose, rays), xmp=_XMP))
+        (folder / name).write_bytes(_encoded(made_room.photo(pose, rays), xmp=_XMP, exif=_somewhere()))
     settings = CaptureSettings(sfm_threads=2, sfm_features=700, nadir_deg=25)
     validate_upload(folder, settings)
     return build_capture(folder, folder.parent / "out", settings, silent)
+
+
+def _somewhere() -> Image.Exif:
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.GPSInfo).update({1: "N", 2: (47.0, 12.0, 34.5), 3: "E", 4: (8.0, 56.0, 7.8), 31: 4.0})
+    return exif
 
 
 def _pose(capture: Capture, name: str) -> np.ndarray:
@@ -115,6 +121,21 @@ def test_verdicts_name_the_panorama_and_its_face(room: Capture) -> None:
     assert room.report.images == 18
     assert {photo.name for photo in room.report.photos} == {f"{name}.{face}.jpg" for name in "abc" for face in FACES}
     assert all(photo.placed and not photo.defects for photo in room.report.photos)
+
+
+def test_what_is_up_is_said_with_how_sure_that_is(room: Capture) -> None:
+    vertical = room.report.vertical
+    assert vertical is not None and vertical.source in ("horizon", "planes") and vertical.deviation_deg < 1.5
+
+
+def test_places_leave_nothing_but_a_reason(room: Capture) -> None:
+    """Three photos of a room tell no scale by GPS, and where it is stands in no file of the capture."""
+    assert room.scale == "ARBITRARY" and any("GPS places of 3 photos" in warning for warning in room.report.warnings)
+    folder = room.views[0].image_path.parent.parent
+    for path in folder.rglob("*"):
+        if path.is_file():
+            assert b"47.209" not in path.read_bytes()  # 47° 12' 34.5"
+            assert path.suffix not in (".jpg", ".png") or not Image.open(path).getexif(), path
 
 
 def test_the_seam_behind_the_photographer_does_not_show() -> None:
