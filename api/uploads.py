@@ -7,7 +7,7 @@ from typing import cast
 
 from fastsplat.service.planning.presets import PresetName
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.operations import Lens, Movers, Privacy, SceneOptions, UpAxis
 
 
 def scene_options(
@@ -19,6 +19,8 @@ def scene_options(
     up: str,
     movers: str,
     privacy: str,
+    lens: str,
+    nadir_deg: float | None,
 ) -> SceneOptions:
     """Options as sent; one string may hold several labels, separated by commas."""
     names = [part.strip() for text in labels for part in text.split(",")]
@@ -31,6 +33,8 @@ def scene_options(
         cast(UpAxis, up) if up else None,
         cast(Movers, movers) if movers else None,
         cast(Privacy, privacy) if privacy else None,
+        cast(Lens, lens) if lens else None,
+        nadir_deg,
     )
 
 

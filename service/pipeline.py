@@ -335,11 +335,14 @@ def scene_quality(
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
     mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`).
+    95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`);
+    of a world made upright, vertical_source and vertical_deviation_deg.
     """
     report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
+    if (vertical := report.vertical) is not None:
+        measured |= {"vertical_source": vertical.source, "vertical_deviation_deg": vertical.deviation_deg}
     return {
         **trained.quality,
         **measured,

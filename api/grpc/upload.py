@@ -81,6 +81,8 @@ class StreamSink:
             header.up,
             header.movers,
             header.privacy,
+            header.lens,
+            header.nadir_deg if header.HasField("nadir_deg") else None,
         )
         self._header = header
 

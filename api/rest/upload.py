@@ -95,6 +95,8 @@ class _Texts(BaseModel):
     up: str = ""
     movers: str = ""
     privacy: str = ""
+    lens: str = ""
+    nadir_deg: float | None = None
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -178,6 +180,8 @@ class _FormSink:
             form.up,
             form.movers,
             form.privacy,
+            form.lens,
+            form.nadir_deg,
         )
         return self._service.create_scene(session, form.name, form.request_id, options)
 

@@ -142,7 +142,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         options = options or SceneOptions()
         fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
         fields += [("labels", label) for label in options.labels]
-        for field in ("time_budget_s", "max_gaussians", "preset", "up", "movers", "privacy"):
+        for field in ("time_budget_s", "max_gaussians", "preset", "up", "movers", "privacy", "lens", "nadir_deg"):
             if (value := getattr(options, field)) is not None:
                 fields.append((field, str(value)))
         if capture.is_file():

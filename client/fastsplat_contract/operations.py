@@ -27,7 +27,11 @@ Movers = Literal["keep", "ignore"]
 Privacy = Literal["people"]
 """Which axis of a splat's world points up."""
 
+Lens = Literal["auto", "fisheye", "panorama"]
+"""What photos and videos without poses were taken with."""
+
 MAX_PRIORITY = 100
+MAX_NADIR_DEG = 80.0
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,22 @@ class SceneOptions(Request):
         Field(
             description="people: a promise. Pixels that show people, by the detector's word, enter no feature, no "
             "training, no label and no stored image, and the files as sent are deleted once the photos are read"
+        ),
+    ] = None
+    lens: Annotated[
+        Lens | None,
+        Field(
+            description="of photos or a video without poses: fisheye, or panorama (equirectangular, 360° by 180°); "
+            "auto: panoramas are known by their metadata, all others are perspective; absent: the server's default"
+        ),
+    ] = None
+    nadir_deg: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=MAX_NADIR_DEG,
+            description="of panoramas: pixels within so many degrees of straight down, where the photographer stands, "
+            "are left out; absent: the server's default",
         ),
     ] = None
 

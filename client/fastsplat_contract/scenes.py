@@ -68,8 +68,20 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length", "tags"]
-"""What said how long a unit is: lengths that a person knew, or printed tags in the photos."""
+ScaleSource = Literal["known_length", "tags", "gps"]
+"""What said how long a unit is: lengths that a person knew, printed tags in the photos, or the places in their EXIF."""
+
+VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
+"""What said which way is up: sensors, as the photos' metadata have them; cameras that were held level; floors, tables
+and other level planes; or, least surely, the mean of what the cameras had for up."""
+
+
+@travels(request=False)
+class SceneVertical(NamedTuple):
+    """Which way is up in a scene whose +z it is, and how sure that is."""
+
+    source: VerticalSource
+    deviation_deg: Annotated[float, Field(description="1 sigma of the angle between +z and the vertical, degrees")]
 
 
 @travels(request=False)
@@ -104,6 +116,10 @@ class Scene(SceneSummary):
     scaling: Annotated[
         SceneScaling | None,
         Field(description="absent where the poses came in meters, or nothing says how long a unit is"),
+    ] = None
+    vertical: Annotated[
+        SceneVertical | None,
+        Field(description="absent where poses came with the upload, or nothing says what is up"),
     ] = None
 
 

@@ -16,7 +16,7 @@ from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
-from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary
+from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, SceneScaling, SceneSummary, SceneVertical
 
 
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
@@ -75,15 +75,22 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
         scaling=_scaling_of(record),
+        vertical=_vertical_of(record.quality),
     )
 
 
 def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
-        return None if measured is None else SceneScaling("tags", 1.0, measured.low, measured.high, 0)
+        source: ScaleSource = "gps" if record.quality.get("scale_source") == "gps" else "tags"
+        return None if measured is None else SceneScaling(source, 1.0, measured.low, measured.high, 0)
     count = len(scaling.lengths) - (measured is not None)
     return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)
+
+
+def _vertical_of(quality: Mapping[str, Any]) -> SceneVertical | None:
+    source, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
+    return SceneVertical(source, deviation) if source and isinstance(deviation, float) else None
 
 
 def _scaled(row: Mapping[str, Any], record: SceneRecord) -> Mapping[str, Any]:

@@ -14,7 +14,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import MAX_PRIORITY, Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
 
 _DEFAULT_PAGE = 50
@@ -136,6 +136,12 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
             field="privacy" if options.privacy else "movers",
             hint="Leave it out, or send the photos alone.",
         )
+    if options.lens not in (None, "auto") and upload.source not in ("images", "video"):
+        raise InvalidInputError(
+            "a lens is stated for an upload that brings its cameras",
+            field="lens",
+            hint="Leave it out: the camera models beside the poses say what the lens is.",
+        )
     if options.max_gaussians is not None and upload.gaussians > options.max_gaussians:
         raise LimitExceededError(
             f"the splat has {upload.gaussians} Gaussians",
@@ -176,6 +182,17 @@ def _check_choices(options: SceneOptions) -> None:
             "people are to be withheld, and what moves is to be kept",
             field="movers",
             hint="Leave one of movers and privacy out.",
+        )
+    if options.lens is not None and options.lens not in get_args(Lens):
+        raise InvalidInputError(
+            f"there is no lens {options.lens[:20]!r}", field="lens", hint=f"Use one of {', '.join(get_args(Lens))}."
+        )
+    if options.nadir_deg is not None and not 0 <= options.nadir_deg <= MAX_NADIR_DEG:
+        raise LimitExceededError(
+            f"{options.nadir_deg:g}° around straight down",
+            field="nadir_deg",
+            limit=f"0 to {MAX_NADIR_DEG:g}",
+            hint="25 hides a photographer or a tripod.",
         )
     if abs(options.priority) > MAX_PRIORITY:
         raise LimitExceededError(

@@ -11,22 +11,34 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, compute_undistortion
+from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.depth_maps import DEPTHS
 from fastsplat.service.capture.geometry import normalize_world
+from fastsplat.service.capture.gps_scale import with_gps
+from fastsplat.service.capture.gravity import vertical_of_capture
 from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.image_decoding import reduced_size
-from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
+from fastsplat.service.capture.image_io import PhotoInfo, load_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
+from fastsplat.service.capture.lens_faces import face_name, is_fisheye
+from fastsplat.service.capture.lens_views import ViewLog, lens_of, posed_lens, test_views, views_of
 from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
+from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm_images import (
+    SfmImage,
+    frame_width,
+    photo_ups,
+    source_ids,
+    source_pixels,
+    upright_photos,
+    video_frames,
+)
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
@@ -38,10 +50,9 @@ from fastsplat.service.capture.view_writer import (
     MASKS,
     SourceImage,
     WrittenViews,
-    view_geometry,
     write_view,
 )
-from fastsplat.service.capture.withholding import WithheldPixels, Withholding
+from fastsplat.service.capture.withholding import WithheldPixels, Withholding, both_masks
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent
@@ -49,7 +60,6 @@ from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
 _DECODING = "decoding"
-_FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 
 
 def build_capture(
@@ -110,40 +120,6 @@ def load_image(view: View) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True)
-class _SfmImage:
-    """An upright, reduced image as structure from motion reads it.
-
-    Attributes:
-        name: of the view.
-        file: below the work folder's images.
-        width, height: of the reduced pixels.
-        camera_group: images of one group share a camera.
-        focal_px: by EXIF; 0 if unknown.
-        photo: what it was made from; None for a video's frame.
-        quality: of its pixels.
-    """
-
-    name: str
-    file: str
-    width: int
-    height: int
-    camera_group: str
-    focal_px: float
-    photo: PhotoInfo | None
-    quality: PhotoQuality
-
-    def to_request(self) -> dict[str, Any]:
-        """As `sfm.reconstruct` takes it."""
-        return {
-            "file": self.file,
-            "width": self.width,
-            "height": self.height,
-            "group": self.camera_group,
-            "focal": self.focal_px,
-        }
-
-
-@dataclass(frozen=True)
 class _Build:
     manifest: UploadManifest
     files: Path
@@ -167,31 +143,37 @@ class _Build:
         }
         result, points, colors = self._run_sfm("reconstruct", request, self._placing_listener(images))
         registered = [image for image in images if image.file in result["poses"]]
-        poses, points = normalize_world(np.array([result["poses"][image.file] for image in registered]), points)
+        poses = np.array([result["poses"][image.file] for image in registered])
+        vertical = vertical_of_capture(poses, points, photo_ups(registered, poses))
+        poses, points = normalize_world(poses, points, None if vertical is None else vertical.up)
         table = self._label_table()
+        log = ViewLog()
         sources = (
-            self._reconstructed_source(image, pose, result["cameras"][image.file], table)
+            source
             for image, pose in zip(registered, poses, strict=True)
+            for source in self._reconstructed_sources(image, pose, result, table, log)
         )
         written = self._write(sources, len(registered), 0.9, 1.0)
+        unregistered = [image for image in images if image.file not in result["poses"]]
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(images),
-            unregistered=tuple(image.name for image in images if image.file not in result["poses"]),
+            images=len(log.qualities) + len(unregistered),
+            unregistered=tuple(image.name for image in unregistered),
             models=tuple(result["models"]),
             mean_reprojection_error_px=result["error_px"],
-            warnings=(*self.manifest.warnings, *result["warnings"], *written.warnings),
+            warnings=(*self.manifest.warnings, *result["warnings"], *log.warnings(), *written.warnings),
             photos=judge_photos(
-                [image.quality for image in images],
+                [*log.qualities, *(image.quality for image in unregistered)],
                 _poses(written.views),
-                {image.name: PhotoMatches(*result["matches"][image.file]) for image in images},
+                {image.name: PhotoMatches(*result["matches"][image.file]) for image in unregistered} | log.matches,
                 written.masked,
             ),
+            vertical=None if vertical is None else vertical.estimate,
         )
         labels = None if table is None else GivenLabels(table.dictionary(), written.label_maps)
         report = self.held.reported(report)
         capture = Capture(written.views, points.astype(np.float32), colors, "ARBITRARY", report, labels)
-        return self._in_meters(capture)
+        return with_gps(self._in_meters(capture), log.places([view.posed.name for view in written.views]))
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
@@ -201,8 +183,12 @@ class _Build:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
-        qualities: list[PhotoQuality] = []
-        sources = (self._posed_source(image, photo_by_path[image.path], table, qualities) for image in dataset.images)
+        log = ViewLog()
+        sources = (
+            source
+            for image in dataset.images
+            for source in self._posed_sources(image, photo_by_path[image.path], table, log)
+        )
         written = self._write(sources, len(dataset.images), 0.0, 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         views, scale, notes = written.views, None, tuple[str, ...]()
@@ -214,15 +200,15 @@ class _Build:
         has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(self.manifest.photos),
+            images=len(log.qualities),
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
-            warnings=(*self.manifest.warnings, *mask_warning(dataset), *written.warnings, *notes),
+            warnings=(*self.manifest.warnings, *mask_warning(dataset), *log.warnings(), *written.warnings, *notes),
             splat=self.manifest.splat,
-            photos=judge_photos(qualities, _poses(views), None, written.masked),
+            photos=judge_photos(log.qualities, _poses(views), None, written.masked),
             scale=scale,
         )
-        names = {view.posed.name for view in written.views}
+        names = [view.posed.name for view in written.views]
         capture = Capture(
             views=views,
             points=points,
@@ -230,7 +216,7 @@ class _Build:
             scale="METRIC" if scale is not None else dataset.scale,
             report=self.held.reported(report),
             given_labels=GivenLabels(table.dictionary(), written.label_maps) if table and has_labels else None,
-            test_names=tuple(name for name in dataset.test_names if name in names),
+            test_names=test_views(dataset.test_names, names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
         # The rows of a splat that was brought stay as they are, so its units stay too.
@@ -242,87 +228,90 @@ class _Build:
         count = len(capture.views)
         return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 
-    def _upright_photos(self) -> list[_SfmImage]:
-        images = []
-        for index, (photo, name) in enumerate(zip(self.manifest.photos, self.manifest.names, strict=True)):
-            self._report(0.15 * index / len(self.manifest.names), f"reading images {index}/{len(self.manifest.names)}")
-            width, height = reduced_size(*photo.upright_size, self.settings.max_side)
-            file = f"{index:05d}.png"
-            pixels = self.held.take(name, self.decoder.photo(self.files, photo, (width, height)), file).pixels
-            save_rgb(pixels, self.work / IMAGES / file)
-            focal_px = photo.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
-            group, quality = f"{photo.lens} {width}×{height}", measure_photo(name, pixels)
-            images.append(_SfmImage(name, file, width, height, group, focal_px, photo, quality))
+    def _upright_photos(self) -> list[SfmImage]:
+        photos = upright_photos(self.manifest, self.files, self.work / IMAGES, self.settings, self.decoder, self.held)
+        images, count = [], len(self.manifest.names)
+        for image in photos:
+            images.append(image)
+            done = min(count, len(images))
+            self._report(0.15 * done / count, f"reading images {done}/{count}")
         return images
 
-    def _video_frames(self) -> list[_SfmImage]:
+    def _video_frames(self) -> list[SfmImage]:
+        panorama = self.settings.lens == "panorama"
         request = {
             "video": str(self.files / self.manifest.video),
             "name": self.manifest.video,
             "folder": str(self.work / IMAGES),
             **self.settings.model_dump(),
+            "max_side": frame_width(self.settings),
+            "video_frames": self.settings.panorama_frames if panorama else self.settings.video_frames,
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
         width, height = (int(number) for number in result["size"])
-        images = []
-        for file in result["files"]:
-            frame = self.decoder.photo(self.work / IMAGES, _frame_info(file, width, height), (width, height))
-            frame = self.held.take_frame(self.work / IMAGES / file, frame)
-            images.append(_SfmImage(file, file, width, height, "video", 0.0, None, measure_photo(file, frame)))
-        return images
+        images, video = self.work / IMAGES, self.manifest.video
+        frames = video_frames(result["files"], (width, height), video, images, self.settings, self.decoder, self.held)
+        return list(frames)
 
-    def _reconstructed_source(
-        self, image: _SfmImage, pose: NDArray[np.float64], camera: list[Any], table: LabelTable | None
-    ) -> SourceImage:
-        model, width, height, params = camera
+    def _reconstructed_sources(
+        self, image: SfmImage, pose: NDArray[np.float64], result: dict[str, Any], table: LabelTable | None, log: ViewLog
+    ) -> Iterator[SourceImage]:
+        model, width, height, params = result["cameras"][image.file]
         camera_model = CameraModel(model, width, height, tuple(params))
         try:
             check_camera_model(camera_model, field=image.name)
-            undistortion = compute_undistortion(camera_model, self.settings.max_side, field=image.name)
+            lens = lens_of(camera_model, self.settings.max_side, field=image.name)
         except InvalidInputError as error:
             raise ReconstructionError(
                 f"structure from motion gave {image.name} a camera that cannot exist: {error.message}",
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
-        # Frames of a video were written by a child that met a stranger's bytes, photos by this process.
-        frame = _frame_info(image.file, image.width, image.height)
-        return SourceImage(
+        log.add(lens, image.quality, PhotoMatches(*result["matches"][image.file]), image)
+        stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
+        ids = None if stored is None or table is None else source_ids(image, self.files, stored, self.decoder)
+        source = SourceImage(
             name=image.name,
-            pixels=self.decoder.photo(self.work / IMAGES, frame, (image.width, image.height))
-            if image.photo is None
-            else load_rgb(self.work / IMAGES / image.file),
-            undistortion=undistortion,
+            pixels=source_pixels(image, self.work / IMAGES, self.decoder),
+            undistortion=lens.faces[0].undistortion,
             world_from_camera=pose,
-            lossless=image.name.lower().endswith(".png") and image.photo is not None,
-            label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
-            mask=self.held.usable(image.file),
+            lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
+            label_ids=None if ids is None or table is None else table.translate(ids),
+            mask=both_masks(image.mask, self.held.usable(image.file)),
         )
+        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
+        yield from views_of(source, lens)
 
-    def _posed_source(
-        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, qualities: list[PhotoQuality]
-    ) -> SourceImage:
-        geometry = view_geometry(image, photo, self.settings)
-        photo_in_use = self.held.take(image.name, self.decoder.photo(self.files, photo, geometry.size))
+    def _posed_sources(
+        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, log: ViewLog
+    ) -> Iterator[SourceImage]:
+        lens, geometries = posed_lens(image, photo, self.settings)
+        size = geometries[0].size
+        photo_in_use = self.held.take(image.name, self.decoder.photo(self.files, photo, size))
+        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
         pixels, mask = photo_in_use.pixels, photo_in_use.usable
-        qualities.append(measure_photo(image.name, pixels))
+        log.add(lens, measure_photo(image.name, pixels))
         if image.mask is not None:
-            stored = self.decoder.ids(self.files, image.mask, photo, geometry.size) > 0
-            mask = stored if mask is None else mask & stored
+            mask = both_masks(mask, self.decoder.ids(self.files, image.mask, photo, size) > 0)
         depth, depth_size = None, self.manifest.depth_sizes.get(photo.path)
         if image.depth is not None and depth_size is not None and not self.manifest.splat:
-            depth = view_depth(image, image.depth, depth_size, photo, self.decoder, self.files, self.settings)
-        unchanged = geometry.undistortion.map_xy is None and geometry.size == photo.upright_size
-        return SourceImage(
-            name=image.name,
-            pixels=pixels,
-            undistortion=geometry.undistortion,
-            world_from_camera=geometry.world_from_camera,
-            lossless=photo.path.lower().endswith(".png") or unchanged,
-            label_ids=self._label_ids(photo, table, geometry.size),
-            mask=mask,
-            depth=depth,
-        )
+            if is_fisheye(image.camera_model):
+                log.unused_depths += 1
+            else:
+                depth = view_depth(image, image.depth, depth_size, photo, self.decoder, self.files, self.settings)
+        label_ids = self._label_ids(photo, table, size)
+        for face, geometry in zip(lens.faces, geometries, strict=True):
+            unchanged = geometry.undistortion.map_xy is None and size == photo.upright_size
+            yield SourceImage(
+                name=face_name(image.name, face.name),
+                pixels=pixels,
+                undistortion=geometry.undistortion,
+                world_from_camera=geometry.world_from_camera,
+                lossless=photo.path.lower().endswith(".png") or unchanged,
+                label_ids=label_ids,
+                mask=mask,
+                depth=depth,
+            )
 
     def _label_ids(
         self, photo: PhotoInfo, table: LabelTable | None, size: tuple[int, int]
@@ -339,7 +328,7 @@ class _Build:
         """Views without a valid pixel are left out: nothing could be learnt from them, nor measured on them."""
         written, blank = [], []
         for index, source in enumerate(sources):
-            self._report(begin + (end - begin) * index / count, f"undistorting images {index}/{count}")
+            self._report(begin + (end - begin) * index / count, f"undistorting images {min(index, count)}/{count}")
             view = write_view(source, index, self.out)
             if view is None:
                 blank.append(source.name)
@@ -377,7 +366,7 @@ class _Build:
     def _listener(self, begin: float, end: float) -> Listener:
         return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
 
-    def _placing_listener(self, images: list[_SfmImage]) -> Listener:
+    def _placing_listener(self, images: list[SfmImage]) -> Listener:
         """As `_listener`, and shows the cameras that are placed."""
         names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
 
@@ -395,7 +384,3 @@ class _Build:
 
 def _poses(views: tuple[View, ...]) -> dict[str, NDArray[np.float64]]:
     return {view.posed.name: view.posed.world_from_camera for view in views}
-
-
-def _frame_info(file: str, width: int, height: int) -> PhotoInfo:
-    return PhotoInfo(file, width, height, orientation=1, lens="", focal_35mm=0.0)

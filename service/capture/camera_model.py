@@ -29,12 +29,15 @@ class CameraModel:
         model: COLMAP's name, e.g. "OPENCV".
         width, height: of the image that the parameters are for.
         params: in COLMAP's order for the model, focal lengths and principal point in pixels.
+        circle_px: of a fisheye lens: radius of the image circle around the principal point, outside of which nothing is
+            shown; None: the whole image shows something.
     """
 
     model: str
     width: int
     height: int
     params: tuple[float, ...]
+    circle_px: float | None = None
 
     def fits(self, width: int, height: int) -> bool:
         """Whether the model can be scaled to an image of `width`×`height`: both have the same aspect."""
@@ -46,7 +49,8 @@ class CameraModel:
         """The same camera for an image of another size; the aspect may differ by rounding."""
         camera = _colmap_camera(self)
         camera.rescale(width, height)
-        return CameraModel(self.model, width, height, tuple(float(value) for value in camera.params))
+        circle_px = None if self.circle_px is None else self.circle_px * (width / self.width + height / self.height) / 2
+        return CameraModel(self.model, width, height, tuple(float(value) for value in camera.params), circle_px)
 
     @property
     def has_distortion(self) -> bool:
@@ -158,6 +162,10 @@ def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
             f"{field}: the principal point {center.tolist()} lies far outside {width}×{height} pixels",
             field=field,
             hint="Give cx and cy in pixels of the image.",
+        )
+    if camera_model.circle_px is not None and not camera_model.circle_px > 0:  # NaN too
+        raise InvalidInputError(
+            f"{field}: an image circle of radius {camera_model.circle_px:g}", field=field, hint="Give it in pixels."
         )
     distortion = _distortion(camera_model)
     if any(abs(value) > _MAX_DISTORTION for value in distortion):

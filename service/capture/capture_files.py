@@ -18,6 +18,7 @@ from fastsplat.service.capture.types import (
     GivenLabels,
     ScaleEstimate,
     SensorDepth,
+    VerticalEstimate,
     View,
     WithheldReport,
 )
@@ -138,6 +139,7 @@ def _report(stored: dict[str, Any]) -> CaptureReport:
         "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored.get("photos", ())),
         "scale": None if scale is None else ScaleEstimate(**scale),
         "withheld": None if withheld is None else WithheldReport(**withheld),
+        "vertical": None if stored.get("vertical") is None else VerticalEstimate(**stored["vertical"]),
     }
     return CaptureReport(**{**stored, **tuples, **measured})
 

@@ -116,15 +116,16 @@ def _refuse_degenerate(reconstruction: Reconstruction) -> None:
 
 
 def normalize_world(
-    world_from_camera: NDArray[np.float64], points: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64], points: NDArray[np.float64], up: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Cameras [N, 4, 4] and points [P, 3] in a centered, upright world of the order of one; float64 of the same shapes.
 
     One similarity moves all of them: the points' median becomes the origin, and the median distance from a camera to it
-    becomes 3. +z becomes the vertical: by the cameras' level x axes (`vertical_of_poses`) or, where these do not tell,
-    the mean of the photos' upward directions, if they agree; that leans to where cameras that look down stand closest.
+    becomes 3. +z becomes the vertical: `up` [3] or, without, by the cameras' level x axes (`vertical_of_poses`) or,
+    where these do not tell, the mean of the photos' upward directions, if they agree; that leans to where cameras that
+    look down stand closest.
     """
-    rotation = _upright(world_from_camera)
+    rotation = _upright(world_from_camera, up)
     center = np.median(points, axis=0)
     distance = float(np.median(np.linalg.norm(world_from_camera[:, :3, 3] - center, axis=1)))
     scale = _MEDIAN_DISTANCE / distance
@@ -134,9 +135,9 @@ def normalize_world(
     return normalized, scale * (points - center) @ rotation.T
 
 
-def _upright(world_from_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+def _upright(world_from_camera: NDArray[np.float64], up: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """The smallest rotation that takes the vertical to +z; identity if the poses [N, 4, 4] do not tell it."""
-    up = vertical_of_poses(world_from_camera)
+    up = vertical_of_poses(world_from_camera) if up is None else up
     if up is None:
         mean = -world_from_camera[:, :3, 1].mean(axis=0)
         if np.linalg.norm(mean) < _MIN_UP_AGREEMENT:

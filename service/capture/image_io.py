@@ -18,7 +18,7 @@ from fastsplat_contract.errors import CorruptImageError, InvalidInputError, Limi
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"})
 UNSUPPORTED_SUFFIXES = frozenset({".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
 Image.init()  # registers all decoders, of which only these are ever tried:
-_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
+IMAGE_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 _HEIF_MARK = b"ftyp"
 _MIRRORED = frozenset({2, 4, 5, 7})
 _TRANSPOSED = frozenset({5, 6, 7, 8})
@@ -155,7 +155,7 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
             is_heif = file.read(8)[4:] == _HEIF_MARK
         if is_heif:
             _register_heif()
-        image = Image.open(path, formats=("HEIF",) if is_heif else _FORMATS)
+        image = Image.open(path, formats=("HEIF",) if is_heif else IMAGE_FORMATS)
     except Image.DecompressionBombError as error:
         raise _too_many_pixels(name, "far too many", settings) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from fastsplat.service.common.settings import SettingGroup
+from fastsplat_contract.operations import Lens
 
 
 class CaptureSettings(BaseModel):
@@ -72,6 +73,15 @@ class CaptureSettings(BaseModel):
     exhaustive_images: int = 30
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
     pairs_per_image: int = 20
+    lens: Lens = "auto"
+    """What photos and videos without poses were taken with: "auto" (photos whose XMP says so are 360° panoramas, all
+    others perspective), "fisheye", or "panorama" (equirectangular, 360° × 180°). A scene may be posted with its own."""
+    nadir_deg: float = Field(0.0, ge=0, le=80)
+    """Of panoramas: pixels within so many degrees of straight down, where the photographer stands, are left out."""
+    panorama_face_side: int = Field(1_024, ge=32, le=8_192)
+    """Pixels of each of the six square faces that a panorama is cut into, at most; it bounds memory, too."""
+    panorama_frames: int = Field(30, ge=2)
+    """Frames used of a 360° video; each becomes six images."""
     tag_side_m: float | None = Field(0.08, gt=0)
     """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their metres,
     as `fastsplat tags` prints them; None: tags are not looked for."""

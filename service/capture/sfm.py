@@ -18,7 +18,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.capture import geometry, mapping_snapshots, pairs
+from fastsplat.service.capture import geometry, mapping_snapshots, pairs, rigs
 from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
@@ -37,10 +37,9 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     """Poses, cameras and points of images alone.
 
     Args:
-        request: "image_folder"; "images": [{"file", "width", "height", "group", "focal"}], one camera a group, focal
-            length in pixels or 0 if unknown; "ordered" whether neighbors in the list are neighbors in time;
-            where there is one, "mask_folder" with `<file>.png` for images of which only the pixels above 0 have
-            features; and all settings.
+        request: "image_folder"; "images": see `SfmImage.to_request`, one camera a group, focal length in pixels or 0
+            if unknown; "ordered" whether neighbors in the list are neighbors in time; where there is one, "mask_folder"
+            with `<file>.png` for images of which only the pixels above 0 have features; and all settings.
         folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
         report: receives progress.
 
@@ -58,7 +57,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     import_images(database, images, request["images"])
     extract_and_match(database, images, files, request, folder, report)
     report(MATCHING_DONE, "registering images")
-    models = _map(database, images, folder, len(files), report)
+    models = _map(database, images, folder, request["images"], report)
     if not models:
         raise ReconstructionError(
             "no two images see the same thing from different places",
@@ -129,12 +128,10 @@ def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -
     for image in entries:
         groups[image["group"]].append(image)
     for group in groups.values():
-        options = pycolmap.ImageReaderOptions()
-        options.camera_model = "SIMPLE_RADIAL"
-        if group[0]["focal"]:
-            options.camera_params = f"{group[0]['focal']},{group[0]['width'] / 2},{group[0]['height'] / 2},0"
+        options = rigs.reader_options(group[0])
         names = [image["file"] for image in group]
         pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, image_names=names, options=options)
+    rigs.apply_rig(database, entries)
 
 
 def extract_and_match(
@@ -223,12 +220,13 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
             scores = np.zeros((len(files), len(files)), np.int32)
         else:
             scores = pairs.probe_scores([_probes(reader, ids[file], len(files)) for file in files])
-    return pairs.choose_pairs(
+    chosen = pairs.choose_pairs(
         scores,
         exhaustive_images=request["exhaustive_images"],
         pairs_per_image=request["pairs_per_image"],
         ordered=request["ordered"],
     )
+    return rigs.rig_pairs(chosen, request["images"], request["ordered"])
 
 
 def _probes(reader: pycolmap.Database, image_id: int, images: int) -> NDArray[np.float32]:
@@ -248,9 +246,11 @@ def mapper_options() -> pycolmap.IncrementalPipelineOptions:
     return options
 
 
-def _map(database: Path, images: Path, folder: Path, count: int, report: Report) -> list[pycolmap.Reconstruction]:
+def _map(
+    database: Path, images: Path, folder: Path, entries: list[dict[str, Any]], report: Report
+) -> list[pycolmap.Reconstruction]:
     """All disconnected models, largest first."""
-    registered = 2
+    registered, count = 2, len(entries)
 
     def report_next_image() -> None:
         nonlocal registered
@@ -264,6 +264,7 @@ def _map(database: Path, images: Path, folder: Path, count: int, report: Report)
     output.mkdir()
     snapshots.mkdir()
     options = mapper_options()
+    rigs.hold_rigs(options, database, entries)
     options.snapshot_path, options.snapshot_frames_freq = snapshots, mapping_snapshots.frames_between(count)
     models = pycolmap.incremental_mapping(
         database, images, output, options=options, next_image_callback=report_next_image
@@ -280,9 +281,7 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     ]
     return geometry.Reconstruction(
         world_from_camera=np.stack([world_from_camera(image) for image in posed]),
-        relative_focals=np.array(
-            [image.camera.mean_focal_length() / max(image.camera.width, image.camera.height) for image in posed]
-        ),
+        relative_focals=np.array([rigs.relative_focal(image.camera) for image in posed]),
         points=np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3),
         angles_deg=np.array(angles),
         images=images,

@@ -42,6 +42,7 @@ _FOCAL_KEYS = ("fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _OPENCV_KEYS = ("k1", "k2", "p1", "p2")
 _FISHEYE_KEYS = ("k1", "k2", "k3", "k4")
 _DISTORTION_KEYS = (*_FISHEYE_KEYS, "p1", "p2")
+_CIRCLE_KEY = "fisheye_crop_radius"
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
 _MILLIMETRE = 0.001
@@ -216,7 +217,7 @@ def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) 
     """Per-frame keys win over the document's; see `PosedImage.camera_model` for the resolution."""
     numbers = {
         key: _number(values, key, where)
-        for key in (*_SIZE_KEYS, *_FOCAL_KEYS, *_DISTORTION_KEYS)
+        for key in (*_SIZE_KEYS, *_FOCAL_KEYS, *_DISTORTION_KEYS, _CIRCLE_KEY)
         if values.get(key) is not None
     }
     width, height = (int(numbers["w"]), int(numbers["h"])) if "w" in numbers and "h" in numbers else size
@@ -234,7 +235,8 @@ def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) 
         )
     pinhole = (fx, fy, numbers.get("cx", width / 2), numbers.get("cy", height / 2))
     model, distortion = _distortion(str(values.get("camera_model") or "").upper(), numbers, where)
-    camera_model = CameraModel(model, width, height, (*pinhole, *distortion))
+    circle_px = numbers.get(_CIRCLE_KEY) if model == "OPENCV_FISHEYE" else None
+    camera_model = CameraModel(model, width, height, (*pinhole, *distortion), circle_px)
     check_camera_model(camera_model, field=where)
     return camera_model
 

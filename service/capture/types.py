@@ -13,7 +13,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import Privacy
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from fastsplat_contract.scenes import Scale
+from fastsplat_contract.scenes import Scale, VerticalSource
 
 Source = Literal["images", "video", "colmap", "nerfstudio", "splat", "polycam", "record3d", "arkit"]
 
@@ -91,7 +91,7 @@ class ScaleEstimate:
 
     Attributes:
         source: what told it: "tags", printed tags of a known side; "arkit", a phone's tracking; "sensor_depth", its
-            depth sensor; several, the surest first, joined by "+".
+            depth sensor; "gps", the places in the photos' EXIF; several, the surest first, joined by "+".
         meters_per_unit: of the world before it was scaled to metres.
         relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
     """
@@ -117,6 +117,19 @@ class WithheldReport:
 
 
 @dataclass(frozen=True)
+class VerticalEstimate:
+    """Which way is up in a world whose +z it is, and how sure that is.
+
+    Attributes:
+        source: what told it; see `VerticalSource` of the contract.
+        deviation_deg: 1 sigma of its angle, degrees.
+    """
+
+    source: VerticalSource
+    deviation_deg: float
+
+
+@dataclass(frozen=True)
 class CaptureReport:
     """What a user should know about a capture: images without a pose, accuracy, warnings.
 
@@ -129,6 +142,7 @@ class CaptureReport:
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
         scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
+        vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
     """
@@ -143,6 +157,7 @@ class CaptureReport:
     scale: ScaleEstimate | None = None
     photos: tuple[PhotoVerdict, ...] = ()
     withheld: WithheldReport | None = None
+    vertical: VerticalEstimate | None = None
 
 
 @dataclass(frozen=True)

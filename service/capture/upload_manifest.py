@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
@@ -35,6 +36,8 @@ class UploadManifest:
         gaussians: rows of the splat.
         depth_sizes: photo path to (width, height) of its depth map as stored, of photos that have one.
         splat_frame: the file that says how the splat's world lies in that of the poses, or "".
+        metadata: by photo path, what photos without poses say of themselves; see `photo_metadata`. It has the places
+            where they were taken, and goes with the upload.
     """
 
     source: Source
@@ -50,6 +53,7 @@ class UploadManifest:
     gaussians: int = 0
     splat_frame: str = ""
     depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:

@@ -18,6 +18,7 @@ from fastsplat.service.capture.label_maps import LabelTable, check_label_map, ma
 from fastsplat.service.capture.phones.polycam import read_polycam
 from fastsplat.service.capture.phones.record3d import read_record3d
 from fastsplat.service.capture.phones.scanner_app import read_scanner_app
+from fastsplat.service.capture.photo_metadata import read_metadata
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
@@ -199,6 +200,7 @@ def _validate_images(
         labels=contents.labels if label_maps else "",
         label_maps=label_maps,
         warnings=contents.warnings,
+        metadata=read_metadata(files, photos),
     )
 
 

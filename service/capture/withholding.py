@@ -83,6 +83,11 @@ class WithheldPixels:
         self._withholding, self._folder = withholding, folder
         self._shares: dict[str, float] = {}
 
+    @property
+    def active(self) -> bool:
+        """Whether anything is looked for."""
+        return self._withholding is not None
+
     def take(self, name: str, pixels: NDArray[np.uint8], file: str = "") -> WithheldPhoto:
         """The photo `name` as it may be used; with `file`, the mask of its features is stored under that name."""
         if self._withholding is None:
@@ -99,6 +104,12 @@ class WithheldPixels:
         if photo.pixels is not pixels:
             save_rgb(photo.pixels, path)
         return photo.pixels
+
+    def split(self, name: str, views: Sequence[str]) -> None:
+        """Say that the photo `name` became these views: each withholds the photo's share."""
+        if name in self._shares:
+            share = self._shares.pop(name)
+            self._shares.update(dict.fromkeys(views, share))
 
     def usable(self, file: str) -> NDArray[np.bool_] | None:
         """`WithheldPhoto.usable` of the photo whose mask was stored for `file`."""
@@ -130,8 +141,16 @@ class WithheldPixels:
         return self._folder / f"{file}.png"  # as COLMAP looks for it
 
     def _save(self, usable: NDArray[np.bool_], file: str) -> None:
-        self._folder.mkdir(exist_ok=True)
-        Image.fromarray(usable.astype(np.uint8) * 255).save(self._mask(file))
+        path = self._mask(file)  # a face of a panorama lies in a folder of its own
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(usable.astype(np.uint8) * 255).save(path)
+
+
+def both_masks(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """bool [H, W]: where both masks are true; one that is None is true everywhere."""
+    if one is None or other is None:
+        return other if one is None else one
+    return one & other
 
 
 def dilated(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:

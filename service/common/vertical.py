@@ -26,3 +26,15 @@ def vertical_of_poses(world_from_camera: F64) -> F64 | None:
     if values[1] < _LEAST_TURNED or values[0] > _LEVEL * values[1] or abs(axis @ up) < _LEVEL:
         return None
     return np.asarray(axis if axis @ up > 0 else -axis)
+
+
+def level_deviation(world_from_camera: F64, up: F64) -> float:
+    """How sure the vertical of `vertical_of_poses` is: 1 sigma of its angle, degrees, at least 0.2.
+
+    That of a normal fitted by least squares: each x axis is off the level by an angle of one variance, which their
+    residuals give; tilts add over the two directions across `up`.
+    """
+    across = world_from_camera[:, :3, 0]
+    variance = float(((across @ up) ** 2).sum()) / max(1, len(across) - 2)
+    values = np.linalg.eigvalsh(across.T @ across)[1:]
+    return max(0.2, float(np.degrees(np.sqrt((variance / values).sum()))))

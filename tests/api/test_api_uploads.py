@@ -180,6 +180,16 @@ def test_a_splat_becomes_an_operation_over_both(faces: Faces, service: SceneServ
         service.delete_scene(record.scene_id)
 
 
+def test_a_lens_is_posted_over_both(faces: Faces, service: SceneService) -> None:
+    chosen = {"lens": "panorama", "nadir_deg": 25.0}
+    posted = _post(faces, _photos(2), {name: str(value) for name, value in chosen.items()})
+    assert posted.status_code == 202, posted.text
+    for operation_id in (posted.json()["id"], faces.rpc.CreateScene(_messages(_photos(2), **chosen)).id):
+        record = service._store.scenes.operation(operation_id)
+        assert {name: record.options[name] for name in chosen} == chosen
+        service.delete_scene(record.scene_id)
+
+
 @pytest.mark.usefixtures("untouched")
 def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) -> None:
     for files, options, field in (
@@ -191,6 +201,9 @@ def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) ->
         (_photos(2), {"privacy": "faces"}, "privacy"),
         (_photos(2), {"movers": "hide"}, "movers"),
         (_photos(2), {"privacy": "people", "movers": "keep"}, "movers"),
+        ([("own.ply", _splat())], {"lens": "fisheye"}, "lens"),
+        (_photos(2), {"lens": "keyhole"}, "lens"),
+        (_photos(2), {"nadir_deg": 81.0}, "nadir_deg"),
     ):
         rest = rest_refusal(_post(faces, files, options))
         with pytest.raises(grpc.RpcError) as caught:

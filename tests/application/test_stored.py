@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from fastsplat.service.application.stored import operation_of
+from fastsplat.service.application.stored import operation_of, scene_of
 from fastsplat.service.store import open_store
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.records import OperationRecord
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.protocol import Job, read_job
+from fastsplat_contract.json_codec import from_json, to_json
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit
+from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.scenes import Color, Edit, Scene, SceneVertical
 
 
 def _options_of(record: OperationRecord) -> SceneOptions:
     return options_from_json({**record.options, "priority": record.priority})
 
 
-_OPTIONS = SceneOptions(("cup", "book"), 9.5, 50, "draft", 7)
+_OPTIONS = SceneOptions(("cup", "book"), 9.5, 50, "draft", 7, lens="fisheye", nadir_deg=20.0)
 
 
 def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path):
@@ -31,6 +35,22 @@ def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_
     assert _options_of(record) == _OPTIONS
     job = Job(operation.id, 1, tmp_path, tmp_path, _options_of(record), settings)
     assert read_job(job.to_line("real"))[0].options == _OPTIONS
+
+
+def test_a_scene_says_what_is_up_and_what_measured_it(service, post):
+    record = service._store.scenes.scene(post().id)
+    quality = {
+        "vertical_source": "planes",
+        "vertical_deviation_deg": 0.4,
+        "scale_source": "gps",
+        "scale_error_95": 0.06,
+    }
+    scene = scene_of(replace(record, scale="METRIC", quality=quality))
+    assert scene.vertical == SceneVertical("planes", 0.4)
+    assert scene.scaling is not None and scene.scaling.source == "gps"
+    assert scene.scaling.low == pytest.approx(1 / scene.scaling.high) and 1.05 < scene.scaling.high < 1.07
+    assert from_proto(Scene, to_proto(scene)) == from_json(Scene, to_json(scene)) == scene, "on every face"
+    assert scene_of(record).vertical is None and scene_of(record).scaling is None
 
 
 def test_options_of_the_first_release_are_read(service, post):

@@ -51,6 +51,13 @@ def test_without_a_budget_a_job_trains_with_the_operators_settings_and_the_users
     assert job_settings(_job(tmp_path, SceneOptions(preset="draft"))) == apply_preset(Settings(), "draft")
 
 
+def test_a_posted_lens_wins_over_the_operators(tmp_path: Path) -> None:
+    job = _job(tmp_path, SceneOptions(lens="fisheye"))
+    job = dataclasses.replace(job, settings=Settings(capture={"lens": "panorama", "nadir_deg": 30.0}))
+    capture = job_settings(job).capture
+    assert (capture.lens, capture.nadir_deg) == ("fisheye", 30.0)
+
+
 def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_path: Path) -> None:
     options = SceneOptions(time_budget_s=20.0)
     job = _job(tmp_path, options)

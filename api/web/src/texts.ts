@@ -342,8 +342,8 @@ export const texts = {
     setScale: "Set the scale",
     scaledBy: (meters: readonly number[]) => `Scaled by a known length of ${meters.join(" m, ")} m`,
     scaled: "The scene is in meters now.",
-    scaling: (lengths: number, percent: number) =>
-      `In meters by ${lengths ? plural(lengths, "known length", "known lengths") : "printed tags"}, ± ${percent.toPrecision(2)} %.`,
+    scaling: (lengths: number, percent: number, source: string) =>
+      `In meters by ${lengths ? plural(lengths, "known length", "known lengths") : source === "gps" ? "the photos' GPS" : "printed tags"}, ± ${percent.toPrecision(2)} %.`,
     shift: (unit: string) => `Shift along the axes, ${unit}`,
     turn: "Turn about the axes, degrees",
     shiftAlong: (axis: string) => `Shift along ${axis}`,

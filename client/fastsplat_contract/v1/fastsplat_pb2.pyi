@@ -75,6 +75,38 @@ SCALE_ARBITRARY: Scale.ValueType  # 2
 """poses came from images alone: lengths have no unit"""
 Global___Scale: _TypeAlias = Scale  # noqa: Y015
 
+class _VerticalSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _VerticalSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_VerticalSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    VERTICAL_SOURCE_UNSPECIFIED: _VerticalSource.ValueType  # 0
+    """never sent"""
+    VERTICAL_SOURCE_METADATA: _VerticalSource.ValueType  # 1
+    """sensors, as the photos' metadata have them"""
+    VERTICAL_SOURCE_HORIZON: _VerticalSource.ValueType  # 2
+    """cameras that were held level"""
+    VERTICAL_SOURCE_PLANES: _VerticalSource.ValueType  # 3
+    """floors, tables and other level planes"""
+    VERTICAL_SOURCE_CAMERAS: _VerticalSource.ValueType  # 4
+    """the mean of what the cameras had for up: least sure"""
+
+class VerticalSource(_VerticalSource, metaclass=_VerticalSourceEnumTypeWrapper):
+    """What said which way is up."""
+
+VERTICAL_SOURCE_UNSPECIFIED: VerticalSource.ValueType  # 0
+"""never sent"""
+VERTICAL_SOURCE_METADATA: VerticalSource.ValueType  # 1
+"""sensors, as the photos' metadata have them"""
+VERTICAL_SOURCE_HORIZON: VerticalSource.ValueType  # 2
+"""cameras that were held level"""
+VERTICAL_SOURCE_PLANES: VerticalSource.ValueType  # 3
+"""floors, tables and other level planes"""
+VERTICAL_SOURCE_CAMERAS: VerticalSource.ValueType  # 4
+"""the mean of what the cameras had for up: least sure"""
+Global___VerticalSource: _TypeAlias = VerticalSource  # noqa: Y015
+
 class _Grade:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -112,6 +144,8 @@ class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSour
     """lengths that a person knew"""
     SCALE_SOURCE_TAGS: _ScaleSource.ValueType  # 2
     """printed tags in the photos"""
+    SCALE_SOURCE_GPS: _ScaleSource.ValueType  # 3
+    """the places in the photos' EXIF"""
 
 class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
     """What said how long a unit is."""
@@ -122,6 +156,8 @@ SCALE_SOURCE_KNOWN_LENGTH: ScaleSource.ValueType  # 1
 """lengths that a person knew"""
 SCALE_SOURCE_TAGS: ScaleSource.ValueType  # 2
 """printed tags in the photos"""
+SCALE_SOURCE_GPS: ScaleSource.ValueType  # 3
+"""the places in the photos' EXIF"""
 Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
 
 class _NameSource:
@@ -709,6 +745,8 @@ class CreateSceneHeader(_message.Message):
     UP_FIELD_NUMBER: _builtins.int
     MOVERS_FIELD_NUMBER: _builtins.int
     PRIVACY_FIELD_NUMBER: _builtins.int
+    LENS_FIELD_NUMBER: _builtins.int
+    NADIR_DEG_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -736,6 +774,14 @@ class CreateSceneHeader(_message.Message):
     """people: a promise. Pixels that show people, by the detector's word, enter no feature, no training, no label and no
     stored image, and the files as sent are deleted once the photos are read
     """
+    lens: _builtins.str
+    """of photos or a video without poses: fisheye, or panorama (equirectangular, 360° by 180°); auto: panoramas are known
+    by their metadata, all others are perspective; absent: the server's default
+    """
+    nadir_deg: _builtins.float
+    """of panoramas: pixels within so many degrees of straight down, where the photographer stands, are left out; absent:
+    the server's default
+    """
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
@@ -753,15 +799,21 @@ class CreateSceneHeader(_message.Message):
         up: _builtins.str | None = ...,
         movers: _builtins.str | None = ...,
         privacy: _builtins.str | None = ...,
+        lens: _builtins.str | None = ...,
+        nadir_deg: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "max_gaussians", b"max_gaussians", "movers", b"movers", "preset", b"preset", "privacy", b"privacy", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "lens", b"lens", "max_gaussians", b"max_gaussians", "movers", b"movers", "nadir_deg", b"nadir_deg", "preset", b"preset", "privacy", b"privacy", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "max_gaussians", b"max_gaussians", "movers", b"movers", "name", b"name", "preset", b"preset", "priority", b"priority", "privacy", b"privacy", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "lens", b"lens", "max_gaussians", b"max_gaussians", "movers", b"movers", "nadir_deg", b"nadir_deg", "name", b"name", "preset", b"preset", "priority", b"priority", "privacy", b"privacy", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__lens: _TypeAlias = _typing.Literal["lens"]  # noqa: Y015
+    _WhichOneofArgType__lens: _TypeAlias = _typing.Literal["_lens", b"_lens"]  # noqa: Y015
     _WhichOneofReturnType__max_gaussians: _TypeAlias = _typing.Literal["max_gaussians"]  # noqa: Y015
     _WhichOneofArgType__max_gaussians: _TypeAlias = _typing.Literal["_max_gaussians", b"_max_gaussians"]  # noqa: Y015
     _WhichOneofReturnType__movers: _TypeAlias = _typing.Literal["movers"]  # noqa: Y015
     _WhichOneofArgType__movers: _TypeAlias = _typing.Literal["_movers", b"_movers"]  # noqa: Y015
+    _WhichOneofReturnType__nadir_deg: _TypeAlias = _typing.Literal["nadir_deg"]  # noqa: Y015
+    _WhichOneofArgType__nadir_deg: _TypeAlias = _typing.Literal["_nadir_deg", b"_nadir_deg"]  # noqa: Y015
     _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
     _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
     _WhichOneofReturnType__privacy: _TypeAlias = _typing.Literal["privacy"]  # noqa: Y015
@@ -771,9 +823,13 @@ class CreateSceneHeader(_message.Message):
     _WhichOneofReturnType__up: _TypeAlias = _typing.Literal["up"]  # noqa: Y015
     _WhichOneofArgType__up: _TypeAlias = _typing.Literal["_up", b"_up"]  # noqa: Y015
     @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__lens) -> _WhichOneofReturnType__lens | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__max_gaussians) -> _WhichOneofReturnType__max_gaussians | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__movers) -> _WhichOneofReturnType__movers | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__nadir_deg) -> _WhichOneofReturnType__nadir_deg | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
     @_typing.overload
@@ -951,6 +1007,7 @@ class Scene(_message.Message):
     CAMERA_COUNT_FIELD_NUMBER: _builtins.int
     ASSESSMENT_FIELD_NUMBER: _builtins.int
     SCALING_FIELD_NUMBER: _builtins.int
+    VERTICAL_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -988,6 +1045,10 @@ class Scene(_message.Message):
     def scaling(self) -> Global___SceneScaling:
         """absent where the poses came in meters, or nothing says how long a unit is"""
 
+    @_builtins.property
+    def vertical(self) -> Global___SceneVertical:
+        """absent where poses came with the upload, or nothing says what is up"""
+
     def __init__(
         self,
         *,
@@ -1006,14 +1067,40 @@ class Scene(_message.Message):
         camera_count: _builtins.int = ...,
         assessment: Global___Assessment | None = ...,
         scaling: Global___SceneScaling | None = ...,
+        vertical: Global___SceneVertical | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
+
+@_typing.final
+class SceneVertical(_message.Message):
+    """Which way is up in a scene whose +z it is, and how sure that is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SOURCE_FIELD_NUMBER: _builtins.int
+    DEVIATION_DEG_FIELD_NUMBER: _builtins.int
+    source: Global___VerticalSource.ValueType
+    deviation_deg: _builtins.float
+    """1 sigma of the angle between +z and the vertical, degrees"""
+    def __init__(
+        self,
+        *,
+        source: Global___VerticalSource.ValueType = ...,
+        deviation_deg: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneVertical: _TypeAlias = SceneVertical  # noqa: Y015
 
 @_typing.final
 class Finding(_message.Message):

@@ -111,5 +111,5 @@ export function ScaleFacts({ state }: { state: SceneState }) {
   const scaling = state.scene.value?.scaling;
   if (!scaling) return null;
   const percent = (100 * (scaling.high - scaling.low)) / (2 * scaling.meters_per_unit);
-  return <p class="hint">{texts.change.scaling(scaling.known_lengths, percent)}</p>;
+  return <p class="hint">{texts.change.scaling(scaling.known_lengths, percent, scaling.source)}</p>;
 }

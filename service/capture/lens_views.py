@@ -1,0 +1,138 @@
+"""What views become of one image: one, or the faces of a fisheye lens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.camera_model import CameraModel, compute_undistortion, rotate90, rotate90_pose
+from fastsplat.service.capture.image_decoding import reduced_size
+from fastsplat.service.capture.image_io import PhotoInfo
+from fastsplat.service.capture.lens_faces import LensFace, WideLens, face_name, fisheye_faces, is_fisheye
+from fastsplat.service.capture.photo_metadata import PhotoPlace
+from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality
+from fastsplat.service.capture.posed_input import PosedImage
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm_images import SfmImage
+from fastsplat.service.capture.view_writer import SourceImage, ViewGeometry
+
+F64 = NDArray[np.float64]
+
+
+@dataclass
+class ViewLog:
+    """What is known of views as they are made: through which lenses they were seen, and what verdicts on photos need.
+
+    Attributes:
+        lenses: by the number of faces and the field of view in whole degrees, the share of pixels that is covered.
+        qualities: one a view.
+        matches: of the views of images without poses.
+        place_of: of the first view of each photo that says where it was taken.
+        unused_depths: how many depth maps belong to fisheye photos, of which none is used.
+    """
+
+    lenses: dict[tuple[int, int], float] = field(default_factory=dict)
+    qualities: list[PhotoQuality] = field(default_factory=list)
+    matches: dict[str, PhotoMatches] = field(default_factory=dict)
+    place_of: dict[str, PhotoPlace] = field(default_factory=dict)
+    unused_depths: int = 0
+    _photos: set[str] = field(default_factory=set)
+
+    def add(
+        self,
+        lens: WideLens,
+        quality: PhotoQuality,
+        matches: PhotoMatches | None = None,
+        image: SfmImage | None = None,
+    ) -> None:
+        """Take in an image that is about to become the views of a lens's faces."""
+        if lens.field_of_view_deg:
+            self.lenses[len(lens.faces), round(lens.field_of_view_deg)] = lens.covered
+        for face in lens.faces:
+            name = face_name(quality.name, face.name)
+            self.qualities.append(replace(quality, name=name))
+            if matches is not None:
+                self.matches[name] = matches
+
+        photo = None if image is None else image.photo
+        if image is not None and photo is not None and image.metadata.place and photo.path not in self._photos:
+            self._photos.add(photo.path)
+            self.place_of[face_name(quality.name, lens.faces[0].name)] = image.metadata.place
+
+    def places(self, views: Sequence[str]) -> list[PhotoPlace | None]:
+        """Of each view the place of its photo, once a photo."""
+        return [self.place_of.get(view) for view in views]
+
+    def warnings(self) -> tuple[str, ...]:
+        """What becomes of fisheye photos, as sentences for people."""
+        lenses = tuple(_sentence(faces, angle, share) for (faces, angle), share in sorted(self.lenses.items()))
+        unused = f"The depth maps of {self.unused_depths} fisheye photos are not used."
+        return (*lenses, unused) if self.unused_depths else lenses
+
+
+def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens:
+    """The faces of any camera; one, without loss of content but at the rim, for all but fisheye lenses.
+
+    Raises:
+        InvalidInputError: the distortion cannot be undone.
+    """
+    if is_fisheye(camera_model):
+        return fisheye_faces(camera_model, max_side, field)
+    undistortion = compute_undistortion(camera_model, max_side, field=field)
+    return WideLens((LensFace("", np.eye(3), undistortion),), 0.0, 1.0)
+
+
+def posed_lens(image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> tuple[WideLens, list[ViewGeometry]]:
+    """The lens of a posed image and, of each of its faces, how it becomes a view.
+
+    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+
+    Raises:
+        InvalidInputError: the distortion cannot be undone.
+    """
+    stored = image.camera_model
+    quarter_turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
+    size = reduced_size(*photo.upright_size, settings.max_side)
+    width, height = size if quarter_turns % 2 == 0 else size[::-1]
+    lens = lens_of(stored.scaled_to(width, height), settings.max_side, field=image.name)
+    geometries = [
+        ViewGeometry(
+            size=size,
+            undistortion=rotate90(face.undistortion, quarter_turns, width, height),
+            world_from_camera=rotate90_pose(face.pose(image.world_from_camera), quarter_turns),
+        )
+        for face in lens.faces
+    ]
+    return lens, geometries
+
+
+def views_of(source: SourceImage, lens: WideLens) -> list[SourceImage]:
+    """One image as the views of a lens's faces; its undistortion is theirs then."""
+    return [
+        replace(
+            source,
+            name=face_name(source.name, face.name),
+            undistortion=face.undistortion,
+            world_from_camera=face.pose(source.world_from_camera),
+        )
+        for face in lens.faces
+    ]
+
+
+def test_views(names: Sequence[str], views: Sequence[str]) -> tuple[str, ...]:
+    """The views of images that are set apart for testing: of a fisheye photo all its faces."""
+    faces: Mapping[str, list[str]] = {
+        name: [name, *(face_name(name, face) for face in ("front", "right", "back", "left", "up", "down"))]
+        for name in names
+    }
+    present = set(views)
+    return tuple(face for name in names for face in faces[name] if face in present)
+
+
+def _sentence(faces: int, angle: int, share: float) -> str:
+    shapes = "one view without distortion" if faces == 1 else f"{faces} views without distortion"
+    rest = "" if share > 0.995 else f"; {100 * (1 - share):.0f} % of its pixels, at the rim, are not used"
+    return f"Each fisheye photo of {angle}° becomes {shapes}{rest}."
