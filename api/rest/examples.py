@@ -128,6 +128,7 @@ _PHOTO = PhotoVerdict(
     brightness=0.84,
     matches=9,
     advice="It is much less sharp than the others: hold the camera still, or take it again.",
+    between=("IMG_0041.jpg", "IMG_0042.jpg"),
 )
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],

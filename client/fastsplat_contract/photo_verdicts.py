@@ -43,6 +43,13 @@ class PhotoVerdict(Response):
         Field(description="points that it shares with the photo that shares most; absent: poses came with the upload"),
     ]
     advice: Annotated[str, Field(description="what to do about it, in plain words; empty where all is well")]
+    between: Annotated[
+        Many[str],
+        Field(
+            description="of a photo without a place: the placed photo that shares most with it, and itself; a photo "
+            "taken between the two would join it. Empty where none shares anything with it"
+        ),
+    ] = ()
 
 
 @travels(request=False, proto="ListPhotoVerdictsResponse")

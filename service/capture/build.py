@@ -19,7 +19,7 @@ from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
+from fastsplat.service.capture.photo_quality import PhotoQuality, judge_photos, matches_by_name, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
@@ -184,7 +184,7 @@ class _Build:
             photos=judge_photos(
                 [image.quality for image in images],
                 _poses(written.views),
-                {image.name: PhotoMatches(*result["matches"][image.file]) for image in images},
+                matches_by_name(result["matches"], {image.file: image.name for image in images}),
                 written.masked,
             ),
         )

@@ -68,6 +68,9 @@ class CaptureSettings(BaseModel):
     exhaustive_images: int = 30
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
     pairs_per_image: int = 20
+    global_mapping_images: int = Field(150, ge=2)
+    """More images than this are placed all at once by COLMAP's global mapper, where its result is good; fewer one after
+    another, which is slower for many."""
     tag_side_m: float | None = Field(0.08, gt=0)
     """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their metres,
     as `fastsplat tags` prints them; None: tags are not looked for."""
