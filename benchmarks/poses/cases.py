@@ -65,26 +65,40 @@ def measure(case: Case, method: str, data: Path) -> dict[str, Any]:
         (folder / "images").mkdir()
         for photo in photos:
             shutil.copy(photo, folder / "images")
-        cpu, wall = _cpu_seconds(), time.monotonic()
-        try:
-            placed = METHODS[method](folder)
-        except ReconstructionError as error:
-            placed = Placed({}, 0, 0.0, (), (str(error),))
-        row = {
-            **asdict(case),
-            "method": method,
-            "photos": len(photos),
-            "placed": len(placed.poses),
-            "not_placed": sorted(photo.name for photo in photos if photo.name not in placed.poses),
-            "points": placed.points,
-            "error_px": round(placed.error_px, 3),
-            "models": list(placed.models),
-            "cpu_s": round(_cpu_seconds() - cpu, 1),
-            "wall_s": round(time.monotonic() - wall, 1),
-            "peak_mb": round(max(_peak_mb(resource.RUSAGE_SELF), _peak_mb(resource.RUSAGE_CHILDREN))),
-            "warnings": list(placed.warnings),
-        }
-    truth = _truth(data / case.name)
+        numbers = _measured(folder, METHODS[method], _truth(data / case.name))
+    names = numbers.pop("names")
+    left = [photo.name for photo in photos if photo.name not in names]
+    return {**asdict(case), "method": method, "photos": len(photos), **numbers, "not_placed": left}
+
+
+def measure_service(
+    folder: Path, truth: Mapping[str, NDArray[np.float64]], settings: CaptureSettings
+) -> dict[str, Any]:
+    """The same of the photos in folder/images with their true poses, by the service with these settings."""
+    numbers = _measured(folder, lambda photos: _by_service(photos, settings), truth)
+    del numbers["names"]
+    return numbers
+
+
+def _measured(
+    folder: Path, method: Callable[[Path], Placed], truth: Mapping[str, NDArray[np.float64]]
+) -> dict[str, Any]:
+    cpu, wall = _cpu_seconds(), time.monotonic()
+    try:
+        placed = method(folder)
+    except ReconstructionError as error:
+        placed = Placed({}, 0, 0.0, (), (str(error),))
+    row = {
+        "placed": len(placed.poses),
+        "points": placed.points,
+        "error_px": round(placed.error_px, 3),
+        "models": list(placed.models),
+        "cpu_s": round(_cpu_seconds() - cpu, 1),
+        "wall_s": round(time.monotonic() - wall, 1),
+        "peak_mb": round(max(_peak_mb(resource.RUSAGE_SELF), _peak_mb(resource.RUSAGE_CHILDREN))),
+        "warnings": list(placed.warnings),
+        "names": set(placed.poses),
+    }
     if truth and len(placed.poses) > 2:
         row["pose_error"] = pose_error(placed.poses, truth)
     return row
@@ -141,9 +155,9 @@ def _by_colmap(folder: Path) -> Placed:
     return Placed(poses, ordered[0].num_points3D(), ordered[0].compute_mean_reprojection_error(), sizes)
 
 
-def _by_service(folder: Path) -> Placed:
+def _by_service(folder: Path, settings: CaptureSettings | None = None) -> Placed:
     """What an upload of the photos becomes, with all that the service does to them."""
-    settings = CaptureSettings()
+    settings = settings or CaptureSettings()
     validate_upload(folder, settings)
     capture = build_capture(folder, folder / "capture", settings, silent)
     return Placed(

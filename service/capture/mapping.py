@@ -4,7 +4,8 @@ The first mapping has COLMAP's own thresholds. Only where it is poor is there mo
 
 1. pairs whose matches contradict those of other pairs are taken out (`match_cycles`), where the model contradicts many;
 2. lower thresholds, which cost one more mapping at most, as features and matches are there;
-3. guided matching (COLMAP's) of the pairs that join photos without a place to others, then as before.
+3. guided matching (COLMAP's) of the pairs that join photos without a place to others, then as before;
+4. those that are left once more, with the matches that the next paragraph is about.
 
 Each is judged by matches that it was not given (`model_agreement.choose_held_out`), which the first mapping had:
 so what comes later is not favored.
@@ -26,6 +27,7 @@ from fastsplat.service.capture.model_agreement import (
     choose_held_out,
     contradictions,
     explained,
+    give_back,
     verified_matches,
     withhold,
 )
@@ -42,10 +44,15 @@ _FEWEST_INLIERS = 15
 _FEWEST_MATCHES = 10
 _FEWEST_INITIAL_INLIERS = 50
 _GUIDED_PAIRS_PER_IMAGE = 3
+_MOST_GUIDED_PAIRS = 48
+"""One takes ten times as long as an ordinary pair."""
 _FEW_PLACED = 0.8
 _AS_GOOD = 0.98
 """Held-out matches that a model explains may be fewer by this factor where it places more photos."""
 _GLOBAL_PLACED = 0.95
+_FEWEST_TO_HOLD_OUT = 60
+"""Matches of a pair that can do without a tenth of them."""
+_FEWEST_OF_REPEATS = 30
 
 
 def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOptions:
@@ -130,13 +137,11 @@ class Mapping:
     def _again(self, models: Models) -> Models:
         copy = self.folder / "again.db"
         shutil.copyfile(self.database, copy)
-        held_out = choose_held_out(verified_matches(copy))
-        withhold(copy, held_out)
         if models and geometry.repetition_warning(*contradictions(models[0], self.database)):
-            self.report(1.0, "registering images without contradicting pairs")
-            if _drop_contradicting(copy):
-                models = self._better(models, self._map(copy, "consistent", mapper_options()), held_out)
-        for number, guided in enumerate((False, True)):
+            models = self._consistent(models, copy)
+        held_out = choose_held_out(verified_matches(copy), _FEWEST_TO_HOLD_OUT)
+        withhold(copy, held_out)
+        for name, guided in (("lower", False), ("guided", True), ("complete", False)):
             left = self._left_out(models)
             if not left:
                 break
@@ -144,11 +149,28 @@ class Mapping:
             if guided:
                 self.rematch(copy, _strongest_pairs(copy, left))
                 withhold(copy, held_out)
-            few = len(left) > (1 - _FEW_PLACED) * self.count
-            start = None if few else models[0]
-            again = self._map(copy, f"again{number}", mapper_options(lower=True), start=start)
+            if name == "complete":
+                give_back(copy, held_out)
+            few = len(left) > (1 - _FEW_PLACED) * self.count and name != "complete"
+            start = None if few or not models else models[0]
+            again = self._map(copy, name, mapper_options(lower=True), start=start)
             models = self._better(models, again, held_out)
         return models
+
+    def _consistent(self, models: Models, copy: Path) -> Models:
+        """The better of `models` and those without contradicting pairs, which in the latter case leave the copy too."""
+        self.report(1.0, "registering images without contradicting pairs")
+        if not _drop_contradicting(copy):
+            return models
+        trial = self.folder / "consistent.db"
+        shutil.copyfile(copy, trial)
+        # Right pairs may have few matches beside wrong ones that look the same: all of them have a say.
+        held_out = choose_held_out(verified_matches(self.database), _FEWEST_OF_REPEATS)
+        withhold(trial, held_out)
+        better = self._better(models, self._map(trial, "consistent", mapper_options()), held_out)
+        if better is models:
+            shutil.copyfile(self.database, copy)
+        return better
 
     def _map(
         self,
@@ -194,12 +216,13 @@ def _largest_first(models: dict[int, pycolmap.Reconstruction]) -> Models:
 
 
 def _strongest_pairs(database: Path, images: set[int]) -> list[tuple[int, int]]:
-    """The verified pairs with most matches of each of these images, sorted."""
+    """The few verified pairs with most matches of each of these images, sorted."""
     of_image = defaultdict(list)
     for pair, rows in verified_matches(database).items():
         for image_id in set(pair) & images:
             of_image[image_id].append((-len(rows), pair))
-    return sorted({pair for pairs in of_image.values() for _, pair in sorted(pairs)[:_GUIDED_PAIRS_PER_IMAGE]})
+    strongest = {row for rows in of_image.values() for row in sorted(rows)[:_GUIDED_PAIRS_PER_IMAGE]}
+    return sorted(pair for _, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])
 
 
 def _drop_contradicting(database: Path) -> int:

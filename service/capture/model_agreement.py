@@ -15,7 +15,6 @@ PairMatches = Mapping[tuple[int, int], NDArray[np.uint32]]
 """Rows of features, [M, 2], by the ids of two images."""
 
 _HELD_OUT_EVERY = 10
-_FEWEST_TO_HOLD_OUT = 30
 _EXPLAINED_PX = 4.0
 """As far from its epipolar line as COLMAP lets a verified match be."""
 
@@ -44,9 +43,9 @@ def contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int,
     return geometry.contradictions([len(rows) for rows in matches.values()], medians)
 
 
-def choose_held_out(matches: PairMatches) -> dict[tuple[int, int], NDArray[np.uint32]]:
-    """Every tenth match of the pairs with at least 30: those to judge a model by."""
-    return {pair: rows[::_HELD_OUT_EVERY] for pair, rows in matches.items() if len(rows) >= _FEWEST_TO_HOLD_OUT}
+def choose_held_out(matches: PairMatches, fewest: int) -> dict[tuple[int, int], NDArray[np.uint32]]:
+    """Every tenth match of the pairs with at least `fewest`: those to judge a model by."""
+    return {pair: rows[::_HELD_OUT_EVERY] for pair, rows in matches.items() if len(rows) >= fewest}
 
 
 def withhold(database: Path, held_out: PairMatches) -> None:
@@ -61,6 +60,17 @@ def withhold(database: Path, held_out: PairMatches) -> None:
             stays = [(int(first), int(second)) not in known for first, second in rows]
             pair_geometry.inlier_matches = rows[np.array(stays, bool)]
             editor.update_two_view_geometry(*pair, pair_geometry)
+
+
+def give_back(database: Path, held_out: PairMatches) -> None:
+    """Undo `withhold`, for the pairs that are still in the database."""
+    with pycolmap.Database.open(database) as editor:
+        for pair, withheld in held_out.items():
+            if editor.exists_two_view_geometry(*pair):
+                pair_geometry = editor.read_two_view_geometry(*pair)
+                rows = np.concatenate([np.asarray(pair_geometry.inlier_matches), withheld])
+                pair_geometry.inlier_matches = np.unique(rows, axis=0)
+                editor.update_two_view_geometry(*pair, pair_geometry)
 
 
 def explained(model: pycolmap.Reconstruction, database: Path, matches: PairMatches) -> int:

@@ -68,7 +68,10 @@ class PhotoMatches:
 
 def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str]) -> dict[str, PhotoMatches]:
     """What `sfm.reconstruct` says of its files, by the names of the photos; `names` are by file."""
-    return {names[file]: PhotoMatches(*row[:-1], names.get(row[-1], "")) for file, row in rows.items()}
+    matches = {}
+    for file, (features, best, best_placed, other_model, nearest) in rows.items():
+        matches[names[file]] = PhotoMatches(features, best, best_placed, other_model, names.get(nearest, ""))
+    return matches
 
 
 def measure_photo(name: str, pixels: NDArray[np.uint8]) -> PhotoQuality:

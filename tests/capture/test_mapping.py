@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 
 from fastsplat.service.capture.mapping import Mapping, Models, mapper_options
-from fastsplat.service.capture.model_agreement import choose_held_out, explained, verified_matches, withhold
+from fastsplat.service.capture.model_agreement import choose_held_out, explained, give_back, verified_matches, withhold
 
 _ALL_AT_ONCE, _ONE_BY_ONE = 2, 1_000
 
@@ -95,12 +95,16 @@ def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
     database = tmp_path / "features.db"
     truth = _dataset(database, 6)
     before = verified_matches(database)
-    held_out = choose_held_out(before)
+    held_out = choose_held_out(before, 60)
     withhold(database, held_out)
     after = verified_matches(database)
     assert all(len(after[pair]) + len(held_out[pair]) == len(before[pair]) for pair in held_out)
     total = sum(len(rows) for rows in held_out.values())
     assert explained(truth, database, held_out) == total > 50
+    give_back(database, held_out)
+    assert {pair: len(rows) for pair, rows in verified_matches(database).items()} == {
+        pair: len(rows) for pair, rows in before.items()
+    }
     frame = truth.images[1].frame
     assert frame is not None and frame.rig_from_world is not None
     shifted = np.array(frame.rig_from_world.matrix())
