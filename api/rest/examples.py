@@ -129,6 +129,7 @@ _PHOTO = PhotoVerdict(
     matches=9,
     advice="It is much less sharp than the others: hold the camera still, or take it again.",
     withheld=0.083,
+    between=("IMG_0041.jpg", "IMG_0042.jpg"),
 )
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],

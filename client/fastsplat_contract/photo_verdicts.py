@@ -46,6 +46,13 @@ class PhotoVerdict(Response):
     withheld: Annotated[
         float, Field(description="share of its pixels, 0..1, that were left out because they show what moves")
     ] = 0.0
+    between: Annotated[
+        Many[str],
+        Field(
+            description="of a photo without a place: the placed photo that shares most with it, and itself; a photo "
+            "taken between the two would join it. Empty where none shares anything with it"
+        ),
+    ] = ()
 
 
 @travels(request=False, proto="ListPhotoVerdictsResponse")

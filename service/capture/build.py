@@ -23,7 +23,7 @@ from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.lens_faces import face_name, is_fisheye
 from fastsplat.service.capture.lens_views import ViewLog, lens_of, posed_lens, test_views, views_of
 from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, measure_photo
+from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, matches_by_name, measure_photo
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
@@ -148,10 +148,12 @@ class _Build:
         poses, points = normalize_world(poses, points, None if vertical is None else vertical.up)
         table = self._label_table()
         log = ViewLog()
+        matches = matches_by_name(result["matches"], {image.file: image.name for image in images})
+        cameras = result["cameras"]
         sources = (
             source
             for image, pose in zip(registered, poses, strict=True)
-            for source in self._reconstructed_sources(image, pose, result, table, log)
+            for source in self._reconstructed_sources(image, pose, cameras[image.file], matches[image.name], table, log)
         )
         written = self._write(sources, len(registered), 0.9, 1.0)
         unregistered = [image for image in images if image.file not in result["poses"]]
@@ -165,7 +167,7 @@ class _Build:
             photos=judge_photos(
                 [*log.qualities, *(image.quality for image in unregistered)],
                 _poses(written.views),
-                {image.name: PhotoMatches(*result["matches"][image.file]) for image in unregistered} | log.matches,
+                {image.name: matches[image.name] for image in unregistered} | log.matches,
                 written.masked,
             ),
             vertical=None if vertical is None else vertical.estimate,
@@ -254,9 +256,15 @@ class _Build:
         return list(frames)
 
     def _reconstructed_sources(
-        self, image: SfmImage, pose: NDArray[np.float64], result: dict[str, Any], table: LabelTable | None, log: ViewLog
+        self,
+        image: SfmImage,
+        pose: NDArray[np.float64],
+        camera: list[Any],
+        matches: PhotoMatches,
+        table: LabelTable | None,
+        log: ViewLog,
     ) -> Iterator[SourceImage]:
-        model, width, height, params = result["cameras"][image.file]
+        model, width, height, params = camera
         camera_model = CameraModel(model, width, height, tuple(params))
         try:
             check_camera_model(camera_model, field=image.name)
@@ -267,7 +275,7 @@ class _Build:
                 field=image.name,
                 hint="Leave out images that are cropped, edited or unlike the others.",
             ) from error
-        log.add(lens, image.quality, PhotoMatches(*result["matches"][image.file]), image)
+        log.add(lens, image.quality, matches, image)
         stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
         ids = None if stored is None or table is None else source_ids(image, self.files, stored, self.decoder)
         source = SourceImage(

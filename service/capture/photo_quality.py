@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,12 +56,22 @@ class PhotoMatches:
         best: verified matches with the photo with which it has most.
         best_placed: the same among the placed photos.
         other_model: whether it is in another model than the scene's.
+        nearest_placed: name of the placed photo with which it has most matches, verified ones first; "" for none.
     """
 
     features: int
     best: int
     best_placed: int
     other_model: bool
+    nearest_placed: str = ""
+
+
+def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str]) -> dict[str, PhotoMatches]:
+    """What `sfm.reconstruct` says of its files, by the names of the photos; `names` are by file."""
+    matches = {}
+    for file, (features, best, best_placed, other_model, nearest) in rows.items():
+        matches[names[file]] = PhotoMatches(features, best, best_placed, other_model, names.get(nearest, ""))
+    return matches
 
 
 def measure_photo(name: str, pixels: NDArray[np.uint8]) -> PhotoQuality:
@@ -110,6 +121,7 @@ def judge_photos(
         placed = photo.name in poses
         reason = None if placed else _reason(photo.name, shared, masked)
         defects = tuple(name for name, present in flags.items() if present)
+        between = (shared.nearest_placed, photo.name) if not placed and shared and shared.nearest_placed else ()
         verdicts.append(
             PhotoVerdict(
                 name=photo.name,
@@ -120,7 +132,8 @@ def judge_photos(
                 sharpness=round(float(sharp), 3),
                 brightness=round(photo.brightness, 3),
                 matches=None if shared is None else shared.best,
-                advice=_advice(reason, defects, original),
+                advice=_advice(reason, defects, original, between),
+                between=between,
             )
         )
     return tuple(verdicts)
@@ -198,9 +211,11 @@ _DEFECTS: Mapping[PhotoDefect, str] = {
 }
 
 
-def _advice(reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str) -> str:
+def _advice(reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str, between: Sequence[str]) -> str:
     """What to do, the defects first, as they often are why a photo has no place."""
     sentences = [_DEFECTS[defect].replace("{original}", original) for defect in defects]
     if reason is not None and not {"blurred", "dark"} & set(defects):
         sentences.append(_REASONS[reason])
+        if between:
+            sentences.append(f"One taken between {between[0]} and this one would help most.")
     return " ".join(sentences)

@@ -17,6 +17,8 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, sfm
+from fastsplat.service.capture.mapping import SEED, mapper_options
+from fastsplat.service.capture.model_agreement import contradictions as contradictions_of
 
 Report = Callable[[float, str], None]
 F64 = NDArray[np.float64]
@@ -47,7 +49,7 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
     Raises:
         ReconstructionError: the images have hardly any texture, or contradict the poses before and after.
     """
-    pycolmap.set_random_seed(sfm.SEED)
+    pycolmap.set_random_seed(SEED)
     database, images = folder / "features.db", Path(request["image_folder"])
     posed_images = request["images"]
     files = [image["file"] for image in posed_images]
@@ -57,7 +59,7 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
     sfm.extract_and_match(database, images, files, request, folder, report)
     report(sfm.MATCHING_DONE, "refining poses")
     before = {image.name: sfm.world_from_camera(image) for image in tracked.images.values()}
-    contradictions, model = sfm.contradictions(tracked, database), tracked
+    contradictions, model = contradictions_of(tracked, database), tracked
     for index, error_px in enumerate(_ROUNDS_PX):
         model = _triangulated(model, database, images, folder / f"round{index}", error_px)
         _adjust(model, before)
@@ -68,7 +70,7 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
         if image.num_points3D >= _LEAST_FEATURES
     }
     shift, turn = _moves(before, after)
-    left = sfm.contradictions(model, database)
+    left = contradictions_of(model, database)
     geometry.refuse_wrong_poses(*min(contradictions, left))
     refused = refusal(np.array([pose[:3, 3] for pose in before.values()]), shift, turn, contradictions, left)
     if refused:
@@ -96,7 +98,7 @@ def _triangulated(
     model: pycolmap.Reconstruction, database: Path, images: Path, output: Path, error_px: float
 ) -> pycolmap.Reconstruction:
     output.mkdir()
-    options = sfm.mapper_options()
+    options = mapper_options()
     options.mapper.filter_max_reproj_error = error_px
     options.triangulation.complete_max_reproj_error = error_px
     options.triangulation.merge_max_reproj_error = error_px
@@ -124,7 +126,7 @@ def _adjust(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
     for camera_id in model.cameras:
         config.set_constant_cam_intrinsics(camera_id)
     prior_options = pycolmap.PosePriorBundleAdjustmentOptions()
-    prior_options.alignment_ransac.random_seed = sfm.SEED
+    prior_options.alignment_ransac.random_seed = SEED
     pycolmap.create_pose_prior_bundle_adjuster(options, prior_options, config, priors, model).solve()
 
 

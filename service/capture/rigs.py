@@ -49,6 +49,11 @@ def apply_rig(database: Path, images: Sequence[dict[str, Any]]) -> None:
         pycolmap.apply_rig_config([config], editor)
 
 
+def has_rigs(images: Sequence[dict[str, Any]]) -> bool:
+    """Whether faces of panoramas are among the images."""
+    return any(image.get("camera_from_face") is not None for image in images)
+
+
 def hold_rigs(options: pycolmap.IncrementalPipelineOptions, database: Path, images: Sequence[dict[str, Any]]) -> None:
     """Keep rotations and cameras of faces as they are while images are registered."""
     faces = {image["file"] for image in images if image.get("camera_from_face") is not None}

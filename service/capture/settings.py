@@ -82,6 +82,9 @@ class CaptureSettings(BaseModel):
     """Pixels of each of the six square faces that a panorama is cut into, at most; it bounds memory, too."""
     panorama_frames: int = Field(30, ge=2)
     """Frames used of a 360° video; each becomes six images."""
+    global_mapping_images: int = Field(150, ge=2)
+    """More images than this are placed all at once by COLMAP's global mapper, where its result is good; fewer one after
+    another, which is slower for many."""
     tag_side_m: float | None = Field(0.08, gt=0)
     """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their metres,
     as `fastsplat tags` prints them; None: tags are not looked for."""

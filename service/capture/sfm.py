@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,13 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.capture import geometry, mapping_snapshots, pairs, rigs
+from fastsplat.service.capture import geometry, pairs, rigs
+from fastsplat.service.capture.mapping import SEED, Mapping, Models, mapper_options
+from fastsplat.service.capture.model_agreement import contradictions
 from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
 
-SEED = 0
 _IMAGES_A_STEP = 8
 _PAIRS_A_STEP = 48
 _FEATURES_DONE, MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
@@ -57,7 +58,14 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     import_images(database, images, request["images"])
     extract_and_match(database, images, files, request, folder, report)
     report(MATCHING_DONE, "registering images")
-    models = _map(database, images, folder, request["images"], report)
+    models = Mapping(
+        database,
+        images,
+        folder,
+        request["images"],
+        lambda copy, image_pairs: _match_guided(copy, image_pairs, request, folder),
+        lambda done, message: report(MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * done, message),
+    ).run(request["global_mapping_images"])
     if not models:
         raise ReconstructionError(
             "no two images see the same thing from different places",
@@ -139,7 +147,7 @@ def extract_and_match(
 ) -> None:
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
-    extraction.num_threads = request["sfm_threads"] or os.cpu_count() or 1
+    extraction.num_threads = _threads(request)
     extraction.sift.max_num_features = request["sfm_features"]
     masks = Path(request["mask_folder"]) if "mask_folder" in request else None
     for start in range(0, len(files), _IMAGES_A_STEP):
@@ -148,18 +156,40 @@ def extract_and_match(
         extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
     image_pairs = _choose_pairs(database, files, request)
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = _matching_threads(extraction.num_threads)
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = SEED
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = folder / "pairs.txt"
     for start in range(0, len(image_pairs), _PAIRS_A_STEP):
         fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
         report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
         step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
-        (folder / "pairs.txt").write_text("".join(f"{files[i]} {files[j]}\n" for i, j in step_pairs))
-        pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
+        _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
+
+
+def _match(
+    database: Path, names: list[tuple[str, str]], request: dict[str, Any], folder: Path, *, guided: bool = False
+) -> None:
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = _matching_threads(_threads(request))
+    matching.guided_matching = guided
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = folder / "pairs.txt"
+    (folder / "pairs.txt").write_text("".join(f"{first} {second}\n" for first, second in names))
+    pycolmap.match_image_pairs(database, matching, pairing, verification, device=pycolmap.Device.cpu)
+
+
+def _match_guided(
+    database: Path, image_pairs: Sequence[tuple[int, int]], request: dict[str, Any], folder: Path
+) -> None:
+    """Verify pairs of images, by their ids, once more, and look for further matches along the epipolar lines."""
+    with pycolmap.Database.open(database) as editor:
+        names = {image.image_id: image.name for image in editor.read_all_images()}
+        for first, second in image_pairs:
+            editor.delete_two_view_geometry(first, second)
+    _match(database, [(names[first], names[second]) for first, second in image_pairs], request, folder, guided=True)
+
+
+def _threads(request: dict[str, Any]) -> int:
+    return request["sfm_threads"] or os.cpu_count() or 1
 
 
 def extract_features(
@@ -237,41 +267,6 @@ def _probes(reader: pycolmap.Database, image_id: int, images: int) -> NDArray[np
     return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales, images)
 
 
-def mapper_options() -> pycolmap.IncrementalPipelineOptions:
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = 1
-    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = SEED
-    options.min_model_size = 2
-    options.max_num_models = 10
-    return options
-
-
-def _map(
-    database: Path, images: Path, folder: Path, entries: list[dict[str, Any]], report: Report
-) -> list[pycolmap.Reconstruction]:
-    """All disconnected models, largest first."""
-    registered, count = 2, len(entries)
-
-    def report_next_image() -> None:
-        nonlocal registered
-        registered += 1
-        mapping_snapshots.keep_newest(snapshots, folder, pycolmap.Reconstruction)
-        share = min(1.0, registered / count)
-        fraction = MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * share
-        report(fraction, f"registering images {min(registered, count)}/{count}")
-
-    output, snapshots = folder / "models", folder / "snapshots"
-    output.mkdir()
-    snapshots.mkdir()
-    options = mapper_options()
-    rigs.hold_rigs(options, database, entries)
-    options.snapshot_path, options.snapshot_frames_freq = snapshots, mapping_snapshots.frames_between(count)
-    models = pycolmap.incremental_mapping(
-        database, images, output, options=options, next_image_callback=report_next_image
-    )
-    return sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
-
-
 def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...]) -> geometry.Reconstruction:
     posed = [image for image in model.images.values() if image.has_pose]
     centers = {image.image_id: np.asarray(image.projection_center()) for image in posed}
@@ -289,63 +284,36 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     )
 
 
-def contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
-    """Compare every verified pair of images with the poses: see `geometry.contradictions`.
-
-    A pair of which only one image was registered contradicts too: matching well should have registered the other.
-    """
-    registered = {image.image_id: image for image in model.images.values() if image.has_pose}
-    counts, errors = [], []
-    with pycolmap.Database.open(database) as reader:
-        rays = {}
-        for image_id, image in registered.items():
-            pixels = np.asarray(reader.read_keypoints(image_id))[:, :2].astype(np.float64)
-            rays[image_id] = np.asarray(image.camera.cam_from_img(pixels))
-        pair_ids, verified = reader.read_two_view_geometries()
-        for pair_id, pair in zip(pair_ids, verified, strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            matches = np.asarray(pair.inlier_matches)
-            if len(matches) == 0 or (first not in registered and second not in registered):
-                continue
-            counts.append(len(matches))
-            if first not in registered or second not in registered:
-                errors.append(float("inf"))
-                continue
-            relative = np.linalg.inv(world_from_camera(registered[second])) @ world_from_camera(registered[first])
-            errors_px = geometry.epipolar_error_px(
-                rays[first][matches[:, 0]],
-                rays[second][matches[:, 1]],
-                relative,
-                registered[first].camera.mean_focal_length(),
-            )
-            errors.append(float(np.nanmedian(errors_px)))
-    return geometry.contradictions(counts, errors)
-
-
-def _matches_of_images(models: list[pycolmap.Reconstruction], database: Path) -> dict[str, list[int | bool]]:
+def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | bool | str]]:
     """By file: how many features it has, its verified matches with the image with which it has most, the same among the
-    images of the first model, and whether it is in another model than the first."""
+    images of the first model, whether it is in another model than the first, and the file of that image of the first;
+    where it has no verified matches with one, the one with which it has most that were not verified."""
     placed, elsewhere = (
         {image.image_id for model in some for image in model.images.values() if image.has_pose}
         for some in (models[:1], models[1:])
     )
     best: dict[int, int] = defaultdict(int)
-    best_placed: dict[int, int] = defaultdict(int)
+    nearest: dict[int, tuple[int, int, int]] = defaultdict(lambda: (0, 0, 0))
     with pycolmap.Database.open(database) as reader:
-        for pair_id, count in zip(*reader.read_two_view_geometry_num_inliers(), strict=True):
+        counts = dict(zip(*reader.read_two_view_geometry_num_inliers(), strict=True))
+        for pair_id, unverified in zip(*reader.read_num_matches(), strict=True):
+            count = int(counts.get(pair_id, 0))
             first, second = pycolmap.pair_id_to_image_pair(pair_id)
             for image_id, other in ((first, second), (second, first)):
-                best[image_id] = max(best[image_id], int(count))
-                if other in placed:
-                    best_placed[image_id] = max(best_placed[image_id], int(count))
+                best[image_id] = max(best[image_id], count)
+                if other in placed and other != image_id:
+                    nearest[image_id] = max(nearest[image_id], (count, int(unverified), -other))
+        images = reader.read_all_images()
+        names = {image.image_id: image.name for image in images}
         return {
             image.name: [
                 int(reader.num_keypoints_for_image(image.image_id)),
                 best[image.image_id],
-                best_placed[image.image_id],
+                nearest[image.image_id][0],
                 image.image_id in elsewhere and image.image_id not in placed,
+                names.get(-nearest[image.image_id][2], ""),
             ]
-            for image in reader.read_all_images()
+            for image in images
         }
 
 

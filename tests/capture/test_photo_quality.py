@@ -93,6 +93,21 @@ def test_why_a_photo_has_no_place(matches: PhotoMatches, reason: str) -> None:
     assert verdict.advice.endswith(".")
 
 
+def test_a_photo_without_a_place_says_between_which_two_one_would_help() -> None:
+    noise = np.random.default_rng(2).integers(0, 255, (60, 80, 3), dtype=np.uint8)
+    qualities = [measure_photo(name, noise) for name in ("a", "b", "c")]
+    matches = {
+        "a": PhotoMatches(900, 300, 300, other_model=False, nearest_placed="b"),
+        "b": PhotoMatches(900, 300, 0, other_model=False),
+        "c": PhotoMatches(900, 20, 20, other_model=False, nearest_placed="a"),
+    }
+    placed, _, left = judge_photos(qualities, {"a": _pose(0), "b": _pose(2)}, matches)
+    assert (placed.between, placed.advice) == ((), "")
+    assert left.between == ("a", "c") and "between a and this one" in left.advice
+    alone = judge_photos(qualities, {}, {"c": PhotoMatches(900, 0, 0, other_model=False)})[2]
+    assert alone.between == () and "between" not in alone.advice.split("take more between it and them")[-1]
+
+
 def test_one_photo_and_none_are_judged_too() -> None:
     black = measure_photo("a", np.zeros((1, 1, 3), np.uint8))
     (verdict,) = judge_photos([black], {"a": np.eye(4)}, None)
@@ -118,6 +133,7 @@ def test_a_capture_says_what_became_of_each_photo(test_data: Path, tmp_path: Pat
     assert list(verdicts) == sorted(path.name for path in folder.iterdir())
     assert {name for name, verdict in verdicts.items() if not verdict.placed} == set(report.unregistered)
     assert not verdicts["kitchen.jpg"].placed and verdicts["kitchen.jpg"].not_placed in ("no_overlap", "few_matches")
+    assert all(verdict.between == () for verdict in verdicts.values() if verdict.placed)
     assert verdicts["016.jpg"].defects == ("blurred",)
     pair = verdicts["008.jpg"], verdicts["again.jpg"]
     assert sorted(verdict.duplicate_of for verdict in pair) in (["", "008.jpg"], ["", "again.jpg"])

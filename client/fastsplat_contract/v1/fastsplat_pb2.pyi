@@ -4929,6 +4929,7 @@ class PhotoVerdict(_message.Message):
     MATCHES_FIELD_NUMBER: _builtins.int
     ADVICE_FIELD_NUMBER: _builtins.int
     WITHHELD_FIELD_NUMBER: _builtins.int
+    BETWEEN_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """as in the upload, and as the camera of the scene that it is"""
     placed: _builtins.bool
@@ -4956,6 +4957,12 @@ class PhotoVerdict(_message.Message):
         shows the same from the same place as another one
         """
 
+    @_builtins.property
+    def between(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """of a photo without a place: the placed photo that shares most with it, and itself; a photo taken between the two
+        would join it. Empty where none shares anything with it
+        """
+
     def __init__(
         self,
         *,
@@ -4969,10 +4976,11 @@ class PhotoVerdict(_message.Message):
         matches: _builtins.int | None = ...,
         advice: _builtins.str = ...,
         withheld: _builtins.float = ...,
+        between: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "matches", b"matches", "not_placed", b"not_placed"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness", "withheld", b"withheld"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "between", b"between", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness", "withheld", b"withheld"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__matches: _TypeAlias = _typing.Literal["matches"]  # noqa: Y015
     _WhichOneofArgType__matches: _TypeAlias = _typing.Literal["_matches", b"_matches"]  # noqa: Y015

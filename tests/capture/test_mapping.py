@@ -1,0 +1,114 @@
+"""What is tried when COLMAP's own thresholds leave images without a place, or a wrong pair misleads the mapper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from fastsplat.service.capture.mapping import Mapping, Models, mapper_options
+from fastsplat.service.capture.model_agreement import choose_held_out, explained, give_back, verified_matches, withhold
+
+_ALL_AT_ONCE, _ONE_BY_ONE = 2, 1_000
+
+
+def _dataset(database: Path, images: int) -> pycolmap.Reconstruction:
+    """Features and perfect matches of synthetic images, and their truth."""
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, images
+    options.num_points3D = 150
+    options.inlier_match_ratio = 1.0
+    pycolmap.set_random_seed(0)
+    with pycolmap.Database.open(database) as writer:
+        return pycolmap.synthesize_dataset(options, writer)
+
+
+def _mapping(folder: Path, images: int) -> Mapping:
+    return Mapping(folder / "features.db", folder, folder, images, lambda *_: None, lambda *_: None)
+
+
+def _thin(database: Path, stays: Callable[[int, int, np.ndarray], np.ndarray]) -> None:
+    with pycolmap.Database.open(database) as editor:
+        for pair, rows in verified_matches(database).items():
+            changed = editor.read_two_view_geometry(*pair)
+            changed.inlier_matches = stays(*pair, rows)
+            editor.update_two_view_geometry(*pair, changed)
+
+
+def _largest_error(models: Models, truth: pycolmap.Reconstruction) -> float:
+    """Of a center, as a share of how far the true ones are spread, after the best similarity."""
+    placed = {image.name: image.projection_center() for image in models[0].images.values() if image.has_pose}
+    true = {image.name: image.projection_center() for image in truth.images.values() if image.name in placed}
+    a, b = (np.array([some[name] for name in sorted(true)]) for some in (placed, true))
+    near, far = a - a.mean(0), b - b.mean(0)
+    u, d, vt = np.linalg.svd(far.T @ near)
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    fitted = (d * np.diag(sign)).sum() / (near**2).sum() * near @ (u @ sign @ vt).T
+    return float(np.linalg.norm(fitted - far, axis=1).max() / np.linalg.norm(np.ptp(far, axis=0)))
+
+
+def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_out(tmp_path: Path) -> None:
+    truth = _dataset(tmp_path / "features.db", 8)
+    # The last image shares 22 points with one other, fewer than the 30 that COLMAP asks for.
+    _thin(tmp_path / "features.db", lambda first, second, rows: rows if second < 8 else rows[: 22 * (first == 1)])
+    (tmp_path / "usual").mkdir()
+    usual = pycolmap.incremental_mapping(
+        tmp_path / "features.db", tmp_path, tmp_path / "usual", options=mapper_options()
+    )
+    assert max(model.num_reg_images() for model in usual.values()) == 7
+    models = _mapping(tmp_path, 8).run(_ONE_BY_ONE)
+    assert models[0].num_reg_images() == 8
+    assert _largest_error(models, truth) < 0.01
+
+
+def test_where_all_are_placed_nothing_more_is_tried(tmp_path: Path) -> None:
+    _dataset(tmp_path / "features.db", 6)
+    models = _mapping(tmp_path, 6).run(_ONE_BY_ONE)
+    assert models[0].num_reg_images() == 6
+    assert not (tmp_path / "again.db").exists() and not (tmp_path / "global").exists()
+
+
+def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path) -> None:
+    poses = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        truth = _dataset(folder / "features.db", 10)
+        models = _mapping(folder, 10).run(_ALL_AT_ONCE)
+        assert not (folder / "models").exists()  # one by one was not needed
+        assert models[0].num_reg_images() == 10 and _largest_error(models, truth) < 0.01
+        poses.append({image.name: image.cam_from_world().matrix() for image in models[0].images.values()})
+    assert all(np.array_equal(poses[0][name], poses[1][name]) for name in poses[0])
+
+
+@pytest.mark.parametrize("global_images", [_ALL_AT_ONCE, _ONE_BY_ONE])
+def test_photos_that_share_nothing_give_no_model(tmp_path: Path, global_images: int) -> None:
+    _dataset(tmp_path / "features.db", 4)
+    _thin(tmp_path / "features.db", lambda first, second, rows: rows[:0])
+    assert _mapping(tmp_path, 4).run(global_images) == []
+
+
+def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
+    database = tmp_path / "features.db"
+    truth = _dataset(database, 6)
+    before = verified_matches(database)
+    held_out = choose_held_out(before, 60)
+    withhold(database, held_out)
+    after = verified_matches(database)
+    assert all(len(after[pair]) + len(held_out[pair]) == len(before[pair]) for pair in held_out)
+    total = sum(len(rows) for rows in held_out.values())
+    assert explained(truth, database, held_out) == total > 50
+    give_back(database, held_out)
+    assert {pair: len(rows) for pair, rows in verified_matches(database).items()} == {
+        pair: len(rows) for pair, rows in before.items()
+    }
+    frame = truth.images[1].frame
+    assert frame is not None and frame.rig_from_world is not None
+    shifted = np.array(frame.rig_from_world.matrix())
+    shifted[:, 3] += [0.5, 0.3, 0.0]
+    frame.rig_from_world = pycolmap.Rigid3d(shifted)
+    of_others = sum(len(rows) for pair, rows in held_out.items() if 1 not in pair)
+    assert of_others <= explained(truth, database, held_out) < total - 10
