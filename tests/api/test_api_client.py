@@ -59,7 +59,9 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
-_OPTIONS = SceneOptions(("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3, privacy="people")
+_OPTIONS = SceneOptions(
+    ("mug", "story book"), time_budget_s=9.0, max_gaussians=500, preset="draft", priority=3, privacy="people"
+)
 
 
 @pytest.mark.parametrize("kind", ["folder", "archive"])
