@@ -3,8 +3,8 @@
     python -m benchmarks.training.walker DATA [--steps 400] [--side 240] [--gaussians 20000] [--out benchmarks/results]
 
 DATA is a folder as `benchmarks.training` takes it, whose frames have `depth_path` (16-bit PNG, 1e-4 m, planar z) and
-whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place in
-each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a busy
+whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place
+in each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a busy
 machine changes nothing. `psnr` is of the test photos, which show the empty room; `psnr_behind` of what he hides in the
 photos that he is in, compared with the photos of the empty room: what a ghost of him costs.
 """
@@ -134,7 +134,7 @@ def crossed(
 
 
 def _hidden(empty: Capture, folder: Path, side: int) -> tuple[TrainingView, ...]:
-    """The empty room's photos of the crossed views, of which only what he hides is valid: a ghost of him costs there."""
+    """The empty room's photos of the crossed views, of which only what he hides is valid."""
     views = []
     for view in empty.views:
         shown = folder / f"{Path(view.posed.name).stem}_shown.png"
