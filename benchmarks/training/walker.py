@@ -3,10 +3,10 @@
     python -m benchmarks.training.walker DATA [--steps 400] [--side 240] [--gaussians 20000] [--out benchmarks/results]
 
 DATA is a folder as `benchmarks.training` takes it, whose frames have `depth_path` (16-bit PNG, 1e-4 m, planar z) and
-whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place
-in each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a busy
-machine changes nothing. `psnr` is of the test photos, which show the empty room; `psnr_behind` of what he hides in the
-photos that he is in, compared with the photos of the empty room: what a ghost of him costs.
+whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place in
+each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a
+busy machine changes nothing. `psnr` is of the test photos, which show the empty room; `psnr_behind` of what he hides
+in the photos that he is in, compared with the photos of the empty room: what a ghost of him costs.
 """
 
 from __future__ import annotations
