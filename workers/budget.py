@@ -19,11 +19,8 @@ _FORMER_KEY = "given_up"  # of plans that version 0.1.0 wrote
 
 
 def job_settings(job: Job) -> Settings:
-    """The operator's settings with the user's preset, lens, limit of Gaussians and choice about what moves applied."""
+    """The operator's settings with the user's preset, lens and limit of Gaussians applied."""
     settings = apply_preset(job.settings, job.options.preset)
-    if job.options.movers == "keep":
-        training = settings.training.model_copy(update={"passers_by": "keep"})
-        settings = settings.model_copy(update={"training": training})
     lens = {name: value for name in ("lens", "nadir_deg") if (value := getattr(job.options, name)) is not None}
     settings = settings.model_copy(update={"capture": settings.capture.model_copy(update=lens)})
     return override_training(settings, max_gaussians=job.options.max_gaussians)

@@ -70,8 +70,7 @@ class SceneOptions(Request):
         Movers | None,
         Field(
             description="what moves in the photos. ignore: people, cats and dogs, by the detector's word, enter no "
-            "matching, no training and no label, even if they keep still; keep: everything is used; absent: everything, "
-            "or what does not contradict the other photos, as the server is set"
+            "matching, no training and no label, even if they keep still; keep, and absent: everything is used"
         ),
     ] = None
     privacy: Annotated[

@@ -29,6 +29,8 @@ from fastsplat_contract.operations import Movers, Privacy
 
 _MIN_FILL = 0.25
 _MIN_EXTENT = 0.5
+_LEAST_MARGIN_PX = 4
+"""A mask of the segmenter's grid is no surer than that of where something ends."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ class MoverMasks:
             right, bottom = int(np.ceil(box[2])), int(np.ceil(box[3]))
             if not _covers(mask[top:bottom, left:right]):
                 movers[top:bottom, left:right] = True
-        return dilated(movers, max(1, round(self.settings.mover_margin * max(height, width))))
+        return dilated(movers, max(_LEAST_MARGIN_PX, round(self.settings.mover_margin * max(height, width))))
 
     def _detections(self, pixels: Image) -> Detections:
         parts = []

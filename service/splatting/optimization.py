@@ -14,7 +14,6 @@ from fastsplat.service.splatting.depth_regularization import AnchorPoints, depth
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.objective import loss_terms, render_frame
-from fastsplat.service.splatting.passers_by import PassersBy
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -44,7 +43,6 @@ class Trainer:
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
         finish: whether to end the run early; asked once it has 250 steps.
-        passers_by: what is left out of the views; None: nothing is looked for.
 
     Attributes:
         state, views, elapsed_s: as they are at present.
@@ -64,13 +62,12 @@ class Trainer:
         extent: float,
         elapsed_s: float = 0.0,
         finish: Callable[[], bool] = lambda: False,
-        passers_by: PassersBy | None = None,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
         self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
         self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
-        self._finish, self._passers_by = finish, passers_by
+        self._finish = finish
         self._device = state.parameters["means"].device
         self.progress = 0.0
 
@@ -84,8 +81,6 @@ class Trainer:
         progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
         self._recorder.start(self.state, self.elapsed_s, progress)
         while progress < 1 and not (self.state.iteration >= _LEAST_STEPS and self._finish()):
-            if self._passers_by is not None:
-                self.views = self._passers_by.mask_if_due(progress, self.state, self.views)
             self.views = self._supervision.fuse_if_due(progress, self.state, self.views)
             loss, radii = self._step(progress)
             self.elapsed_s = time.monotonic() - begun

@@ -137,9 +137,6 @@ class TrainingSettings(BaseModel):
     """Progress from which the terms of the depth enter the loss."""
     depth_every: int = Field(2, ge=1)
     """They enter every so many-th step, with so many times the weight."""
-    passers_by: Literal["auto", "keep"] = "keep"
-    """auto: what contradicts the other photos of the same surface is left out of training
-    (`service.splatting.passers_by`); keep: everything is trained on."""
     evaluations: int = Field(10, ge=0)
     """How often in a run the held-out views are measured for the progress report."""
     checkpoint_every_s: float = Field(30.0, ge=0)

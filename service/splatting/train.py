@@ -29,7 +29,6 @@ from fastsplat.service.splatting.initial import StartPoints, scene_extent, start
 from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
-from fastsplat.service.splatting.passers_by import PassersBy
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
@@ -92,18 +91,16 @@ def train(
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
         run, views = _load(capture, labelling, settings, device)
         fingerprint = _fingerprint(capture, labelling, settings, run, views) if checkpoint_dir else ""
-        passers_by = PassersBy(views, settings)
         checkpoint = read_checkpoint(checkpoint_dir, fingerprint) if checkpoint_dir else None
         if checkpoint:
-            tensors, views = passers_by.restore(checkpoint.tensors, views)
-            tensors, views = run.supervision.restore(tensors, views)
+            tensors, views = run.supervision.restore(checkpoint.tensors, views)
             state = restored_state(tensors, checkpoint.iteration, device)
         else:
             state = _start(run, views, settings, device)
 
         def save(state: SplatState, elapsed_s: float) -> None:
             assert checkpoint_dir is not None
-            tensors = state.tensors() | run.supervision.tensors(trainer.views) | passers_by.tensors()
+            tensors = state.tensors() | run.supervision.tensors(trainer.views)
             write_checkpoint(Checkpoint(state.iteration, elapsed_s, tensors), checkpoint_dir, fingerprint)
 
         middle = views[len(views) // 2]
@@ -120,18 +117,17 @@ def train(
             tuple(view.to(device) for view in views),
             anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
-            strategy=passers_by.late(strategy or RelocationStrategy(settings, len(run.start.points))),
+            strategy=strategy or RelocationStrategy(settings, len(run.start.points)),
             recorder=recorder,
             settings=settings,
             extent=run.extent,
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
             finish=watch.finish,
-            passers_by=passers_by,
         )
         del views, middle  # the trainer replaces its own at the consensus
         trainer.run()
         refit_seconds = _refit_labels(run, trainer, settings)
-        trained = _finished(run, trainer, recorder, settings, refit_seconds, passers_by.quality())
+        trained = _finished(run, trainer, recorder, settings, refit_seconds)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
         return trained
 
@@ -221,12 +217,7 @@ def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> fl
 
 
 def _finished(
-    run: _Run,
-    trainer: Trainer,
-    recorder: Recorder,
-    settings: TrainingSettings,
-    refit_seconds: float,
-    left_out: dict[str, float],
+    run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings, refit_seconds: float
 ) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
@@ -241,7 +232,6 @@ def _finished(
         "pruned_gaussians": float(len(trained) - len(gaussians)),
         "sh_degree": float(gaussians.sh_degree),
     }
-    quality |= left_out
     if settings.time_budget_s is not None:
         quality["time_budget_s"] = settings.time_budget_s
     if recorder.preview_seconds:

@@ -767,8 +767,7 @@ class CreateSceneHeader(_message.Message):
     """
     movers: _builtins.str
     """what moves in the photos. ignore: people, cats and dogs, by the detector's word, enter no matching, no training and
-    no label, even if they keep still; keep: everything is used; absent: everything, or what does not contradict the
-    other photos, as the server is set
+    no label, even if they keep still; keep, and absent: everything is used
     """
     privacy: _builtins.str
     """people: a promise. Pixels that show people, by the detector's word, enter no feature, no training, no label and no
