@@ -68,8 +68,9 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length", "tags"]
-"""What said how long a unit is: lengths that a person knew, or printed tags in the photos."""
+ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit"]
+"""What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, or a
+phone's tracking; of several the surest."""
 
 
 @travels(request=False)

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.scene.assessment import assess
-from fastsplat.service.scene.scaling import capture_scaling, scaling_from_json
+from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
@@ -81,7 +81,8 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
 def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
-        return None if measured is None else SceneScaling("tags", 1.0, measured.low, measured.high, 0)
+        source = capture_scale_source(record.quality)
+        return None if measured is None else SceneScaling(source, 1.0, measured.low, measured.high, 0)
     count = len(scaling.lengths) - (measured is not None)
     return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)
 

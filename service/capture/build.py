@@ -205,7 +205,7 @@ class _Build:
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
         qualities: list[PhotoQuality] = []
         sources = (self._posed_source(image, photo_by_path[image.path], table, qualities) for image in dataset.images)
-        written = self._write(sources, len(dataset.images), 0.0, 0.3)
+        written = self._write(sources, len(dataset.images), 0.0, 1.0 if len(dataset.points) else 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         views, scale, notes = written.views, None, tuple[str, ...]()
         if not self.manifest.splat:  # a splat needs no points to start from
