@@ -85,7 +85,7 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
 
 
 def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
-    """How sure the meters are that the capture itself measured, by printed tags or a phone; None where it measured none.
+    """How sure the meters are that the capture itself measured, by tags or a phone; None where it measured none.
 
     The trained version is in these meters already: the scaling is 1, and has one length, so that known lengths are
     combined with it.
