@@ -68,8 +68,9 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length", "tags", "gps"]
-"""What said how long a unit is: lengths that a person knew, printed tags in the photos, or the places in their EXIF."""
+ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps"]
+"""What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, a phone's
+tracking, or the places in the photos' EXIF; of several the surest."""
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up: sensors, as the photos' metadata have them; cameras that were held level; floors, tables

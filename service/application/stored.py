@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.scene.assessment import assess
-from fastsplat.service.scene.scaling import capture_scaling, scaling_from_json
+from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
-from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, SceneScaling, SceneSummary, SceneVertical
+from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary, SceneVertical
 
 
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
@@ -82,7 +82,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
 def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
-        source: ScaleSource = "gps" if record.quality.get("scale_source") == "gps" else "tags"
+        source = capture_scale_source(record.quality)
         return None if measured is None else SceneScaling(source, 1.0, measured.low, measured.high, 0)
     count = len(scaling.lengths) - (measured is not None)
     return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)

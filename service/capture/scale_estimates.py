@@ -84,4 +84,5 @@ def combined_estimate(first: ScaleEstimate | None, second: ScaleEstimate) -> Sca
     log_scale = math.log(second.meters_per_unit) * weights[1] / sum(weights)
     birge = max(1.0, math.log(second.meters_per_unit) ** 2 / max(sum(variances), 1e-12))
     half = NORMAL_95 * math.sqrt(birge / sum(weights))
-    return ScaleEstimate(f"{second.source}+{first.source}", math.exp(log_scale), half)
+    surest = sorted((first, second), key=lambda estimate: estimate.relative_error_95)
+    return ScaleEstimate("+".join(estimate.source for estimate in surest), math.exp(log_scale), half)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import ScaleSource
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Scene
@@ -84,7 +85,7 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
 
 
 def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
-    """How sure the meters are that the capture itself measured, as by printed tags; None where it measured none.
+    """How sure the meters are that the capture itself measured, by tags or a phone; None where it measured none.
 
     The trained version is in these meters already: the scaling is 1, and has one length, so that known lengths are
     combined with it.
@@ -96,6 +97,13 @@ def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
     if not isinstance(error, float) or not error > 0:
         return None
     return combined([ScaledLength(1.0, error / NORMAL_95, 1.0, 0.0)])
+
+
+def capture_scale_source(quality: Mapping[str, Any]) -> ScaleSource:
+    """What the capture's meters were measured by, of several the surest ("tags+arkit": tags); scenes whose `quality`
+    does not say it had tags."""
+    stated = str(quality.get("scale_source", "tags")).partition("+")[0]
+    return next((source for source in get_args(ScaleSource) if source == stated), "tags")
 
 
 def scaled(scene: Scene, scaling: Scaling) -> Scene:

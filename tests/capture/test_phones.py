@@ -177,6 +177,8 @@ def test_estimates_of_a_scale_are_combined() -> None:
     both = combined_estimate(ScaleEstimate("arkit", 1.0, 0.05), tags)
     assert both.source == "tags+arkit" and 1.0098 < both.meters_per_unit < 1.01
     assert both.relative_error_95 < 0.005
+    coarse = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.0, 0.04))
+    assert coarse.source == "sensor_depth+tags"
     against = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.2, 0.02))
     assert against.relative_error_95 > 0.08 and 1.09 < against.meters_per_unit < 1.1
 

@@ -13,6 +13,7 @@ from fastsplat.service.scene import read_scene, write_scene
 from fastsplat.service.scene.scaling import (
     NORMAL_95,
     ScaledLength,
+    capture_scale_source,
     combined,
     scaled,
     scaling_from_json,
@@ -87,3 +88,9 @@ def test_a_scaling_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     scene = scaled(scene_of([BoxShell("box", (0.2, 0.1, 0.0))], orbit()), scaling)
     write_scene(scene, tmp_path / "artefact")
     assert read_scene(tmp_path / "artefact").scaling == scaling
+
+
+def test_the_source_of_a_captures_meters_is_the_surest() -> None:
+    assert capture_scale_source({"scale_source": "sensor_depth"}) == "sensor_depth"
+    assert capture_scale_source({"scale_source": "tags+arkit"}) == "tags"
+    assert capture_scale_source({}) == "tags"

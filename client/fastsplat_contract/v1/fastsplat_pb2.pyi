@@ -144,7 +144,11 @@ class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSour
     """lengths that a person knew"""
     SCALE_SOURCE_TAGS: _ScaleSource.ValueType  # 2
     """printed tags in the photos"""
-    SCALE_SOURCE_GPS: _ScaleSource.ValueType  # 3
+    SCALE_SOURCE_SENSOR_DEPTH: _ScaleSource.ValueType  # 3
+    """maps of a depth sensor"""
+    SCALE_SOURCE_ARKIT: _ScaleSource.ValueType  # 4
+    """a phone's tracking"""
+    SCALE_SOURCE_GPS: _ScaleSource.ValueType  # 5
     """the places in the photos' EXIF"""
 
 class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
@@ -156,7 +160,11 @@ SCALE_SOURCE_KNOWN_LENGTH: ScaleSource.ValueType  # 1
 """lengths that a person knew"""
 SCALE_SOURCE_TAGS: ScaleSource.ValueType  # 2
 """printed tags in the photos"""
-SCALE_SOURCE_GPS: ScaleSource.ValueType  # 3
+SCALE_SOURCE_SENSOR_DEPTH: ScaleSource.ValueType  # 3
+"""maps of a depth sensor"""
+SCALE_SOURCE_ARKIT: ScaleSource.ValueType  # 4
+"""a phone's tracking"""
+SCALE_SOURCE_GPS: ScaleSource.ValueType  # 5
 """the places in the photos' EXIF"""
 Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
 
