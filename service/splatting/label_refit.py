@@ -1,9 +1,9 @@
 """Labels fitted once more when color and geometry are final.
 
-Pixels blend codes, and many blends look right whose parts are not: codes that are trained through pixels alone leave the
-label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps lead.
-Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label, and
-then a few looks at every view fit all codes to pixels and to those labels at once.
+Pixels blend codes, and many blends look right whose parts are not: codes that are trained through pixels alone leave
+the label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps
+lead. Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label,
+and then a few looks at every view fit all codes to pixels and to those labels at once.
 """
 
 from __future__ import annotations
