@@ -1,14 +1,14 @@
 """Labels fitted once more when color and geometry are final.
 
-Codes that are trained together with moving Gaussians lag behind them, and those of Gaussians that hardly show drift
-wherever Adam's normalized steps lead; so the label of a single Gaussian is less sure than what a pixel blends. Here
-every Gaussian starts on the code of the label that the label maps say it has, and a few looks at every view sharpen the
-borders.
+Pixels blend codes, and many blends look right whose parts are not: codes that are trained through pixels alone leave
+the label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps
+lead. Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label,
+and then a few looks at every view fit all codes to pixels and to those labels at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,19 +16,20 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.splatting.gaussians import current_gaussians, splats_of
+from fastsplat.service.splatting.gaussians import activate_opacities, current_gaussians, splats_of
+from fastsplat.service.splatting.losses import semantic_loss
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster import Backend, rasterize
-from fastsplat.service.splatting.semantics import label_loss, start_head
+from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat.service.splatting.view_evidence import views_evidence
 
 _CODE_RATE = 0.1
 _HEAD_RATE = 0.05
-_EPS_PIXELS = 1.7
-"""Adam's epsilon, in pixels: a Gaussian that shows less than about so much in a view hardly moves from its evidence."""
-_FINAL_SHARE = 0.3
+_FINAL_SHARE = 0.1
+_CONSENSUS_WEIGHT = 0.3
+"""Of the mean cross-entropy of Gaussians' own labels, beside that of pixels."""
 _SEED = 7
 
 
@@ -45,17 +46,18 @@ def refit_codes(
 ) -> None:
     """Replaces codes, weight and bias of `state` by ones fitted to the views' label maps; nothing else changes.
 
-    Each Gaussian starts on the code of its most probable label by evidence (`views_evidence`), the head on
-    `class_codes`; then every labeled view is looked at `epochs` times, in an order drawn from `seed`, at the training
-    size.
+    A Gaussian's label is the most probable one by evidence (`views_evidence`). Where its code says another, it starts
+    on the mean code of those that agree (`consensus_codes`). Then every labeled view is looked at `epochs` times, in an
+    order drawn from `seed`, at the training size: Adam on the cross-entropy of its pixels and, weighted by 0.3, of the
+    Gaussians.
 
     Args:
         state: of a finished run, G Gaussians.
         views: the training views; those without a label map are left out, and without any nothing changes.
-        class_codes: [N + 1, D].
+        class_codes: [N + 1, D], for labels with which no code agrees.
         class_weights: [N + 1], what pixels weigh in the cross-entropy.
         undetected_weight: what a pixel of class 0 weighs as evidence.
-        epochs: more sharpen the borders in pictures and blur single Gaussians' labels.
+        epochs: more sharpen the borders in pictures.
         seed: of the order of the views.
         backend: which rasterizer.
     """
@@ -67,10 +69,11 @@ def refit_codes(
         gaussians, labeled, len(class_codes), undetected_weight=undetected_weight, backend=backend
     )
     classes = torch.from_numpy(posterior(evidence, len(class_codes)).classes.astype(np.int64))
-    weight, bias = start_head(class_codes)
-    device = state.parameters["codes"].device
-    starts = {"codes": class_codes[classes].clone(), "weight": weight, "bias": bias}
-    fitted = {name: value.to(device).contiguous().requires_grad_() for name, value in starts.items()}
+    classes = classes.to(state.parameters["codes"].device)
+    starts = {name: state.parameters[name].detach() for name in ("codes", "weight", "bias")}
+    opacities = activate_opacities(state.parameters["logit_opacities"].detach())
+    starts["codes"] = consensus_codes(**starts, classes=classes, opacities=opacities, class_codes=class_codes)
+    fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
     moments = {name: (torch.zeros_like(value), torch.zeros_like(value)) for name, value in fitted.items()}
     with torch.no_grad():
         splats = splats_of(state.parameters)
@@ -82,13 +85,44 @@ def refit_codes(
         frame = view.frames[-1]
         assert frame.labels is not None
         image = rasterize(replace(splats, features=fitted["codes"]), view.viewmat, frame.camera, backend=backend).image
-        label_loss(image, fitted, frame.labels, frame.valid, class_weights).backward()  # type: ignore[no-untyped-call]
-        eps = _EPS_PIXELS / (frame.camera.width * frame.camera.height)
+        loss = label_loss(image, fitted, frame.labels, frame.valid, class_weights)
+        loss = loss + _CONSENSUS_WEIGHT * gaussian_label_loss(fitted, classes)
+        loss.backward()  # type: ignore[no-untyped-call]
         decay = _FINAL_SHARE ** (step / steps)
         for name, param in fitted.items():
             rate = decay * (_CODE_RATE if name == "codes" else _HEAD_RATE)
             assert param.grad is not None
-            adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, eps=eps, backend=backend)
+            adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, backend=backend)
             param.grad = None
     for name, param in fitted.items():
         state.parameters[name].data.copy_(param.detach())
+
+
+def consensus_codes(
+    codes: Tensor, weight: Tensor, bias: Tensor, classes: Tensor, opacities: Tensor, class_codes: Tensor
+) -> Tensor:
+    """[G, D]: the codes, those that say another class than `classes` replaced by the mean code of it.
+
+    Args:
+        codes: [G, D]. weight: [N + 1, D]. bias: [N + 1].
+        classes: int64 [G], 0..N.
+        opacities: [G], weigh the means.
+        class_codes: [N + 1, D], in place of means of nothing.
+    """
+    agree = (codes @ weight.T + bias).argmax(dim=1) == classes
+    weights = torch.where(agree, opacities, 0.0)
+    mass = torch.zeros_like(bias).index_add_(0, classes, weights)
+    total = torch.zeros_like(weight).index_add_(0, classes, codes * weights[:, None])
+    means = torch.where(mass[:, None] > 0, total / mass[:, None], class_codes.to(codes.device))
+    return torch.where(agree[:, None], codes, means[classes])
+
+
+def gaussian_label_loss(parameters: Mapping[str, Tensor], classes: Tensor) -> Tensor:
+    """Mean cross-entropy of the Gaussians' own codes.
+
+    Args:
+        parameters: codes [G, D], weight [N + 1, D] and bias [N + 1].
+        classes: int64 [G], 0..N.
+    """
+    codes, weight, bias = parameters["codes"], parameters["weight"], parameters["bias"]
+    return semantic_loss(codes[:, None], weight, bias, classes[:, None], torch.ones_like(bias))

@@ -32,8 +32,9 @@ class LearningRates(BaseModel):
     """Of opacities before the logistic function."""
     sh_dc: float = Field(5e-3, gt=0)
     """Of the constant color."""
-    sh_rest_share: float = Field(0.05, gt=0, le=1)
-    """Of the other spherical harmonics, as a share of `sh_dc`."""
+    sh_rest_share: float = Field(0.4, gt=0, le=1)
+    """Of the other spherical harmonics, as a share of `sh_dc`. 3DGS's 0.05 leaves highlights to geometry: to Gaussians
+    below a glossy table (`docs/trade.md`, "Colour against geometry")."""
     codes: float = Field(1e-2, gt=0)
     """Of the semantic codes."""
     weight: float = Field(5e-3, gt=0)
@@ -70,7 +71,7 @@ class TrainingSettings(BaseModel):
     """Image size at the start of the run, as a share of the training size."""
     full_size_from: float = Field(0.3, ge=0, le=1)
     """Progress from which images have the training size."""
-    max_sh_degree: int = Field(1, ge=0, le=MAX_SH_DEGREE)
+    max_sh_degree: int = Field(3, ge=0, le=MAX_SH_DEGREE)
     """Degree of the color's spherical harmonics at the end of the run, 0 to 3."""
     sh_from: Annotated[tuple[float, ...], Field(min_length=MAX_SH_DEGREE, max_length=MAX_SH_DEGREE)] = (0.15, 0.4, 0.6)
     """Progress at which degrees 1, 2 and 3 come in."""
