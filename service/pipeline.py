@@ -330,13 +330,14 @@ def scene_quality(
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
     mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it).
+    95 % interval of a length, as a share of it); where photos were corrected, photometric (see `TrainedSplats`).
     """
     report, scale = capture.report, capture.report.scale
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     return {
         **trained.quality,
         **measured,
+        **_photometric(trained),
         "stopped_early": "stopped_at_share" in trained.quality,
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),
@@ -352,6 +353,12 @@ def scene_quality(
         "mean_reprojection_error_px": report.mean_reprojection_error_px,
         "stage_seconds": dict(provenance.stage_seconds),
     }
+
+
+def _photometric(trained: TrainedSplats) -> dict[str, Any]:
+    """The photos' corrections as a scene's manifest has them."""
+    rows = trained.photometric
+    return {"photometric": {name: [round(value, 4) for value in row] for name, row in rows.items()}} if rows else {}
 
 
 def _label_source(labelling: Labelling) -> LabelSource:

@@ -288,6 +288,7 @@ class _Build:
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None,
             label_ids=None if image.photo is None else self._label_ids(image.photo, table, (width, height)),
+            exposure_ev=None if image.photo is None else image.photo.exposure_ev,
         )
 
     def _posed_source(
@@ -308,6 +309,7 @@ class _Build:
             lossless=photo.path.lower().endswith(".png") or unchanged,
             label_ids=self._label_ids(photo, table, geometry.size),
             mask=mask,
+            exposure_ev=photo.exposure_ev,
         )
 
     def _label_ids(

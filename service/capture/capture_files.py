@@ -91,13 +91,15 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "world_from_camera": view.posed.world_from_camera.tolist(),
         "image": _relative(view.image_path, folder),
         "valid": _relative(view.valid_path, folder),
+        "exposure_ev": view.exposure_ev,
     }
 
 
 def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
     pose = np.array(stored["world_from_camera"], dtype=np.float64)
     posed = PosedCamera(Camera(**stored["camera"]), pose, stored["name"])
-    return View(posed, folder / stored["image"], None if stored["valid"] is None else folder / stored["valid"])
+    valid = None if stored["valid"] is None else folder / stored["valid"]
+    return View(posed, folder / stored["image"], valid, stored.get("exposure_ev"))
 
 
 def _report(stored: dict[str, Any]) -> CaptureReport:

@@ -32,6 +32,7 @@ class SourceImage:
         lossless: whether the view is stored without loss.
         label_ids: uint16 [H, W] of the dictionary, or None.
         mask: bool [H, W], false where pixels are to be ignored, or None.
+        exposure_ev: see `View`.
     """
 
     name: str
@@ -41,6 +42,7 @@ class SourceImage:
     lossless: bool = False
     label_ids: NDArray[np.uint16] | None = None
     mask: NDArray[np.bool_] | None = None
+    exposure_ev: float | None = None
 
 
 @dataclass(frozen=True)
@@ -103,4 +105,4 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
         label_path = folder / LABELS / f"{index:05d}.png"
         Image.fromarray(undistortion.apply_to_ids(source.label_ids)).save(label_path)
     posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
-    return View(posed, image_path, valid_path), label_path
+    return View(posed, image_path, valid_path, source.exposure_ev), label_path

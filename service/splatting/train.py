@@ -29,6 +29,7 @@ from fastsplat.service.splatting.initial import StartPoints, scene_extent, start
 from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
+from fastsplat.service.splatting.photometric_training import photo_corrections, start_corrections
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
@@ -194,7 +195,8 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     weight, bias = start_head(class_codes)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
-    return new_state(parameters | {"codes": codes, "weight": weight, "bias": bias}, device)
+    parameters |= {"codes": codes, "weight": weight, "bias": bias}
+    return new_state(parameters | start_corrections(views, settings), device)
 
 
 def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> float:
@@ -255,7 +257,9 @@ def _finished(
         quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
-    return TrainedSplats(gaussians, head, quality, tuple(view.name for view in run.held_out), evidence)
+    held_out = tuple(view.name for view in run.held_out)
+    corrections = photo_corrections(trainer.state, trainer.views)
+    return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
 
 
 def _pruned(
