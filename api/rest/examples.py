@@ -128,6 +128,9 @@ _PHOTO = PhotoVerdict(
     brightness=0.84,
     matches=9,
     advice="It is much less sharp than the others: hold the camera still, or take it again.",
+    exposure_ev=-0.42,
+    red_ev=0.03,
+    blue_ev=-0.05,
 )
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],

@@ -2,11 +2,11 @@
 
     python -m benchmarks.robustness.exposure [--steps 800] [--validate] [--set NAME=JSON ...] [--out benchmarks/results]
 
-The training photos of tabletop (FASTSPLAT_TEST_DATA) get a gain of the light drawn evenly from ±1.2 EV and gains of red,
-green and blue from ±6 %, by seed; values beyond white are lost, as in a photo. A point's color is what three photos drawn
-for it make of it on the average, as structure from motion would. Test views stay as they are; `psnr_cc` is measured after
-their colors were aligned, as nobody can know the exposure of the scene. With --validate every fifth training view is
-measured in place of the test views, which are not read: settings are to be chosen on those.
+The training photos of tabletop (FASTSPLAT_TEST_DATA) get a gain of the light drawn evenly from ±1.2 EV and gains of
+red, green and blue from ±6 %, by seed; values beyond white are lost, as in a photo. A point's color is what three
+photos drawn for it make of it on the average, as structure from motion would. Test views stay as they are; `psnr_cc` is
+measured after their colors were aligned, as nobody can know the exposure of the scene. With --validate every fifth
+training view is measured in place of the test views, which are not read: settings are to be chosen on those.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _depth_figures(trained: TrainedSplats, data: BenchData) -> dict[str, float]:
 
 
 def _correction_errors(trained: TrainedSplats, data: BenchData, truth: torch.Tensor) -> dict[str, float]:
-    """Root mean square of what the corrections miss of the drawn ones, EV: exposure, and channels against each other."""
+    """Root mean square of what the corrections miss of the drawn ones, EV: of the exposure, of channels against it."""
     corrections: Mapping[str, tuple[float, float, float]] = trained.photometric
     if not corrections:
         return {}

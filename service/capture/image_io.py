@@ -36,8 +36,8 @@ class PhotoInfo:
         orientation: EXIF orientation, 1..8; 1 is upright.
         lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
         focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
-        exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A bias
-            that the photographer set is in these three already.)
+        exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
+            bias that the photographer set is in these three already.)
     """
 
     path: str

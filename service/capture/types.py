@@ -46,8 +46,8 @@ class View:
         posed: pinhole intrinsics of the stored image, pose, and the image's name in the upload.
         image_path: the undistorted image (PNG or JPEG) in the capture's folder.
         valid_path: PNG mask, 255 where the undistorted image has content, or None when every pixel has.
-        exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None where
-            it does not say.
+        exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None
+            where it does not say.
     """
 
     posed: PosedCamera

@@ -103,9 +103,9 @@ PSNR_COLOR_CORRECTED = ViewMetric(
     name="psnr_cc",
     unit="dB",
     higher_is_better=True,
-    description="psnr after the view's colors were mapped by the affine map (3 x 4, least squares over pixels that count "
-    "and are not saturated) that brings them closest to the photo's: for photos whose exposure and white balance a scene "
-    "cannot know (as in RawNeRF, Mildenhall et al. 2022, and PPISP, Deutsch et al. 2026); mean over views",
+    description="psnr after the view's colors were mapped by the affine map (3 x 4, least squares over pixels that "
+    "count and are not saturated) that brings them closest to the photo's: for photos whose exposure and white balance "
+    "a scene cannot know (as in RawNeRF, Mildenhall et al. 2022, and PPISP, Deutsch et al. 2026); mean over views",
     measure=_of_view(psnr_color_corrected),
     combine=mean,
 )

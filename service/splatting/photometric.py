@@ -1,12 +1,12 @@
-"""Exposure and white balance of single photos: three numbers each, by which a rendered picture is corrected before it is
-compared with the photo.
+"""Exposure and white balance of single photos: three numbers each, by which a rendered picture is corrected before it
+is compared with the photo.
 
 A photo's correction is an exposure (EV, base 2) and the white balance of red and blue against green (EV too): light is
-multiplied by 2^(exposure + red), 2^exposure and 2^(exposure + blue). The first two modules of PPISP (Deutsch et al.,
-"Physically-Plausible Compensation and Control of Photometric Variations in Radiance Field Reconstruction", CVPR 2026) but
-its vignetting and response curve. Values are multiplied as light, not as they are stored: with the curve of sRGB (IEC
-61966-2-1) a gain g of the light is, above the curve's toe, the affine map s ↦ k·(s + 0.055) − 0.055 of the stored value
-with k = g^(1/2.4), which no gain of the stored value is.
+multiplied by 2^(exposure + red), 2^exposure and 2^(exposure + blue). These are two of the modules of PPISP (Deutsch et
+al., "Physically-Plausible Compensation and Control of Photometric Variations in Radiance Field Reconstruction", CVPR
+2026); vignetting and response curve are left out. Values are multiplied as light, not as they are stored: with the
+curve of sRGB (IEC 61966-2-1) a gain g of the light is, above the curve's toe, the affine map
+s ↦ k·(s + 0.055) − 0.055 of the stored value with k = g^(1/2.4), which no gain of the stored value is.
 
 All photos darker and the scene brighter is the same picture, so the mean over the photos is zero after every step.
 """

@@ -1,4 +1,5 @@
-"""How near renderings are to photos: PSNR, also after a correction of the colors, and SSIM over valid pixels, of one image and over views."""
+"""How near renderings are to photos: PSNR, also after a correction of the colors, and SSIM over valid pixels, of one
+image and over views."""
 
 from __future__ import annotations
 
@@ -43,10 +44,10 @@ def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
 def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
     """The image [H, W, 3], 0..1, with its colors mapped by the affine map that brings them closest to the target's.
 
-    What a picture is worth whose exposure and white balance cannot be known from elsewhere: as RawNeRF (Mildenhall et al.,
-    "NeRF in the Dark", CVPR 2022) and PPISP (Deutsch et al., CVPR 2026) align colors before they compare. A least-squares
-    fit in float64 of three numbers from three and a constant, over the valid pixels in which neither has a channel that
-    is saturated; the image as it is where these are fewer than 16.
+    What a picture is worth whose exposure and white balance cannot be known from elsewhere: as RawNeRF (Mildenhall et
+    al., "NeRF in the Dark", CVPR 2022) and PPISP (Deutsch et al., CVPR 2026) align colors before they compare. A
+    least-squares fit in float64 of three numbers from three and a constant, over the valid pixels in which neither has
+    a channel that is saturated; the image as it is where these are fewer than 16.
     """
     clamped = image.clamp(0, 1).double()
     inside = ((clamped < _SATURATED) & (target < _SATURATED)).all(dim=2)
@@ -68,7 +69,8 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
 def measure_views(
     parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
 ) -> dict[str, float]:
-    """psnr, psnr_cc and ssim of the scene's colors, each the mean over the views where it is finite; absent if it is in none.
+    """psnr, psnr_cc and ssim of the scene's colors, each the mean over the views where it is finite; absent if it
+    is in none.
 
     A view without a valid pixel has no figure, and one that is reproduced exactly (a black photo of nothing) has no
     finite PSNR. psnr_cc is the PSNR after `color_corrected`.

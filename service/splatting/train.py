@@ -13,6 +13,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -224,7 +225,8 @@ def _finished(
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
     trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
-    gaussians = _pruned(trained, trainer.views, run.held_out, settings)
+    corrections = photo_corrections(trainer.state, trainer.views)
+    gaussians = _pruned(trained, trainer.views, run.held_out, settings, "psnr_cc" if corrections else "psnr")
     quality = {
         "iterations": float(trainer.state.iteration),
         "gaussians": float(len(gaussians)),
@@ -258,7 +260,6 @@ def _finished(
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
     held_out = tuple(view.name for view in run.held_out)
-    corrections = photo_corrections(trainer.state, trainer.views)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
 
 
@@ -267,15 +268,16 @@ def _pruned(
     views: tuple[TrainingView, ...],
     held_out: tuple[TrainingView, ...],
     settings: TrainingSettings,
+    figure: Literal["psnr", "psnr_cc"],
 ) -> Gaussians:
-    """See `TrainingSettings.max_psnr_drop_db`."""
+    """See `TrainingSettings.max_psnr_drop_db`, which is of this figure."""
     if not settings.max_psnr_drop_db or not held_out:
         return gaussians
     backend = settings.backend
     some = held_out[:: math.ceil(len(held_out) / MAX_EVAL_VIEWS)]
 
     def measure(candidate: Gaussians) -> float:
-        return measure_views(_on(backend, color_parameters(candidate)), some, backend).get("psnr", math.nan)
+        return measure_views(_on(backend, color_parameters(candidate)), some, backend).get(figure, math.nan)
 
     contribution = max_contribution(gaussians, views, backend)
     return prune_to_psnr(gaussians, contribution, measure, settings.max_psnr_drop_db).gaussians
