@@ -183,3 +183,18 @@ def test_exif_is_where_corrections_start(world, quick) -> None:
     equal = [dataclasses.replace(view, exposure_ev=5.0) for view in views]
     assert FITS in start_corrections(equal, quick()), "a locked exposure says nothing of the white balance"
     assert start_corrections(views, quick(photometric="off")) == {}
+
+
+def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:
+    from fastsplat.service.pipeline import Provenance, scene_quality
+    from fastsplat.workers.stages import load_trained, save_trained
+
+    trained = train(*world, quick(photometric="on"), silent)
+    save_trained(trained, tmp_path)
+    loaded = load_trained(tmp_path)
+    assert _same(loaded, trained) and loaded.photometric
+    quality = scene_quality(loaded, world[1], world[0], Provenance())
+    assert quality["photometric"].keys() == trained.photometric.keys()
+    assert quality["psnr_cc"] == trained.quality["psnr_cc"]
+    off = scene_quality(train(*world, quick(photometric="off"), silent), world[1], world[0], Provenance())
+    assert "photometric" not in off
