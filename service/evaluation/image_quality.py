@@ -38,8 +38,8 @@ def psnr(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) 
 def psnr_color_corrected(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
     """As `psnr`, after the colors of the image were brought as close to the target's as an affine map can
     (`service.splatting.quality.color_corrected`)."""
-    counted = None if valid is None else torch.from_numpy(valid)
-    corrected = color_corrected(torch.from_numpy(image), torch.from_numpy(target), counted)
+    counted = None if valid is None else torch.tensor(valid)
+    corrected = color_corrected(torch.tensor(image), torch.tensor(target), counted)
     return psnr(corrected.numpy(), target, valid)
 
 
