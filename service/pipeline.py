@@ -336,7 +336,8 @@ def scene_quality(
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
     mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
     95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`);
-    of a world made upright, vertical_source and vertical_deviation_deg.
+    of a world made upright, vertical_source and vertical_deviation_deg; where photos were corrected, photometric (see
+    `TrainedSplats`).
     """
     report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
@@ -347,6 +348,7 @@ def scene_quality(
         **trained.quality,
         **measured,
         **held_back,
+        **_photometric(trained),
         "stopped_early": "stopped_at_share" in trained.quality,
         "preset": provenance.preset,
         "tradeoffs": list(provenance.tradeoffs),
@@ -362,6 +364,12 @@ def scene_quality(
         "mean_reprojection_error_px": report.mean_reprojection_error_px,
         "stage_seconds": dict(provenance.stage_seconds),
     }
+
+
+def _photometric(trained: TrainedSplats) -> dict[str, Any]:
+    """The photos' corrections as a scene's manifest has them."""
+    rows = trained.photometric
+    return {"photometric": {name: [round(value, 4) for value in row] for name, row in rows.items()}} if rows else {}
 
 
 def _label_source(labelling: Labelling) -> LabelSource:

@@ -100,7 +100,11 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
     if trained.evidence is not None:
         arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
     np.savez(folder / "arrays.npz", **arrays)
-    report = {"quality": dict(trained.quality), "held_out": list(trained.held_out)}
+    report = {
+        "quality": dict(trained.quality),
+        "held_out": list(trained.held_out),
+        "photometric": dict(trained.photometric),
+    }
     (folder / "report.json").write_text(json.dumps(report, default=float))
 
 
@@ -114,7 +118,8 @@ def load_trained(folder: Path) -> TrainedSplats:
         gaussians = Gaussians(**arrays)
     with intact(folder / "report.json"):
         report = json.loads((folder / "report.json").read_text())
-        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence)
+        photometric = {name: tuple(row) for name, row in report.get("photometric", {}).items()}
+        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence, photometric)
 
 
 def _tradeoffs(job: Job) -> tuple[str, ...]:

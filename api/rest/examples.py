@@ -130,6 +130,9 @@ _PHOTO = PhotoVerdict(
     advice="It is much less sharp than the others: hold the camera still, or take it again.",
     withheld=0.083,
     between=("IMG_0041.jpg", "IMG_0042.jpg"),
+    exposure_ev=-0.42,
+    red_ev=0.03,
+    blue_ev=-0.05,
 )
 _VERSION = SceneVersion(
     scene_id=IDS["scene_id"],

@@ -53,6 +53,19 @@ class PhotoVerdict(Response):
             "taken between the two would join it. Empty where none shares anything with it"
         ),
     ] = ()
+    exposure_ev: Annotated[
+        float | None,
+        Field(
+            description="by how many EV more light it took than the mean of the photos, as training estimated it; "
+            "absent before that, where photos were not found to differ, and of photos that were not trained on"
+        ),
+    ] = None
+    red_ev: Annotated[
+        float | None, Field(description="its white balance: gain of red against green, EV; absent as exposure_ev")
+    ] = None
+    blue_ev: Annotated[
+        float | None, Field(description="its white balance: gain of blue against green, EV; absent as exposure_ev")
+    ] = None
 
 
 @travels(request=False, proto="ListPhotoVerdictsResponse")

@@ -326,8 +326,8 @@ class SceneService:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        self._store.scenes.current_version(scene_id)
-        return photo_page(self._store.photos.of_scene(scene_id), size, page_token, scene_id)
+        quality = self._store.scenes.scene(scene_id).quality
+        return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
 
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
         """The scene's own cameras as a file, see `service.application.camera_files`.

@@ -286,6 +286,7 @@ class _Build:
             lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
             label_ids=None if ids is None or table is None else table.translate(ids),
             mask=both_masks(image.mask, self.held.usable(image.file)),
+            exposure_ev=None if image.photo is None else image.photo.exposure_ev,
         )
         self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
         yield from views_of(source, lens)
@@ -319,6 +320,7 @@ class _Build:
                 label_ids=label_ids,
                 mask=mask,
                 depth=depth,
+                exposure_ev=photo.exposure_ev,
             )
 
     def _label_ids(

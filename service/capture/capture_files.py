@@ -117,6 +117,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
             "camera": asdict(view.depth.camera),
             "unit": view.depth.unit,
         },
+        "exposure_ev": view.exposure_ev,
     }
 
 
@@ -129,6 +130,7 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
         folder / stored["image"],
         None if valid is None else folder / valid,
         None if depth is None else SensorDepth(folder / depth["map"], Camera(**depth["camera"]), depth["unit"]),
+        stored.get("exposure_ev"),
     )
 
 

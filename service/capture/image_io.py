@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ _HEIF_MARK = b"ftyp"
 _MIRRORED = frozenset({2, 4, 5, 7})
 _TRANSPOSED = frozenset({5, 6, 7, 8})
 _QUARTER_TURNS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to clockwise rotations by 90° that make it upright
+_MAX_EXPOSURE_EV = 40.0
 _Number = TypeVar("_Number", np.uint8, np.uint16)
 
 
@@ -36,6 +39,8 @@ class PhotoInfo:
         orientation: EXIF orientation, 1..8; 1 is upright.
         lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
         focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
+        exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
+            bias that the photographer set is in these three already.)
     """
 
     path: str
@@ -44,6 +49,7 @@ class PhotoInfo:
     orientation: int
     lens: str
     focal_35mm: float
+    exposure_ev: float | None = None
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -216,15 +222,30 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
         detail = exif.get_ifd(ExifTags.IFD.Exif)
         orientation = exif.get(ExifTags.Base.Orientation, 1)
         focal = float(detail.get(ExifTags.Base.FocalLengthIn35mmFilm, 0) or 0)
+        exposure_ev = _exposure_ev(detail)
         maker = [str(exif.get(tag, "")).strip("\0 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
     except Exception:  # a mangled EXIF block says nothing about the pixels, and Pillow raises a dozen types for it
-        orientation, focal, maker = 1, 0.0, ["", ""]
+        orientation, focal, maker, exposure_ev = 1, 0.0, ["", ""], None
     if orientation not in range(1, 9):
         orientation = 1
     if not 5.0 <= focal <= 2_000.0:
         focal = 0.0
     lens = "/".join([*maker, f"{focal:g}"])
-    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal)
+    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal, exposure_ev)
+
+
+def _exposure_ev(detail: Mapping[int, Any]) -> float | None:
+    """See `PhotoInfo.exposure_ev`, of the tags of the Exif IFD (CIPA DC-008, 4.6.5)."""
+    speed = detail.get(ExifTags.Base.ISOSpeedRatings)
+    speed = speed[0] if isinstance(speed, tuple) and speed else speed
+    exposure: list[Any] = [detail.get(ExifTags.Base.ExposureTime), speed, detail.get(ExifTags.Base.FNumber)]
+    if any(value is None for value in exposure):
+        return None
+    seconds, iso, f_number = (float(value) for value in exposure)
+    if not (seconds > 0 and iso > 0 and f_number > 0):
+        return None
+    exposure_ev = math.log2(seconds * iso / 100 / f_number**2)
+    return exposure_ev if abs(exposure_ev) <= _MAX_EXPOSURE_EV else None
 
 
 def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:

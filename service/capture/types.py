@@ -63,12 +63,15 @@ class View:
         image_path: the undistorted image (PNG or JPEG) in the capture's folder.
         valid_path: PNG mask, 255 where the undistorted image has content, or None when every pixel has.
         depth: what a depth sensor measured, if there was one.
+        exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None
+            where it does not say.
     """
 
     posed: PosedCamera
     image_path: Path
     valid_path: Path | None = None
     depth: SensorDepth | None = None
+    exposure_ev: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
+from fastsplat.service.evaluation.image_quality import psnr, psnr_color_corrected, ssim_zero_padded
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
@@ -29,6 +29,7 @@ class ViewsReport:
 
     Attributes:
         psnr: dB, mean over the views where it is defined; NaN without any.
+        psnr_cc: the PSNR after `service.splatting.quality.color_corrected`, dB, as psnr.
         ssim: with zeros outside the image, as in 3DGS; mean over the views where it is defined; NaN without any.
         mean_iou: over the labels present in the true maps of these views, all pixels pooled; NaN without labels.
         iou: by label name, NaN where the label is in neither.
@@ -37,6 +38,7 @@ class ViewsReport:
     """
 
     psnr: float
+    psnr_cc: float
     ssim: float
     mean_iou: float
     iou: Mapping[str, float]
@@ -72,7 +74,7 @@ def evaluate_views(
     if len(head.bias) != labels + 1:
         raise InvalidInputError(f"a head of {len(head.bias)} classes for {labels} labels", field="head")
     counts = MaskCounts.zeros(labels)
-    qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
+    qualities: dict[str, list[float]] = {"psnr": [], "psnr_cc": [], "ssim": []}
     for name in names:
         index = position[name]
         (view,) = load_views(capture, labelling, (index,), max_side, (1.0,))
@@ -83,6 +85,7 @@ def evaluate_views(
         valid = None if frame.valid is None else frame.valid.numpy()
         for quality, result in (
             ("psnr", psnr(image, target, valid)),
+            ("psnr_cc", psnr_color_corrected(image, target, valid)),
             ("ssim", ssim_zero_padded(image, target, valid)),
         ):
             if not isinstance(result, Skipped):
@@ -92,6 +95,7 @@ def evaluate_views(
     iou = counts.iou()
     return ViewsReport(
         psnr=mean(qualities["psnr"]),
+        psnr_cc=mean(qualities["psnr_cc"]),
         ssim=mean(qualities["ssim"]),
         mean_iou=counts.macro_iou(),
         iou={entry.label: float(iou[i + 1]) for i, entry in enumerate(labelling.dictionary.entries)},

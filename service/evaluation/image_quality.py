@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from fastsplat.service.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
+from fastsplat.service.splatting.quality import color_corrected
 
 _SIGMA = 1.5
 _REACH = 5  # of SSIM's window of 11×11 pixels to each side
@@ -32,6 +33,14 @@ def psnr(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) 
     left, right = (torch.from_numpy(pixels[counted].astype(np.float64)) for pixels in (image, target))
     value = float(peak_signal_noise_ratio(left, right, data_range=1.0))
     return value if np.isfinite(value) else Skipped("image and photo are equal, so their PSNR is infinite")
+
+
+def psnr_color_corrected(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
+    """As `psnr`, after the colors of the image were brought as close to the target's as an affine map can
+    (`service.splatting.quality.color_corrected`)."""
+    counted = None if valid is None else torch.tensor(valid)
+    corrected = color_corrected(torch.tensor(image), torch.tensor(target), counted)
+    return psnr(corrected.numpy(), target, valid)
 
 
 def ssim(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
@@ -89,6 +98,16 @@ PSNR = ViewMetric(
     measure=_of_view(psnr),
     combine=mean,
     headline=True,
+)
+PSNR_COLOR_CORRECTED = ViewMetric(
+    name="psnr_cc",
+    unit="dB",
+    higher_is_better=True,
+    description="psnr after the view's colors were mapped by the affine map (3 x 4, least squares over pixels that "
+    "count and are not saturated) that brings them closest to the photo's: for photos whose exposure and white balance "
+    "a scene cannot know (as in RawNeRF, Mildenhall et al. 2022, and PPISP, Deutsch et al. 2026); mean over views",
+    measure=_of_view(psnr_color_corrected),
+    combine=mean,
 )
 SSIM = ViewMetric(
     name="ssim",

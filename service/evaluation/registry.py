@@ -7,7 +7,7 @@ from typing import Any
 from fastsplat.service.evaluation.boundary_iou import BOUNDARY_IOU, BOUNDARY_IOU_MICRO
 from fastsplat.service.evaluation.depth_error import DEPTH_COVERAGE, DEPTH_ERROR, DEPTH_MEDIAN_ABS
 from fastsplat.service.evaluation.ghost_labels import GHOST_RATE, GHOST_RATE_NAMED, GHOST_SHARE_OF_PIXELS
-from fastsplat.service.evaluation.image_quality import PSNR, SSIM, SSIM_ZERO_PADDED
+from fastsplat.service.evaluation.image_quality import PSNR, PSNR_COLOR_CORRECTED, SSIM, SSIM_ZERO_PADDED
 from fastsplat.service.evaluation.mask3d_iou import MASK3D_IOU
 from fastsplat.service.evaluation.negative_queries import ABSENT_AUROC
 from fastsplat.service.evaluation.query_scores import (
@@ -49,6 +49,7 @@ METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     GHOST_SHARE_OF_PIXELS,
     MASK3D_IOU,
     PSNR,
+    PSNR_COLOR_CORRECTED,
     SSIM,
     SSIM_ZERO_PADDED,
     DEPTH_ERROR,

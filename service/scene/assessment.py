@@ -47,7 +47,9 @@ def assess(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Assess
 
 def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Iterator[Finding]:
     images, registered = _number(quality, "images"), _number(quality, "registered")
-    steps, psnr = _number(quality, "iterations"), _number(quality, "psnr")
+    # Where photos differ in exposure, that of a photo set apart cannot be known.
+    name = "psnr_cc" if "photometric" in quality else "psnr"
+    steps, psnr = _number(quality, "iterations"), _number(quality, name)
     if registered is not None and (grade := _below(registered, _POOR_PHOTOS, _FAIR_PHOTOS)):
         yield Finding(
             "FEW_PHOTOS",

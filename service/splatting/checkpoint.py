@@ -22,9 +22,9 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 4
+_VERSION = 5
 """1 knew neither images nor label maps, and had other names for the moments; 2 had no digest; 3 is
-of runs whose loss had no terms of the depth."""
+of runs whose loss had no terms of the depth; 4 of runs that did not look at the exposure of photos."""
 
 
 _log = logging.getLogger(__name__)
@@ -128,7 +128,7 @@ def fingerprint_of(
         regions: of the training views.
         arrays: the start points, e.g.
     """
-    head = [settings, list(labels), [(view.name, asdict(view.frames[-1].camera)) for view in views]]
+    head = [settings, list(labels), [(view.name, view.exposure_ev, asdict(view.frames[-1].camera)) for view in views]]
     digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
     for view in views:
         frame = view.frames[-1]

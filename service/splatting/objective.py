@@ -10,6 +10,7 @@ from torch import Tensor
 
 from fastsplat.service.splatting.depth_regularization import DepthAnchors, depth_terms, squared_depths
 from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.photometric import corrected_for
 from fastsplat.service.splatting.raster import Backend, Rendering, Splats, rasterize, sh_to_rgb
 from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.sensor_depth import sensor_depth_terms
@@ -65,6 +66,7 @@ def loss_terms(
     extent: float,
     settings: TrainingSettings,
     anchors: DepthAnchors | None = None,
+    correction: Tensor | None = None,
 ) -> dict[str, Tensor]:
     """The weighted terms whose sum is the loss of a step, by name.
 
@@ -77,10 +79,13 @@ def loss_terms(
         extent: of the scene, scene units.
         settings: weights of the terms.
         anchors: of the frame, where the depth has terms too; `rendering` then has squared depths as its last channel.
+        correction: [3] of the photo (`photometric`), or None for none.
     """
     # Split, not sliced: the backward pass of two slices would fill and add two whole images.
     channels, depths = rendering.image.shape[2] - 3, int(anchors is not None)
     rgb, codes, squared = torch.split(rendering.image, [3, channels - depths, depths], dim=2)
+    if correction is not None:
+        rgb = corrected_for(rgb, correction, target)
     terms = {"image": image_loss(rgb, target, settings.ssim_weight, frame.valid)}
     if class_weights is not None and frame.labels is not None:
         cross_entropy = label_loss(codes, parameters, frame.labels, frame.valid, class_weights)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,6 +15,8 @@ from fastsplat.service.splatting.depth_regularization import AnchorPoints, depth
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.objective import loss_terms, render_frame
+from fastsplat.service.splatting.photometric import correct
+from fastsplat.service.splatting.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -68,6 +71,7 @@ class Trainer:
         self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
         self._finish = finish
+        self._photometric = PhotometricTraining(settings)
         self._device = state.parameters["means"].device
         self.progress = 0.0
 
@@ -95,11 +99,14 @@ class Trainer:
     def _step(self, progress: float) -> tuple[float, Tensor]:
         """The loss of one optimization step, and the radii of the Gaussians in its view."""
         settings, iteration, parameters = self._settings, self.state.iteration, self.state.parameters
-        view = self._view_of(iteration)
+        number = self._view_of(iteration)
+        view = self.views[number]
         frame = view.frames[image_level(progress, settings)]
         semantic = self._supervision.applies(frame, iteration)
         regularized = depth_regularized(iteration, progress, settings, frame.depth is not None)
-        anchors = depth_anchors(self._anchor_points, view, frame) if regularized else None
+        self._photometric.decide_if_due(self.state, progress)
+        correction = self._photometric.correction(self.state, number)
+        anchors = depth_anchors(self._anchors(correction), view, frame) if regularized else None
         splats = splats_of(parameters)
         rendering = render_frame(
             parameters,
@@ -113,9 +120,11 @@ class Trainer:
             backend=settings.backend,
         )
         target = frame.target()
-        self._recorder.observe_image(iteration, rendering.image[..., :3].detach(), target, frame)
+        self._recorder.observe_image(iteration, rendering.image[..., :3].detach(), target, frame, correction)
         class_weights = self._supervision.class_weights if semantic else None
-        terms = loss_terms(rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors)
+        terms = loss_terms(
+            rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors, correction
+        )
         loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
         value, non_finite = loss.item(), rendering.culled_non_finite
         if not math.isfinite(value) or non_finite:
@@ -125,16 +134,25 @@ class Trainer:
                 field="training.rates",
             )
         radii = rendering.radii
+        fit = self._photometric.fit(self.state, progress, rendering, target, frame)
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()  # type: ignore[no-untyped-call]
+        self._photometric.step(self.state, number, iteration // len(self.views) + 1, progress, fit)
         adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
         return value, radii
 
-    def _view_of(self, iteration: int) -> TrainingView:
-        """Every view once an epoch, in an order of the epoch's own."""
+    def _view_of(self, iteration: int) -> int:
+        """The number of a view: every one once an epoch, in an order of the epoch's own."""
         epoch, position = divmod(iteration, len(self.views))
         order = np.random.default_rng((self._settings.seed, 2, epoch)).permutation(len(self.views))
-        return self.views[int(order[position])]
+        return int(order[position])
+
+    def _anchors(self, correction: Tensor | None) -> AnchorPoints:
+        """The capture's points, colored as the photo shows them."""
+        if correction is None:
+            return self._anchor_points
+        colors = correct(self._anchor_points.colors, correction.detach()).clamp(0, 1)
+        return replace(self._anchor_points, colors=colors)
 
     def _background(self) -> Tensor | None:
         if self._settings.background == "black":

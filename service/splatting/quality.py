@@ -1,4 +1,5 @@
-"""How near renderings are to photos: PSNR and SSIM over valid pixels, of one image and over views."""
+"""How near renderings are to photos: PSNR, also after a correction of the colors, and SSIM over valid pixels, of one
+image and over views."""
 
 from __future__ import annotations
 
@@ -14,6 +15,9 @@ from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.raster import Backend
 from fastsplat.service.splatting.training_views import TrainingView
+
+_SATURATED = 254.5 / 255
+_MIN_FIT = 16
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
@@ -37,14 +41,39 @@ def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
     return 1 - float(image_loss(image.clamp(0, 1), target, 1.0, valid))
 
 
+def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
+    """The image [H, W, 3], 0..1, with its colors mapped by the affine map that brings them closest to the target's.
+
+    What a picture is worth whose exposure and white balance cannot be known from elsewhere: as RawNeRF (Mildenhall et
+    al., "NeRF in the Dark", CVPR 2022) and PPISP (Deutsch et al., CVPR 2026) align colors before they compare. A
+    least-squares fit in float64 of three numbers from three and a constant, over the valid pixels in which neither has
+    a channel that is saturated; the image as it is where these are fewer than 16.
+    """
+    clamped = image.clamp(0, 1).double()
+    inside = ((clamped < _SATURATED) & (target < _SATURATED)).all(dim=2)
+    if valid is not None:
+        inside &= valid
+    if int(inside.sum()) < _MIN_FIT:
+        return image.clamp(0, 1)
+    ones = clamped.new_ones(*clamped.shape[:2], 1)
+    colors = torch.cat([clamped, ones], dim=2)
+    rows = colors[inside]
+    # A ridge of nearly nothing, so that a picture of one color has a solution too.
+    gram = rows.T @ rows + 1e-9 * len(rows) * torch.eye(4, dtype=rows.dtype, device=rows.device)
+    fit = torch.linalg.solve(gram, rows.T @ target[inside].double())
+    corrected: Tensor = (colors @ fit).clamp(0, 1).to(image.dtype)
+    return corrected
+
+
 @torch.no_grad()
 def measure_views(
     parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
 ) -> dict[str, float]:
-    """psnr and ssim of the scene's colors, each the mean over the views where it is finite; absent if it is in none.
+    """psnr, psnr_cc and ssim of the scene's colors, each the mean over the views where it is finite; absent if it
+    is in none.
 
     A view without a valid pixel has no figure, and one that is reproduced exactly (a black photo of nothing) has no
-    finite PSNR.
+    finite PSNR. psnr_cc is the PSNR after `color_corrected`.
 
     Args:
         parameters: see `SplatState`; all harmonics are used.
@@ -53,7 +82,7 @@ def measure_views(
     """
     degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
     splats = splats_of(parameters)
-    figures: dict[str, list[float]] = {"psnr": [], "ssim": []}
+    figures: dict[str, list[float]] = {"psnr": [], "psnr_cc": [], "ssim": []}
     for view in views:
         frame = view.frames[-1]
         if not frame.has_content:
@@ -61,6 +90,7 @@ def measure_views(
         image = render_frame(parameters, splats, view, frame, degree=degree, backend=backend).image
         target = frame.target()
         figures["psnr"].append(psnr(image, target, frame.valid))
+        figures["psnr_cc"].append(psnr(color_corrected(image, target, frame.valid), target, frame.valid))
         figures["ssim"].append(ssim(image, target, frame.valid))
     finite = {name: [value for value in values if math.isfinite(value)] for name, values in figures.items()}
     return {name: float(np.mean(values)) for name, values in finite.items() if values}

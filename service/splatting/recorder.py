@@ -10,6 +10,7 @@ from collections.abc import Callable
 from torch import Tensor
 
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.splatting.photometric import corrected_for
 from fastsplat.service.splatting.previews import Previews
 from fastsplat.service.splatting.quality import measure_views, psnr
 from fastsplat.service.splatting.schedule import event_due, sh_degree
@@ -70,10 +71,14 @@ class Recorder:
         self._reported = self._saved = time.monotonic()
         self.report(state, elapsed_s, progress)
 
-    def observe_image(self, iteration: int, image: Tensor, target: Tensor, frame: Frame) -> None:
-        """The colors [H, W, 3] of a training step and what they are compared with."""
+    def observe_image(
+        self, iteration: int, image: Tensor, target: Tensor, frame: Frame, correction: Tensor | None = None
+    ) -> None:
+        """The colors [H, W, 3] of a training step, what they are compared with, and the photo's correction [3] if it
+        has one."""
         if not self._held_out and iteration % _PSNR_EVERY == 0 and frame.has_content:
-            self._psnr = psnr(image, target, frame.valid)
+            shown = image if correction is None else corrected_for(image, correction.detach(), target)
+            self._psnr = psnr(shown, target, frame.valid)
 
     def after_step(self, state: SplatState, step: Step) -> None:
         """After a step and what the strategy made of it. What `progress` raises ends the run."""

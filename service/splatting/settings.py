@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -39,8 +40,16 @@ class LearningRates(BaseModel):
     """Of the semantic codes."""
     weight: float = Field(5e-3, gt=0)
     """Of the semantic head's weight and bias."""
+    photometric: float = Field(5e-3, gt=0)
+    """Of the photos' exposures and white balances, EV a step of the photo."""
+    photometric_final: float = Field(5e-4, gt=0)
+    """`photometric` at the end of the run."""
     final_share: float = Field(0.3, gt=0, le=1)
-    """What is left of every rate but that of the means at the end of the run."""
+    """What is left of every rate at the end of the run, but of those that have a final one of their own."""
+
+    def photometric_at(self, progress: float) -> float:
+        """The rate of the photos' corrections at a progress 0..1 of the run."""
+        return self.photometric * math.pow(self.photometric_final / self.photometric, progress)
 
 
 class TrainingSettings(BaseModel):
@@ -78,6 +87,11 @@ class TrainingSettings(BaseModel):
     held_out_every: int = Field(8, ge=0)
     """One view in so many is held out from training to measure quality; 0 holds none out. With fewer than 4 views none
     is: the scene needs them all. Where a capture sets views apart for testing, those are held out."""
+    photometric: Literal["auto", "on", "off"] = "auto"
+    """Whether exposure and white balance of every photo are found along with the scene."""
+    photometric_fit_until: float = Field(0.7, ge=0, le=1)
+    """Progress until which a photo's correction is drawn to the one by which it fits the picture in the median; the
+    gradient of the loss refines it all along."""
     ssim_weight: float = Field(0.2, ge=0, le=1)
     """λ of (1 − λ) L1 + λ (1 − SSIM)."""
     semantic_weight: float = Field(0.03, ge=0)

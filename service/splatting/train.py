@@ -13,6 +13,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -29,6 +30,7 @@ from fastsplat.service.splatting.initial import StartPoints, scene_extent, start
 from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
+from fastsplat.service.splatting.photometric_training import photo_corrections, start_corrections
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
@@ -194,7 +196,8 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     weight, bias = start_head(class_codes)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
-    return new_state(parameters | {"codes": codes, "weight": weight, "bias": bias}, device)
+    parameters |= {"codes": codes, "weight": weight, "bias": bias}
+    return new_state(parameters | start_corrections(views, settings), device)
 
 
 def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> float:
@@ -222,7 +225,8 @@ def _finished(
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
     trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
-    gaussians = _pruned(trained, trainer.views, run.held_out, settings)
+    corrections = photo_corrections(trainer.state, trainer.views)
+    gaussians = _pruned(trained, trainer.views, run.held_out, settings, "psnr_cc" if corrections else "psnr")
     quality = {
         "iterations": float(trainer.state.iteration),
         "gaussians": float(len(gaussians)),
@@ -255,7 +259,8 @@ def _finished(
         quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
-    return TrainedSplats(gaussians, head, quality, tuple(view.name for view in run.held_out), evidence)
+    held_out = tuple(view.name for view in run.held_out)
+    return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
 
 
 def _pruned(
@@ -263,15 +268,16 @@ def _pruned(
     views: tuple[TrainingView, ...],
     held_out: tuple[TrainingView, ...],
     settings: TrainingSettings,
+    figure: Literal["psnr", "psnr_cc"],
 ) -> Gaussians:
-    """See `TrainingSettings.max_psnr_drop_db`."""
+    """See `TrainingSettings.max_psnr_drop_db`, which is of this figure."""
     if not settings.max_psnr_drop_db or not held_out:
         return gaussians
     backend = settings.backend
     some = held_out[:: math.ceil(len(held_out) / MAX_EVAL_VIEWS)]
 
     def measure(candidate: Gaussians) -> float:
-        return measure_views(_on(backend, color_parameters(candidate)), some, backend).get("psnr", math.nan)
+        return measure_views(_on(backend, color_parameters(candidate)), some, backend).get(figure, math.nan)
 
     contribution = max_contribution(gaussians, views, backend)
     return prune_to_psnr(gaussians, contribution, measure, settings.max_psnr_drop_db).gaussians

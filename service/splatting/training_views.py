@@ -66,17 +66,20 @@ class TrainingView:
         viewmat: float32 [4, 4] camera-from-world.
         position: float32 [3] of the camera, world frame.
         frames: from the smallest size to the training size.
+        exposure_ev: see `service.capture.types.View`.
     """
 
     name: str
     viewmat: Tensor
     position: Tensor
     frames: tuple[Frame, ...]
+    exposure_ev: float | None = None
 
     def to(self, device: torch.device) -> TrainingView:
         """The same view with its tensors on `device`."""
         frames = tuple(frame.to(device) for frame in self.frames)
-        return TrainingView(self.name, self.viewmat.to(device), self.position.to(device), frames)
+        viewmat, position = self.viewmat.to(device), self.position.to(device)
+        return TrainingView(self.name, viewmat, position, frames, self.exposure_ev)
 
 
 def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -175,7 +178,7 @@ def _load_view(
         )
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
     position = torch.from_numpy(view.posed.world_from_camera[:3, 3].astype(np.float32))
-    return TrainingView(name, viewmat, position, frames)
+    return TrainingView(name, viewmat, position, frames, view.exposure_ev)
 
 
 def _check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:

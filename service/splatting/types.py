@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
 
@@ -15,7 +15,8 @@ class TrainedSplats:
     Attributes:
         gaussians: in Morton order of their means; the order is final.
         head: the affine map W that was trained with the codes.
-        quality: finite figures: psnr, ssim (means over the held-out views that have them; absent where none has),
+        quality: finite figures: psnr, psnr_cc (after a correction of the colors), ssim (means over the held-out
+            views that have them; absent where none has),
             held_out (count), loss (mean of the last 50 steps), iterations, gaussians, pruned_gaussians (left out
             because held-out views hardly miss them), sh_degree, train_seconds, time_budget_s, ghost_share,
             evidence_seconds, label_refit_seconds (of the labels' last fit), preview_seconds (of train_seconds, if it
@@ -23,6 +24,8 @@ class TrainedSplats:
             (Gaussians that started at random places because the capture has too few points).
         held_out: names of the views that never entered a loss.
         evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
+        photometric: exposure, white balance of red and of blue of each training photo by its name, EV, of mean zero
+            (see `service.splatting.photometric`); empty where photos were not corrected.
     """
 
     gaussians: Gaussians
@@ -30,6 +33,7 @@ class TrainedSplats:
     quality: Mapping[str, float]
     held_out: tuple[str, ...]
     evidence: Evidence | None = None
+    photometric: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def label_mode(self) -> LabelMode:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from fastsplat.service.application.photo_pages import photo_page
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError
@@ -29,6 +30,9 @@ def _verdict(number: int) -> PhotoVerdict:
         brightness=0.75,
         matches=None if number == 4 else number,
         advice="Take it again." if number % 2 else "",
+        exposure_ev=0.25 if number == 2 else None,
+        red_ev=0.0 if number == 2 else None,
+        blue_ev=-0.125 if number == 2 else None,
     )
 
 
@@ -69,3 +73,11 @@ def test_a_scene_of_an_earlier_release_says_that_nobody_has_looked(
     with client_of(faces) as client:
         assert list(client.photo_verdicts(scene_id)) == []
     service.delete_scene(scene_id)
+
+
+def test_what_training_estimated_of_a_photo_is_in_its_verdict() -> None:
+    rows = [to_plain(_verdict(number)) for number in range(3)]
+    quality = {"photometric": {rows[1]["name"]: [-0.5, 0.02, 0.0]}}
+    page = photo_page(rows, quality, 10, "", "a")
+    assert [photo.exposure_ev for photo in page.photos] == [None, -0.5, 0.25]
+    assert (page.photos[1].red_ev, page.photos[1].blue_ev) == (0.02, 0.0)

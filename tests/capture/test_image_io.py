@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image, ImageOps
+from PIL.TiffImagePlugin import IFDRational
 
 from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.image_io import check_image, load_upright, open_map
@@ -29,6 +30,32 @@ def test_orientation_is_applied(orientation: int, tmp_path: Path, settings, phot
     if not info.mirrored:
         with Image.open(tmp_path / "a.png") as image:
             np.testing.assert_array_equal(np.rot90(np.asarray(image), -info.quarter_turns), expected)
+
+
+_EXPOSURE = {0x829A: IFDRational(1, 50), 0x829D: IFDRational(2, 1), 0x8827: 200}
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, np.log2(1 / 50 * 200 / 100 / 4)),
+        ({0x829A: IFDRational(1, 25)}, np.log2(1 / 25 * 200 / 100 / 4)),
+        ({0x9204: IFDRational(1, 1)}, np.log2(1 / 50 * 200 / 100 / 4)),  # a bias is in the others already
+        ({0x829D: None}, None),
+        ({0x829D: IFDRational(0, 1)}, None),
+        ({0x829A: IFDRational(1, 0)}, None),
+        ({0x8827: 0}, None),
+        ({0x829A: "fast"}, None),
+    ],
+)
+def test_exposure_is_what_exif_says_and_nothing_where_that_is_no_exposure(
+    changes: dict[int, object], expected: float | None, tmp_path: Path, settings, photo
+) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({tag: value for tag, value in (_EXPOSURE | changes).items() if value is not None})
+    (tmp_path / "a.jpg").write_bytes(photo(3, (40, 24), "JPEG", exif=exif))
+    exposure_ev = check_image(tmp_path, "a.jpg", settings).exposure_ev
+    assert exposure_ev == (None if expected is None else pytest.approx(expected))
 
 
 def _saved(array: np.ndarray, path: Path, mode: str | None = None) -> Path:

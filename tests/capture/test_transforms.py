@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.capture.ply_points import read_points
@@ -160,6 +161,19 @@ def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
         camera = view.posed.camera
         x, y = camera.fx * there[0] / there[2] + camera.cx, camera.fy * there[1] / there[2] + camera.cy
         np.testing.assert_array_equal(upright[int(y), int(x)], stored[int(v), int(u)])
+
+
+def test_each_view_has_the_exposure_that_its_photo_tells(send, photo, settings) -> None:
+    """2 EV between 1/100 and 1/25 of a second, and nothing of a photo without EXIF."""
+    named = {}
+    for name, seconds in (("images/0.jpg", 100), ("images/1.jpg", 25)):
+        exif = Image.Exif()
+        exif.get_ifd(0x8769).update({0x829A: IFDRational(1, seconds), 0x829D: IFDRational(2, 1), 0x8827: 400})
+        named[name] = photo(1, _SIZE, "JPEG", exif=exif)
+    folder = send(_document(), **named)
+    _build(folder, settings)
+    first, second, third = (view.exposure_ev for view in load_capture(folder.parent / "out").views)
+    assert second - first == pytest.approx(2) and third is None
 
 
 def test_capture_survives_the_disk(send, settings) -> None:

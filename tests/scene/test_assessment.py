@@ -110,3 +110,9 @@ def test_photos_from_one_side_are_said_to_be() -> None:
     assessment = assess(_WELL, _around(5))
     assert assessment is not None
     assert [finding.reason for finding in assessment.findings] == ["ONE_SIDE_ONLY"]
+
+
+def test_where_photos_differ_in_exposure_colors_are_aligned_before_they_are_judged() -> None:
+    photos = {**_WELL, "psnr": 17.0, "psnr_cc": 29.0}
+    assert any(finding.grade == "poor" for finding in assess(photos, ()).findings)
+    assert not assess({**photos, "photometric": {"a.jpg": [0.4, 0.0, 0.0]}}, ()).findings

@@ -4937,6 +4937,9 @@ class PhotoVerdict(_message.Message):
     ADVICE_FIELD_NUMBER: _builtins.int
     WITHHELD_FIELD_NUMBER: _builtins.int
     BETWEEN_FIELD_NUMBER: _builtins.int
+    EXPOSURE_EV_FIELD_NUMBER: _builtins.int
+    RED_EV_FIELD_NUMBER: _builtins.int
+    BLUE_EV_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """as in the upload, and as the camera of the scene that it is"""
     placed: _builtins.bool
@@ -4958,6 +4961,14 @@ class PhotoVerdict(_message.Message):
     """what to do about it, in plain words; empty where all is well"""
     withheld: _builtins.float
     """share of its pixels, 0..1, that were left out because they show what moves"""
+    exposure_ev: _builtins.float
+    """by how many EV more light it took than the mean of the photos, as training estimated it; absent before that, where
+    photos were not found to differ, and of photos that were not trained on
+    """
+    red_ev: _builtins.float
+    """its white balance: gain of red against green, EV; absent as exposure_ev"""
+    blue_ev: _builtins.float
+    """its white balance: gain of blue against green, EV; absent as exposure_ev"""
     @_builtins.property
     def defects(self) -> _containers.RepeatedScalarFieldContainer[Global___PhotoDefect.ValueType]:
         """of the photo itself, placed or not. blurred: much less sharp than the others; dark: nearly black; duplicate: it
@@ -4984,19 +4995,34 @@ class PhotoVerdict(_message.Message):
         advice: _builtins.str = ...,
         withheld: _builtins.float = ...,
         between: _abc.Iterable[_builtins.str] | None = ...,
+        exposure_ev: _builtins.float | None = ...,
+        red_ev: _builtins.float | None = ...,
+        blue_ev: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "matches", b"matches", "not_placed", b"not_placed"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_blue_ev", b"_blue_ev", "_exposure_ev", b"_exposure_ev", "_matches", b"_matches", "_not_placed", b"_not_placed", "_red_ev", b"_red_ev", "blue_ev", b"blue_ev", "exposure_ev", b"exposure_ev", "matches", b"matches", "not_placed", b"not_placed", "red_ev", b"red_ev"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matches", b"_matches", "_not_placed", b"_not_placed", "advice", b"advice", "between", b"between", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "sharpness", b"sharpness", "withheld", b"withheld"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_blue_ev", b"_blue_ev", "_exposure_ev", b"_exposure_ev", "_matches", b"_matches", "_not_placed", b"_not_placed", "_red_ev", b"_red_ev", "advice", b"advice", "between", b"between", "blue_ev", b"blue_ev", "brightness", b"brightness", "defects", b"defects", "duplicate_of", b"duplicate_of", "exposure_ev", b"exposure_ev", "matches", b"matches", "name", b"name", "not_placed", b"not_placed", "placed", b"placed", "red_ev", b"red_ev", "sharpness", b"sharpness", "withheld", b"withheld"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__blue_ev: _TypeAlias = _typing.Literal["blue_ev"]  # noqa: Y015
+    _WhichOneofArgType__blue_ev: _TypeAlias = _typing.Literal["_blue_ev", b"_blue_ev"]  # noqa: Y015
+    _WhichOneofReturnType__exposure_ev: _TypeAlias = _typing.Literal["exposure_ev"]  # noqa: Y015
+    _WhichOneofArgType__exposure_ev: _TypeAlias = _typing.Literal["_exposure_ev", b"_exposure_ev"]  # noqa: Y015
     _WhichOneofReturnType__matches: _TypeAlias = _typing.Literal["matches"]  # noqa: Y015
     _WhichOneofArgType__matches: _TypeAlias = _typing.Literal["_matches", b"_matches"]  # noqa: Y015
     _WhichOneofReturnType__not_placed: _TypeAlias = _typing.Literal["not_placed"]  # noqa: Y015
     _WhichOneofArgType__not_placed: _TypeAlias = _typing.Literal["_not_placed", b"_not_placed"]  # noqa: Y015
+    _WhichOneofReturnType__red_ev: _TypeAlias = _typing.Literal["red_ev"]  # noqa: Y015
+    _WhichOneofArgType__red_ev: _TypeAlias = _typing.Literal["_red_ev", b"_red_ev"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__blue_ev) -> _WhichOneofReturnType__blue_ev | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__exposure_ev) -> _WhichOneofReturnType__exposure_ev | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__matches) -> _WhichOneofReturnType__matches | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__not_placed) -> _WhichOneofReturnType__not_placed | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__red_ev) -> _WhichOneofReturnType__red_ev | None: ...
 
 Global___PhotoVerdict: _TypeAlias = PhotoVerdict  # noqa: Y015
 

@@ -1,0 +1,200 @@
+"""Corrections of exposure and white balance: what they do to light, that no cast can hide in them, and when a run has
+them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch import Tensor
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.splatting.photometric import (
+    channel_evs,
+    correct,
+    corrected_for,
+    fitted_correction,
+    from_light,
+    to_light,
+    zero_mean,
+)
+from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, PhotometricTraining, start_corrections
+from fastsplat.service.splatting.quality import color_corrected
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import new_state
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat_contract.errors import CancelledError
+
+_CORRECTION = torch.tensor([0.7, -0.2, 0.1], dtype=torch.float64)
+
+
+def _image(*shape: int) -> Tensor:
+    """Values of the toe, below zero and above one among them."""
+    return torch.rand(*shape, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1)) * 1.4 - 0.15
+
+
+def test_a_correction_multiplies_light() -> None:
+    """Against the curves of IEC 61966-2-1 themselves, for brighter and darker photos."""
+    for correction in (_CORRECTION, -3 * _CORRECTION):
+        expected = from_light(to_light(_image(12, 9)) * torch.exp2(channel_evs(correction)))
+        assert torch.allclose(correct(_image(12, 9), correction), expected, rtol=0, atol=1e-7)
+    assert torch.allclose(to_light(torch.tensor([0.0, 0.5, 1.0])), torch.tensor([0.0, 0.214041, 1.0]), atol=1e-6)
+    # A gain of the stored values is another thing: it misses by far more than a step of 8 bits.
+    gray = torch.full((1, 1, 3), 0.2, dtype=torch.float64)
+    exposure = torch.tensor([1.2, 0.0, 0.0], dtype=torch.float64)
+    assert (correct(gray, exposure) - gray * correct(torch.ones_like(gray), exposure)).abs().max() > 4 / 255
+
+
+def test_gradients_are_those_of_finite_differences() -> None:
+    assert torch.autograd.gradcheck(correct, (_image(4, 5).requires_grad_(), _CORRECTION.clone().requires_grad_()))
+
+
+def test_no_correction_changes_no_bit_and_two_undo_each_other() -> None:
+    image = _image(6, 5)
+    assert torch.equal(correct(image.float(), torch.zeros(3)), image.float())
+    assert torch.allclose(correct(correct(image, _CORRECTION), -_CORRECTION), image, rtol=0, atol=1e-6)
+
+
+def test_what_is_brighter_than_white_is_no_error() -> None:
+    target = torch.tensor([[[1.0, 0.5, 1.0]]])
+    image = torch.tensor([[[0.9, 0.5, 0.2]]])
+    shown = corrected_for(image, torch.tensor([1.0, 0.0, 0.0]), target)
+    assert shown[0, 0, 0] == 1 and shown[0, 0, 1] > 0.6 and shown[0, 0, 2] < 0.5
+
+
+def test_the_mean_over_the_photos_is_zero_and_differences_stay() -> None:
+    rows = torch.randn(37, 3, generator=torch.Generator().manual_seed(2)) + 5
+    centered = zero_mean(rows)
+    assert centered.double().mean(dim=0).abs().max() < 1e-7
+    assert torch.allclose(centered - centered[0], rows - rows[0], atol=2e-6)
+
+
+def test_a_fit_finds_the_correction_although_a_third_of_the_photo_shows_something_else() -> None:
+    image = 0.2 + 0.3 * _image(40, 40).clamp(0, 1)
+    target = correct(image, _CORRECTION)
+    target[:13] = 0.9
+    covered = torch.ones(40, 40)
+    fit = fitted_correction(image, target, covered, None)
+    assert fit is not None and torch.allclose(fit, _CORRECTION, atol=0.02)
+    assert fitted_correction(image, target, torch.zeros(40, 40), None) is None
+    assert fitted_correction(image, target, covered, torch.zeros(40, 40, dtype=torch.bool)) is None
+
+
+def test_color_correction_undoes_an_affine_map_of_colors_and_no_more() -> None:
+    image = _image(20, 20).clamp(0.2, 0.7).float()
+    mixed = image @ torch.tensor([[0.9, 0.05, 0.0], [0.0, 0.8, 0.1], [0.05, 0.0, 1.0]]) + 0.03
+    assert torch.allclose(color_corrected(image, mixed), mixed, atol=1e-4)
+    other = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(3)) * 0.9
+    residual = (color_corrected(image, other) - other).square().mean()
+    assert residual > 0.5 * (other - other.mean(dim=(0, 1))).square().mean()
+    masked = torch.zeros(20, 20, dtype=torch.bool)
+    assert torch.equal(color_corrected(image, mixed, masked), image), "without a pixel there is nothing to fit"
+
+
+def _perturbed(capture: Capture, folder: Path) -> tuple[Capture, Tensor]:
+    """The capture with photos of drawn exposures, and their corrections."""
+    evs = np.random.default_rng(4).uniform(-0.8, 0.8, len(capture.views))
+    corrections = torch.tensor(np.column_stack([evs, 0.05 * evs[::-1], -0.05 * evs]))
+    views = []
+    for view, correction in zip(capture.views, corrections, strict=True):
+        pixels = torch.tensor(np.asarray(Image.open(view.image_path).convert("RGB"))).double() / 255
+        path = folder / view.posed.name
+        Image.fromarray((correct(pixels, correction).clamp(0, 1) * 255).round().byte().numpy()).save(path)
+        views.append(dataclasses.replace(view, image_path=path))
+    return dataclasses.replace(capture, views=tuple(views)), zero_mean(corrections)
+
+
+def _rows(trained: TrainedSplats) -> Tensor:
+    return torch.tensor(list(trained.photometric.values()), dtype=torch.float64)
+
+
+def _same(first: TrainedSplats, second: TrainedSplats) -> bool:
+    pairs = [(first.gaussians.means, second.gaussians.means), (first.gaussians.sh, second.gaussians.sh)]
+    return all(np.array_equal(*pair) for pair in pairs) and first.photometric == second.photometric
+
+
+def test_a_run_finds_the_exposures_of_its_photos_by_itself(world, quick, tmp_path: Path) -> None:
+    """And leaves no cast: the mean over the photos is zero."""
+    capture, truth = _perturbed(world[0], tmp_path)
+    settings = quick(iterations=360, held_out_every=0)
+    trained = train(capture, world[1], settings, silent)
+    rows = _rows(trained)
+    assert rows.mean(dim=0).abs().max() < 1e-6
+    assert (rows[:, 0] - truth[:, 0]).square().mean().sqrt() < 0.25 * truth[:, 0].square().mean().sqrt()
+    assert list(trained.photometric) == [view.posed.name for view in capture.views]
+
+
+def test_photos_that_agree_are_trained_as_if_nobody_had_looked(world, quick) -> None:
+    looked = train(*world, quick(iterations=270, held_out_every=0), silent)
+    off = train(*world, quick(iterations=270, held_out_every=0, photometric="off"), silent)
+    assert _same(looked, off) and not looked.photometric
+
+
+@pytest.mark.parametrize("stop_at", [8, 60], ids=["at the start", "after the decision"])
+def test_a_run_with_corrections_resumes_to_the_bit(
+    world, quick: Callable[..., TrainingSettings], tmp_path: Path, stop_at: int
+) -> None:
+    capture, _ = _perturbed(world[0], tmp_path)
+    settings = quick(iterations=90, checkpoint_every_s=0, photometric="on", held_out_every=0)
+    whole = train(capture, world[1], settings, silent)
+    assert whole.photometric
+
+    def stop(event: ProgressEvent) -> None:
+        if event.metrics.get("iteration", 0) >= stop_at:
+            raise CancelledError("stop")
+
+    with pytest.raises(CancelledError):
+        train(capture, world[1], settings, stop, tmp_path / "run")
+    assert _same(train(capture, world[1], settings, silent, tmp_path / "run"), whole)
+
+
+def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
+    settings = TrainingSettings(iterations=1000, time_budget_s=None)
+    training = PhotometricTraining(settings)
+    for spread, differs in ((0.5, True), (0.02, False)):
+        state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(4, 4)})
+        for number, sign in enumerate((-1.0, 1.0, -1.0, 1.0)):
+            training.step(state, number, 1, 0.1, torch.tensor([3 + sign * spread, 0.0, 0.0]))
+        training.decide_if_due(state, 0.1)
+        assert FITS in state.parameters, "not before it is time"
+        training.decide_if_due(state, 0.3)
+        assert FITS not in state.parameters and FITS not in state.exp_avg
+        assert (CORRECTIONS in state.parameters) == differs
+        if differs:
+            assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+
+
+def test_exif_is_where_corrections_start(world, quick) -> None:
+    from fastsplat.service.splatting.training_views import load_views
+
+    evs = (4.0, 6.0, None, 5.0)
+    some = [dataclasses.replace(view, exposure_ev=ev) for view, ev in zip(world[0].views, evs, strict=False)]
+    capture = dataclasses.replace(world[0], views=tuple(some))
+    views = load_views(capture, world[1], (0, 1, 2, 3), 64, (1.0,))
+    start = start_corrections(views, quick())
+    assert torch.allclose(start[CORRECTIONS][:, 0], torch.tensor([-1.0, 1.0, 0.0, 0.0]))
+    equal = [dataclasses.replace(view, exposure_ev=5.0) for view in views]
+    assert FITS in start_corrections(equal, quick()), "a locked exposure says nothing of the white balance"
+    assert start_corrections(views, quick(photometric="off")) == {}
+
+
+def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:
+    from fastsplat.service.pipeline import Provenance, scene_quality
+    from fastsplat.workers.stages import load_trained, save_trained
+
+    trained = train(*world, quick(photometric="on"), silent)
+    save_trained(trained, tmp_path)
+    loaded = load_trained(tmp_path)
+    assert _same(loaded, trained) and loaded.photometric
+    quality = scene_quality(loaded, world[1], world[0], Provenance())
+    assert quality["photometric"].keys() == trained.photometric.keys()
+    assert quality["psnr_cc"] == trained.quality["psnr_cc"]
+    off = scene_quality(train(*world, quick(photometric="off"), silent), world[1], world[0], Provenance())
+    assert "photometric" not in off
