@@ -359,10 +359,16 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         return self._transport.call("GET", f"{scene_path(scene_id)}/mask.ply", params=params).content
 
     def export(
-        self, scene_id: str, file_format: ExportFormat = "ply", *, version: str = "", things: Sequence[int] = ()
+        self,
+        scene_id: str,
+        file_format: ExportFormat = "ply",
+        *,
+        version: str = "",
+        things: Sequence[int] = (),
+        cell: float = 0.0,
     ) -> bytes:
-        """A scene, or only some of its things, as a file for other programs; formats as `ExportFormat`."""
-        params = {"version": version, "thing": list(things)}
+        """A scene, or only some of its things, as a file for other programs; formats and cell as in `ExportRequest`."""
+        params: dict[str, Any] = {"version": version, "thing": list(things)} | ({"cell": cell} if cell else {})
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
     def stream_query(

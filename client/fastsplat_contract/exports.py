@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -10,8 +11,17 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb"]
 """What `ExportRequest.format` describes."""
+
+FILE_NAMES: Mapping[ExportFormat, str] = {
+    "ply": "scene.ply",
+    "spz": "scene.spz",
+    "html": "scene.html",
+    "points": "scene.points.ply",
+    "glb": "scene.glb",
+}
+"""Of each format, as a browser saves it."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +36,15 @@ class ExportRequest(Request):
         Field(
             description="ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed "
             "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
-            "own names; rows in their order in all"
+            "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
+            "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras"
         ),
     ] = "ply"
     version: Version = ""
     things: Annotated[
         Many[int], Field(description="only the Gaussians of these things, by id, in their order; empty: all")
     ] = ()
+    cell: Annotated[
+        float,
+        Field(ge=0, description="of points: the distance between them, scene units; 0: as fine as the views are"),
+    ] = 0.0

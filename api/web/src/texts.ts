@@ -389,8 +389,15 @@ export const texts = {
   take: {
     title: "Take away",
     whole: "The whole scene",
-    formats: { ply: "PLY, exact", spz: "SPZ, compressed", html: "One HTML file" },
-    alone: (name: string, format: string) => `Only ${name} as ${format.toUpperCase()}`,
+    formats: {
+      ply: "PLY, exact",
+      spz: "SPZ, compressed",
+      html: "One HTML file",
+      points: "Labelled points, PLY",
+      glb: "Splat with things, GLB",
+    },
+    kinds: { ply: "PLY", spz: "SPZ", points: "points", glb: "GLB" },
+    alone: (name: string, kind: string) => `Only ${name} as ${kind}`,
     masks: (text: string) => `What answers “${text}”`,
     maskPly: "Its Gaussians as PLY",
     mask3d: "3D mask, a bit each Gaussian",

@@ -545,6 +545,10 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """Niantic's compressed splat"""
     EXPORT_FORMAT_HTML: _ExportFormat.ValueType  # 3
     """one page that needs no server"""
+    EXPORT_FORMAT_POINTS: _ExportFormat.ValueType  # 4
+    """labelled point cloud, PLY"""
+    EXPORT_FORMAT_GLB: _ExportFormat.ValueType  # 5
+    """glTF with KHR_gaussian_splatting"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -556,6 +560,10 @@ EXPORT_FORMAT_SPZ: ExportFormat.ValueType  # 2
 """Niantic's compressed splat"""
 EXPORT_FORMAT_HTML: ExportFormat.ValueType  # 3
 """one page that needs no server"""
+EXPORT_FORMAT_POINTS: ExportFormat.ValueType  # 4
+"""labelled point cloud, PLY"""
+EXPORT_FORMAT_GLB: ExportFormat.ValueType  # 5
+"""glTF with KHR_gaussian_splatting"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -4157,15 +4165,19 @@ class ExportSceneRequest(_message.Message):
     FORMAT_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
+    CELL_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     format: Global___ExportFormat.ValueType
     """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
     quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
-    order in all
+    order in these three; points: a labelled point cloud of the surfaces, as PLY; glb: glTF with KHR_gaussian_splatting,
+    a node for each thing, and the cameras
     """
     version: _builtins.str
     """of the scene; empty: the current one"""
+    cell: _builtins.float
+    """of points: the distance between them, scene units; 0: as fine as the views are"""
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, by id, in their order; empty: all"""
@@ -4177,10 +4189,11 @@ class ExportSceneRequest(_message.Message):
         format: Global___ExportFormat.ValueType = ...,
         version: _builtins.str = ...,
         things: _abc.Iterable[_builtins.int] | None = ...,
+        cell: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

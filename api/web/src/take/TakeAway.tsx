@@ -21,6 +21,14 @@ const SIZES = [
   [2048, 2048],
 ] as const;
 
+const ENDINGS: Record<ExportFormat, string> = {
+  ply: "ply",
+  spz: "spz",
+  html: "html",
+  points: "points.ply",
+  glb: "glb",
+};
+
 interface Properties {
   state: SceneState;
   scene: Scene;
@@ -65,7 +73,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "html"];
+  const formats: ExportFormat[] = ["ply", "spz", "html", "points", "glb"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
@@ -79,17 +87,17 @@ export function TakeAway({ state, scene, view }: Properties) {
       <h3>{texts.take.whole}</h3>
       <ul class="chips">
         {formats.map((format) =>
-          item(texts.take.formats[format], named(format), exportPath(scene.id, format, version)),
+          item(texts.take.formats[format], named(ENDINGS[format]), exportPath(scene.id, format, version)),
         )}
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
           <h3>{titleOf(thing)}</h3>
           <ul class="chips">
-            {(["ply", "spz"] as const).map((format) =>
+            {(["ply", "spz", "points", "glb"] as const).map((format) =>
               item(
-                texts.take.alone(titleOf(thing), format),
-                named(format, titleOf(thing), "thing"),
+                texts.take.alone(titleOf(thing), texts.take.kinds[format]),
+                named(ENDINGS[format], titleOf(thing), "thing"),
                 exportPath(scene.id, format, version, [thing.id]),
               ),
             )}
