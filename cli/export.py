@@ -22,7 +22,7 @@ def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
     format: Annotated[str, typer.Option(help=f"{', '.join(_FORMATS)}. Default: by FILE's ending.")] = "",  # noqa: A002
     thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],  # noqa: B006
-    cell: Annotated[float, typer.Option(help="Of points: their distance, scene units. Default: fine.")] = 0.0,
+    cell: Annotated[float, typer.Option(help="Of points or mesh: how fine, scene units.")] = 0.0,
     version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
     project: Annotated[str, typer.Option(help="The project whose scene it is.")] = "",
     server: Server = "",

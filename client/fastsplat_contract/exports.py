@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh"]
 """What `ExportRequest.format` describes."""
 
 FILE_NAMES: Mapping[ExportFormat, str] = {
@@ -20,6 +20,7 @@ FILE_NAMES: Mapping[ExportFormat, str] = {
     "html": "scene.html",
     "points": "scene.points.ply",
     "glb": "scene.glb",
+    "mesh": "scene.mesh.glb",
 }
 """Of each format, as a browser saves it."""
 
@@ -37,7 +38,8 @@ class ExportRequest(Request):
             description="ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed "
             "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
             "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
-            "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras"
+            "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
+            "surfaces as triangles, GLB, a node for each thing"
         ),
     ] = "ply"
     version: Version = ""
@@ -46,5 +48,9 @@ class ExportRequest(Request):
     ] = ()
     cell: Annotated[
         float,
-        Field(ge=0, description="of points: the distance between them, scene units; 0: as fine as the views are"),
+        Field(
+            ge=0,
+            description="of points: the distance between them, of mesh: the width of its voxels, scene "
+            "units; 0: as fine as the views are",
+        ),
     ] = 0.0

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.surface_mesh import surface_mesh
 from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, surface_cameras, surface_views
 from fastsplat.service.scene.boxes import vertical_axis
+from fastsplat.service.scene.mesh_glb import mesh_glb
 from fastsplat.service.scene.point_ply import point_ply
 from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, splat_glb
 from fastsplat.service.scene.types import Thing
@@ -20,11 +22,16 @@ from fastsplat_contract.errors import InvalidInputError
 REST = "unassigned"
 """Name of the node of what belongs to no thing."""
 
-_PER_GAUSSIAN, _PER_PIXEL, _PER_POINT = 768, 160, 200
+_PER_GAUSSIAN, _PER_PIXEL, _PER_POINT, _PER_VOXEL = 768, 160, 200, 100
 
 
-def surface_bytes(index: SceneIndex) -> int:
-    """Estimated peak of taking a scene's surfaces from its views, in bytes: one rendering, the views, the points.
+def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
+    """Estimated peak of taking a scene's surfaces from its views, in bytes: one rendering, the views, the points, and
+    the voxels of a mesh.
+
+    Args:
+        index: the scene.
+        mesh: whether the surfaces are meshed.
 
     Raises:
         InvalidInputError: the scene has no cameras.
@@ -37,6 +44,7 @@ def surface_bytes(index: SceneIndex) -> int:
         + _PER_PIXEL * max(pixels)
         + (BYTES_PER_PIXEL + 12) * sum(pixels)
         + _PER_POINT * index.settings.max_surface_points
+        + (_PER_VOXEL * index.settings.max_surface_voxels if mesh else 0)
     )
 
 
@@ -89,6 +97,33 @@ def splats_file(index: SceneIndex, name: str, things: Sequence[int]) -> bytes:
     return splat_glb(
         index.scene.gaussians, nodes_of(index, index.things.owner, things), about(index, name, index.scene.cameras)
     )
+
+
+def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
+    """The surfaces as a GLB of triangles, a node for each thing, see `mesh_glb` and `surface_mesh`.
+
+    Args:
+        index, name, things: as for `points_file`.
+        cell: width of a voxel, scene units; 0: as fine as the views are.
+
+    Raises:
+        NotFoundError, InvalidInputError: as `points_file`.
+        LimitExceededError: too many voxels.
+    """
+    _check_whole(index, things)
+    most = index.settings.max_surface_voxels
+    mesh = surface_mesh(
+        surface_views(index),
+        cell=cell,
+        most_points=index.settings.max_surface_points,
+        most_voxels=most,
+        limit=f"{most} voxels (FASTSPLAT_QUERY__MAX_SURFACE_VOXELS)",
+    )
+    seen = mesh.vertices
+    described = about(index, name, index.scene.cameras)
+    described.extras["voxel"] = mesh.voxel
+    groups = nodes_of(index, mesh.things, things)
+    return mesh_glb(seen.points, seen.normals, seen.colors, seen.labels, seen.confidence, mesh.faces, groups, described)
 
 
 def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int]) -> list[NamedRows]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
-from fastsplat.service.application.geometry_files import points_file, splats_file, surface_bytes
+from fastsplat.service.application.geometry_files import mesh_file, points_file, splats_file, surface_bytes
 from fastsplat.service.application.mask_encodings import mask_ply
 from fastsplat.service.application.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -29,10 +29,11 @@ MEDIA_TYPES: Mapping[ExportFormat, str] = {
     "html": "text/html",
     "points": "application/x-ply",
     "glb": "model/gltf-binary",
+    "mesh": "model/gltf-binary",
 }
 """Of each format, as HTTP names it."""
 
-_WITH_CELLS: tuple[ExportFormat, ...] = ("points",)
+_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh")
 
 _CACHED_BYTES = 128 << 20
 
@@ -68,7 +69,7 @@ class Exports:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
             InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
                 format without cells, surfaces of a scene without cameras.
-            LimitExceededError: more points than the settings allow, or as `Answers.query`.
+            LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
         """
         _check_cell(request)
@@ -106,8 +107,12 @@ class Exports:
             return scene_page(index, name, spz)
 
     def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(surface_bytes(index), "scene_id"):
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return points_file(index, self._name(request), request.things, request.cell)
+
+    def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
+            return mesh_file(index, self._name(request), request.things, request.cell)
 
     def _glb(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
@@ -123,6 +128,7 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "html": Exports._html,
     "points": Exports._points,
     "glb": Exports._glb,
+    "mesh": Exports._mesh,
 }
 
 

@@ -24,7 +24,8 @@ BAND = 3.0
 _FINEST = 2.0
 """Pixels of the views that one cell is as wide as, by default."""
 _COARSER = 1.4
-_REACH = 1 << 20  # cells on either side of the origin that a key holds
+REACH = 1 << 20
+"""Cells on either side of the origin that a key holds."""
 
 
 def surface_points(views: Sequence[SurfaceView], *, cell: float, most: int, limit: str) -> tuple[SurfaceSamples, float]:
@@ -78,8 +79,8 @@ def cell_keys(points: F32, cell: float) -> tuple[NDArray[np.int64], NDArray[np.b
     bool [P]."""
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.floor(points.astype(np.float64) / cell)
-    inside = np.asarray((np.abs(steps) < _REACH - 8).all(axis=1))
-    cells = steps[inside].astype(np.int64) + _REACH
+    inside = np.asarray((np.abs(steps) < REACH - 8).all(axis=1))
+    cells = steps[inside].astype(np.int64) + REACH
     return cells[:, 0] << 42 | cells[:, 1] << 21 | cells[:, 2], inside
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.scene import Gaussians, write_ply
 from fastsplat.service.scene.glb import GlbBuilder, linear, upright
@@ -145,9 +147,25 @@ def test_trimesh_opens_the_points_by_name_upright(about: GlbScene, tmp_path: Pat
     to_world = opened.graph["mug"][0]
     np.testing.assert_allclose(to_world[:3, :3] @ [0, 0, 1], [0, 1, 0], atol=1e-6)
     assert opened.graph.transforms.edge_data["a <scene>", "mug"]["metadata"]["thing"] == 7
-    camera = opened.graph["photos/<ü>.jpg"][0]
-    np.testing.assert_allclose(camera[:3, 3], to_world[:3, :3] @ [1, 2, 3], atol=1e-6)
-    np.testing.assert_allclose(camera[:3, :3] @ [0, 0, -1], to_world[:3, :3] @ [0, 0, 1], atol=1e-6)
+
+
+def test_cameras_look_where_they_looked(about: GlbScene) -> None:
+    (posed,) = about.cameras
+    turned = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    pose = posed.world_from_camera.copy()
+    pose[:3, :3] = turned
+    about = replace(about, cameras=(replace(posed, world_from_camera=pose),))
+    document, _ = glb_parts(splat_glb(gaussians(0), [NamedRows("all", {}, np.arange(40))], about))
+    (node,) = (one for one in document["nodes"] if "camera" in one)
+    assert node["name"] == "photos/<ü>.jpg" and node["translation"] == [1, 2, 3]
+    axes = Rotation.from_quat(node["rotation"]).as_matrix()
+    np.testing.assert_allclose(axes @ [0, 0, -1], turned @ [0, 0, 1], atol=1e-12)  # OpenGL's forward is OpenCV's
+    np.testing.assert_allclose(axes @ [0, 1, 0], turned @ [0, -1, 0], atol=1e-12)
+    lens = document["cameras"][node["camera"]]["perspective"]
+    assert lens["yfov"] == pytest.approx(2 * np.arctan(24 / 60)) and lens["aspectRatio"] == pytest.approx(64 / 48)
+    assert (node["extras"]["fx"], node["extras"]["cy"]) == (50, 25)
+    (root,) = document["scenes"][document["scene"]]["nodes"]
+    assert document["nodes"][root]["name"] == "a <scene>" and len(document["nodes"][root]["children"]) == 2
 
 
 @pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (0, 0, 1), (0.6, -0.8, 0), (-0.36, 0.48, 0.8)])

@@ -549,6 +549,8 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """labelled point cloud, PLY"""
     EXPORT_FORMAT_GLB: _ExportFormat.ValueType  # 5
     """glTF with KHR_gaussian_splatting"""
+    EXPORT_FORMAT_MESH: _ExportFormat.ValueType  # 6
+    """labelled triangles, GLB"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -564,6 +566,8 @@ EXPORT_FORMAT_POINTS: ExportFormat.ValueType  # 4
 """labelled point cloud, PLY"""
 EXPORT_FORMAT_GLB: ExportFormat.ValueType  # 5
 """glTF with KHR_gaussian_splatting"""
+EXPORT_FORMAT_MESH: ExportFormat.ValueType  # 6
+"""labelled triangles, GLB"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -4172,12 +4176,12 @@ class ExportSceneRequest(_message.Message):
     """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
     quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
     order in these three; points: a labelled point cloud of the surfaces, as PLY; glb: glTF with KHR_gaussian_splatting,
-    a node for each thing, and the cameras
+    a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing
     """
     version: _builtins.str
     """of the scene; empty: the current one"""
     cell: _builtins.float
-    """of points: the distance between them, scene units; 0: as fine as the views are"""
+    """of points: the distance between them, of mesh: the width of its voxels, scene units; 0: as fine as the views are"""
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, by id, in their order; empty: all"""

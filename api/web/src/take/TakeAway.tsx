@@ -27,6 +27,7 @@ const ENDINGS: Record<ExportFormat, string> = {
   html: "html",
   points: "points.ply",
   glb: "glb",
+  mesh: "mesh.glb",
 };
 
 interface Properties {
@@ -73,7 +74,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "html", "points", "glb"];
+  const formats: ExportFormat[] = ["ply", "spz", "html", "points", "mesh", "glb"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
@@ -94,7 +95,7 @@ export function TakeAway({ state, scene, view }: Properties) {
         <div key={thing.id}>
           <h3>{titleOf(thing)}</h3>
           <ul class="chips">
-            {(["ply", "spz", "points", "glb"] as const).map((format) =>
+            {(["ply", "spz", "points", "mesh", "glb"] as const).map((format) =>
               item(
                 texts.take.alone(titleOf(thing), texts.take.kinds[format]),
                 named(ENDINGS[format], titleOf(thing), "thing"),
