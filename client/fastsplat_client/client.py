@@ -325,6 +325,16 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         content = self._render(viewpoint, PictureRequest(scene_id, "depth", version=version, format="npy"))
         return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
 
+    def normals(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
+        """float32 [H, W, 3]: unit normals of surfaces, world frame, towards the camera; 0 where nothing is."""
+        content = self._render(viewpoint, PictureRequest(scene_id, "normals", version=version, format="npy"))
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
+
+    def confidence(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
+        """float32 [H, W]: how far depth and normal can be relied on, 0 to 1; 0 where nothing is."""
+        content = self._render(viewpoint, PictureRequest(scene_id, "confidence", version=version, format="npy"))
+        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
+
     def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
         return self._transport.call("GET", f"{scene_path(scene_id)}/cameras", params={"format": file_format}).content

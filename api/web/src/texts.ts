@@ -407,6 +407,8 @@ export const texts = {
     size: "Size in pixels",
     png: "Picture as PNG",
     depth: "Depth as NumPy array",
+    normals: "Normals as NumPy array",
+    confidence: "Confidence as NumPy array",
     cameras: "Cameras",
     transforms: "nerfstudio transforms.json",
     colmap: "COLMAP model",

@@ -453,6 +453,10 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     """16-bit gray: id of each pixel's thing, 0 none or too little covered"""
     PICTURE_KIND_THINGS: _PictureKind.ValueType  # 9
     """every thing in a color of its own, with its name; for people"""
+    PICTURE_KIND_NORMALS: _PictureKind.ValueType  # 10
+    """normals of surfaces, world frame, towards the camera: (n + 1) / 2 in 8 bits, black: nothing"""
+    PICTURE_KIND_CONFIDENCE: _PictureKind.ValueType  # 11
+    """16-bit gray: how far depth and normal can be relied on, 65535 is 1"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -477,6 +481,10 @@ PICTURE_KIND_THING_MAP: PictureKind.ValueType  # 8
 """16-bit gray: id of each pixel's thing, 0 none or too little covered"""
 PICTURE_KIND_THINGS: PictureKind.ValueType  # 9
 """every thing in a color of its own, with its name; for people"""
+PICTURE_KIND_NORMALS: PictureKind.ValueType  # 10
+"""normals of surfaces, world frame, towards the camera: (n + 1) / 2 in 8 bits, black: nothing"""
+PICTURE_KIND_CONFIDENCE: PictureKind.ValueType  # 11
+"""16-bit gray: how far depth and normal can be relied on, 65535 is 1"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
 
 class _PictureFormat:
@@ -489,7 +497,7 @@ class _PictureFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Picture
     """read as PNG"""
     PICTURE_FORMAT_PNG: _PictureFormat.ValueType  # 1
     PICTURE_FORMAT_NPY: _PictureFormat.ValueType  # 2
-    """LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+    """LABEL_MAP, THING_MAP (uint16), DEPTH, NORMALS, CONFIDENCE (float32) only; numpy's file format"""
     PICTURE_FORMAT_JPEG: _PictureFormat.ValueType  # 3
     """RGB, OVERLAY, RELEVANCY, DEPTH_PICTURE and THINGS only; quick to make, not exact"""
 
@@ -499,7 +507,7 @@ PICTURE_FORMAT_UNSPECIFIED: PictureFormat.ValueType  # 0
 """read as PNG"""
 PICTURE_FORMAT_PNG: PictureFormat.ValueType  # 1
 PICTURE_FORMAT_NPY: PictureFormat.ValueType  # 2
-"""LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+"""LABEL_MAP, THING_MAP (uint16), DEPTH, NORMALS, CONFIDENCE (float32) only; numpy's file format"""
 PICTURE_FORMAT_JPEG: PictureFormat.ValueType  # 3
 """RGB, OVERLAY, RELEVANCY, DEPTH_PICTURE and THINGS only; quick to make, not exact"""
 Global___PictureFormat: _TypeAlias = PictureFormat  # noqa: Y015
@@ -4001,7 +4009,8 @@ class RenderViewRequest(_message.Message):
     """rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and 255; label_map: 16-bit
     label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so far or farther; depth_picture:
     depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: every thing in a color of its own, with its
-    name
+    name; normals: of surfaces, world frame, towards the camera, 8-bit (n + 1) / 2, black nothing; confidence: how far
+    depth and normal can be relied on, 16-bit, 65535 is 1
     """
     text: _builtins.str
     """the question; overlay, relevancy and mask need one"""
@@ -4010,8 +4019,8 @@ class RenderViewRequest(_message.Message):
     version: _builtins.str
     """of the scene; empty: the current one"""
     format: Global___PictureFormat.ValueType
-    """png; npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene units); jpeg: of rgb, overlay,
-    relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with small errors in
+    """png; npy: numpy's file of a label_map or thing_map (uint16), of depth (float32, scene units), normals (float32, unit
+    length, 0 nothing) or confidence (float32, 0 to 1); jpeg: of rgb, overlay, relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with small errors in
     its colors
     """
     depth_scale: _builtins.float

@@ -141,12 +141,14 @@ export function TakeAway({ state, scene, view }: Properties) {
       </label>
       <ul class="chips">
         {item(texts.take.png, named("png"), `${path}:render`, () => ({ kind: "rgb", version, camera: camera() }))}
-        {item(texts.take.depth, named("depth.npy"), `${path}:render`, () => ({
-          kind: "depth",
-          format: "npy",
-          version,
-          camera: camera(),
-        }))}
+        {(["depth", "normals", "confidence"] as const).map((kind) =>
+          item(texts.take[kind], named(`${kind}.npy`), `${path}:render`, () => ({
+            kind,
+            format: "npy",
+            version,
+            camera: camera(),
+          })),
+        )}
       </ul>
       <h3>{texts.take.cameras}</h3>
       <ul class="chips">
