@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras"]
 """What `ExportRequest.format` describes."""
 
 FILE_NAMES: Mapping[ExportFormat, str] = {
@@ -21,6 +21,7 @@ FILE_NAMES: Mapping[ExportFormat, str] = {
     "points": "scene.points.ply",
     "glb": "scene.glb",
     "mesh": "scene.mesh.glb",
+    "cameras": "scene.cameras.zip",
 }
 """Of each format, as a browser saves it."""
 
@@ -39,7 +40,8 @@ class ExportRequest(Request):
             "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
             "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
             "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
-            "surfaces as triangles, GLB, a node for each thing"
+            "surfaces as triangles, GLB, a node for each thing; cameras: a zip of nerfstudio's transforms.json and "
+            "COLMAP's binary model, with the points"
         ),
     ] = "ply"
     version: Version = ""
@@ -50,7 +52,7 @@ class ExportRequest(Request):
         float,
         Field(
             ge=0,
-            description="of points: the distance between them, of mesh: the width of its voxels, scene "
+            description="of points and cameras: the distance between points, of mesh: the width of its voxels, scene "
             "units; 0: as fine as the views are",
         ),
     ] = 0.0

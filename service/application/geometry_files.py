@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.application.camera_files import transforms
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.surface_mesh import surface_mesh
 from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, surface_cameras, surface_views
 from fastsplat.service.scene.boxes import vertical_axis
+from fastsplat.service.scene.camera_bundle import colmap_model, zipped
 from fastsplat.service.scene.mesh_glb import mesh_glb
-from fastsplat.service.scene.point_ply import point_ply
+from fastsplat.service.scene.point_ply import point_ply, point_rows
 from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, splat_glb
 from fastsplat.service.scene.types import Thing
 from fastsplat_contract.errors import InvalidInputError
@@ -124,6 +126,31 @@ def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) 
     described.extras["voxel"] = mesh.voxel
     groups = nodes_of(index, mesh.things, things)
     return mesh_glb(seen.points, seen.normals, seen.colors, seen.labels, seen.confidence, mesh.faces, groups, described)
+
+
+def cameras_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
+    """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and in `sparse/0/`
+    COLMAP's binary model with the same points.
+
+    Args:
+        index, name, things, cell: as for `points_file`; the cameras are always all of the scene's.
+
+    Raises:
+        NotFoundError, InvalidInputError, LimitExceededError: as `points_file`.
+    """
+    cameras = index.scene.cameras
+    points = points_file(index, name, things, cell)
+    rows = point_rows(points)
+    positions = np.stack([rows[axis] for axis in "xyz"], axis=1)
+    colors = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
+    model = colmap_model(cameras, positions, colors)
+    return zipped(
+        {
+            "transforms.json": transforms(cameras, ply_file_path="points.ply"),
+            "points.ply": points,
+            **{f"sparse/0/{file}": content for file, content in model.items()},
+        }
+    )
 
 
 def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int]) -> list[NamedRows]:

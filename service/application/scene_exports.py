@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
-from fastsplat.service.application.geometry_files import mesh_file, points_file, splats_file, surface_bytes
+from fastsplat.service.application.geometry_files import (
+    cameras_file,
+    mesh_file,
+    points_file,
+    splats_file,
+    surface_bytes,
+)
 from fastsplat.service.application.mask_encodings import mask_ply
 from fastsplat.service.application.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -30,10 +36,11 @@ MEDIA_TYPES: Mapping[ExportFormat, str] = {
     "points": "application/x-ply",
     "glb": "model/gltf-binary",
     "mesh": "model/gltf-binary",
+    "cameras": "application/zip",
 }
 """Of each format, as HTTP names it."""
 
-_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh")
+_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras")
 
 _CACHED_BYTES = 128 << 20
 
@@ -110,6 +117,10 @@ class Exports:
         with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return points_file(index, self._name(request), request.things, request.cell)
 
+    def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+            return cameras_file(index, self._name(request), request.things, request.cell)
+
     def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
             return mesh_file(index, self._name(request), request.things, request.cell)
@@ -129,6 +140,7 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "points": Exports._points,
     "glb": Exports._glb,
     "mesh": Exports._mesh,
+    "cameras": Exports._cameras,
 }
 
 

@@ -61,3 +61,8 @@ def point_ply(
     header += [f"property {_TYPES[_ROW[name].str[1:]]} {name}" for name in _ROW.names or ()]
     header.append("end_header\n")
     return "\n".join(header).encode("ascii") + rows.tobytes()
+
+
+def point_rows(content: bytes) -> NDArray[np.void]:
+    """The vertices of a file of `point_ply`, with its properties as fields."""
+    return np.frombuffer(content, _ROW, offset=content.index(b"end_header\n") + len(b"end_header\n"))

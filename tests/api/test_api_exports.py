@@ -27,7 +27,7 @@ def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
 
 
-@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh"])
+@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras"])
 @pytest.mark.parametrize("things", [(), (1,), (1, 2)])
 def test_exports_are_the_same_bytes(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat, things: tuple[int, ...]

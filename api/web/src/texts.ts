@@ -396,6 +396,7 @@ export const texts = {
       points: "Labelled points, PLY",
       glb: "Splat with things, GLB",
       mesh: "Labelled mesh, GLB",
+      cameras: "Both, with points, ZIP",
     },
     kinds: { ply: "PLY", spz: "SPZ", points: "points", glb: "GLB", mesh: "mesh" },
     alone: (name: string, kind: string) => `Only ${name} as ${kind}`,

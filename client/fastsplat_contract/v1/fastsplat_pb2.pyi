@@ -559,6 +559,8 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """glTF with KHR_gaussian_splatting"""
     EXPORT_FORMAT_MESH: _ExportFormat.ValueType  # 6
     """labelled triangles, GLB"""
+    EXPORT_FORMAT_CAMERAS: _ExportFormat.ValueType  # 7
+    """zip of transforms.json and COLMAP's model, with points"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -576,6 +578,8 @@ EXPORT_FORMAT_GLB: ExportFormat.ValueType  # 5
 """glTF with KHR_gaussian_splatting"""
 EXPORT_FORMAT_MESH: ExportFormat.ValueType  # 6
 """labelled triangles, GLB"""
+EXPORT_FORMAT_CAMERAS: ExportFormat.ValueType  # 7
+"""zip of transforms.json and COLMAP's model, with points"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -4185,12 +4189,15 @@ class ExportSceneRequest(_message.Message):
     """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
     quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
     order in these three; points: a labelled point cloud of the surfaces, as PLY; glb: glTF with KHR_gaussian_splatting,
-    a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing
+    a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing;
+    cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points
     """
     version: _builtins.str
     """of the scene; empty: the current one"""
     cell: _builtins.float
-    """of points: the distance between them, of mesh: the width of its voxels, scene units; 0: as fine as the views are"""
+    """of points and cameras: the distance between points, of mesh: the width of its voxels, scene units; 0: as fine as the
+    views are
+    """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, by id, in their order; empty: all"""

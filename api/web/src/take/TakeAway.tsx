@@ -28,6 +28,7 @@ const ENDINGS: Record<ExportFormat, string> = {
   points: "points.ply",
   glb: "glb",
   mesh: "mesh.glb",
+  cameras: "cameras.zip",
 };
 
 interface Properties {
@@ -154,6 +155,7 @@ export function TakeAway({ state, scene, view }: Properties) {
       <ul class="chips">
         {item(texts.take.transforms, "transforms.json", `${path}/cameras?format=transforms`)}
         {item(texts.take.colmap, named("colmap.zip"), `${path}/cameras?format=colmap`)}
+        {item(texts.take.formats.cameras, named("cameras.zip"), exportPath(scene.id, "cameras", version))}
         {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
       </ul>
       {!isShared && (
