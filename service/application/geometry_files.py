@@ -129,8 +129,8 @@ def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) 
 
 
 def cameras_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
-    """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and in `sparse/0/`
-    COLMAP's binary model with the same points.
+    """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and COLMAP's
+    binary model with the same points in `sparse/0/`.
 
     Args:
         index, name, things, cell: as for `points_file`; the cameras are always all of the scene's.

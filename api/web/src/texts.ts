@@ -481,7 +481,8 @@ export const texts = {
   look: {
     menu: "View",
     colors: "Colors show",
-    modes: { photo: "The photos’ colors", depth: "Depth", labels: "Labels", things: "Things" },
+    modes: { photo: "The photos’ colors", depth: "Depth", normals: "Normals", labels: "Labels", things: "Things" },
+    axes: ["x of the scene", "y of the scene", "z of the scene"],
     cameras: "Draw the cameras",
     standAt: "Stand at a photo",
     nowhere: "None",
