@@ -17,7 +17,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
-_ARRAYS = ("label_map", "thing_map", "depth", "normals", "confidence")
+_ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")
 _EXACT: tuple[PictureKind, ...] = ("mask", *_ARRAYS)
 """Kinds whose values mean something, so that no format may change them."""
 DEPTH_SCALE = 0.001
@@ -145,7 +145,7 @@ def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _normals_picture(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
     """(n + 1) / 2 of the world's x y z in red, green and blue; black where there is no surface."""
-    colored = np.rint((normals + 1) * 127.5).astype(np.uint8)
+    colored = np.asarray(np.rint((normals + 1) * 127.5), np.uint8)
     colored[~normals.any(axis=-1)] = 0
     return colored
 
