@@ -296,19 +296,13 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         dimming: float = 0.0,
     ) -> bytes:
         """A PNG or JPEG from one of the scene's own cameras (its name) or from a free viewpoint; see `RenderIn`."""
-        return self._render(
-            viewpoint,
-            PictureRequest(
-                scene_id,
-                kind,
-                text or None,
-                version=version,
-                format=image_format,
-                depth_scale=depth_scale,
-                tints=tuple(tints),
-                dimming=dimming,
-            ),
-        )
+        shown: dict[str, Any] = {
+            "format": image_format,
+            "depth_scale": depth_scale,
+            "tints": tuple(tints),
+            "dimming": dimming,
+        }
+        return self._render(viewpoint, PictureRequest(scene_id, kind, text or None, version=version, **shown))
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
