@@ -296,13 +296,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         dimming: float = 0.0,
     ) -> bytes:
         """A PNG or JPEG from one of the scene's own cameras (its name) or from a free viewpoint; see `RenderIn`."""
-        shown: dict[str, Any] = {
-            "format": image_format,
-            "depth_scale": depth_scale,
-            "tints": tuple(tints),
-            "dimming": dimming,
-        }
-        return self._render(viewpoint, PictureRequest(scene_id, kind, text or None, version=version, **shown))
+        more: dict[str, Any] = {"format": image_format, "tints": tuple(tints), "dimming": dimming}
+        request = PictureRequest(scene_id, kind, text or None, version=version, depth_scale=depth_scale, **more)
+        return self._render(viewpoint, request)
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
