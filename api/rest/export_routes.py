@@ -14,12 +14,13 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellabl
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.scene_exports import FILE_NAMES, MEDIA_TYPES
+from fastsplat.service.application.scene_exports import MEDIA_TYPES
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.exports import ExportFormat, ExportRequest
+from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
 from fastsplat_contract.members import description_of
 
 _Things = Annotated[list[int], Query(description=description_of(ExportRequest, "things"))]
+_Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 
@@ -72,8 +73,9 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         ],
         version: Version = "",
         thing: _Things = [],  # noqa: B006
+        cell: _Cell = 0.0,
     ) -> Response:
         """The scene as a file for other programs."""
-        return await made(request, ExportRequest(scene_id, format, version, tuple(thing)))
+        return await made(request, ExportRequest(scene_id, format, version, tuple(thing), cell))
 
     return router

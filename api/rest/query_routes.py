@@ -143,16 +143,16 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         request: Request,
         scene_id: str,
         kind: Annotated[
-            Literal["label_map", "thing_map", "depth"],
+            Literal["label_map", "thing_map", "depth", "normals", "confidence"],
             PathParameter(
                 description="label_map: uint16 label ids; thing_map: uint16 ids of things; depth: float32 camera z in "
-                "scene units, 0 nothing"
+                "scene units, 0 nothing; normals: float32 [H, W, 3], world frame; confidence: float32, 0 to 1"
             ),
         ],
         view: _View,
         version: Version = "",
     ) -> Response:
-        """Labels, things or depth from one of the scene's own cameras, as an array."""
+        """Labels, things, depth, normals or confidence from one of the scene's own cameras, as an array."""
         picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
         return await own_view(request, picture)
 

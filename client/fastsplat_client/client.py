@@ -296,34 +296,29 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         dimming: float = 0.0,
     ) -> bytes:
         """A PNG or JPEG from one of the scene's own cameras (its name) or from a free viewpoint; see `RenderIn`."""
-        return self._render(
-            viewpoint,
-            PictureRequest(
-                scene_id,
-                kind,
-                text or None,
-                version=version,
-                format=image_format,
-                depth_scale=depth_scale,
-                tints=tuple(tints),
-                dimming=dimming,
-            ),
-        )
+        more: dict[str, Any] = {"format": image_format, "tints": tuple(tints), "dimming": dimming}
+        request = PictureRequest(scene_id, kind, text or None, version=version, depth_scale=depth_scale, **more)
+        return self._render(viewpoint, request)
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
-        content = self._render(viewpoint, PictureRequest(scene_id, "label_map", version=version, format="npy"))
-        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
+        return np.asarray(self._array(scene_id, "label_map", viewpoint, version), dtype=np.uint16)
 
     def thing_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [H, W]: ids of things, 0 where there is none or too little is covered."""
-        content = self._render(viewpoint, PictureRequest(scene_id, "thing_map", version=version, format="npy"))
-        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.uint16)
+        return np.asarray(self._array(scene_id, "thing_map", viewpoint, version), dtype=np.uint16)
 
     def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
         """float32 [H, W]: camera z in scene units, 0 where nothing is."""
-        content = self._render(viewpoint, PictureRequest(scene_id, "depth", version=version, format="npy"))
-        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float32)
+        return np.asarray(self._array(scene_id, "depth", viewpoint, version), dtype=np.float32)
+
+    def normals(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
+        """float32 [H, W, 3]: unit normals of surfaces, world frame, towards the camera; 0 where nothing is."""
+        return np.asarray(self._array(scene_id, "normals", viewpoint, version), dtype=np.float32)
+
+    def confidence(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
+        """float32 [H, W]: how far depth and normal can be relied on, 0 to 1; 0 where nothing is."""
+        return np.asarray(self._array(scene_id, "confidence", viewpoint, version), dtype=np.float32)
 
     def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
@@ -359,10 +354,16 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         return self._transport.call("GET", f"{scene_path(scene_id)}/mask.ply", params=params).content
 
     def export(
-        self, scene_id: str, file_format: ExportFormat = "ply", *, version: str = "", things: Sequence[int] = ()
+        self,
+        scene_id: str,
+        file_format: ExportFormat = "ply",
+        *,
+        version: str = "",
+        things: Sequence[int] = (),
+        cell: float = 0.0,
     ) -> bytes:
-        """A scene, or only some of its things, as a file for other programs; formats as `ExportFormat`."""
-        params = {"version": version, "thing": list(things)}
+        """A scene, or only some of its things, as a file for other programs; formats and cell as in `ExportRequest`."""
+        params = {"version": version, "thing": list(things), "cell": cell}
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
     def stream_query(
@@ -381,6 +382,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
         body = _without_scene(replace(request, **where))
         return self._transport.call("POST", f"{scene_path(request.scene_id)}:render", json=body).content
+
+    def _array(self, scene_id: str, kind: PictureKind, viewpoint: str | PosedCamera, version: str) -> NDArray[Any]:
+        content = self._render(viewpoint, PictureRequest(scene_id, kind, version=version, format="npy"))
+        array: NDArray[Any] = np.load(io.BytesIO(content), allow_pickle=False)
+        return array
 
     def _grpc(self) -> Grpc:
         self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -10,8 +11,19 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras"]
 """What `ExportRequest.format` describes."""
+
+FILE_NAMES: Mapping[ExportFormat, str] = {
+    "ply": "scene.ply",
+    "spz": "scene.spz",
+    "html": "scene.html",
+    "points": "scene.points.ply",
+    "glb": "scene.glb",
+    "mesh": "scene.mesh.glb",
+    "cameras": "scene.cameras.zip",
+}
+"""Of each format, as a browser saves it."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +38,21 @@ class ExportRequest(Request):
         Field(
             description="ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed "
             "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
-            "own names; rows in their order in all"
+            "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
+            "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
+            "surfaces as triangles, GLB, a node for each thing; cameras: a zip of nerfstudio's transforms.json and "
+            "COLMAP's binary model, with the points"
         ),
     ] = "ply"
     version: Version = ""
     things: Annotated[
         Many[int], Field(description="only the Gaussians of these things, by id, in their order; empty: all")
     ] = ()
+    cell: Annotated[
+        float,
+        Field(
+            ge=0,
+            description="of points and cameras: the distance between points, of mesh: the width of its voxels, scene "
+            "units; 0: as fine as the views are",
+        ),
+    ] = 0.0

@@ -17,7 +17,17 @@ Output = Literal["mask2d", "mask3d", "objects"]
 Verdict = Literal["exact", "related", "absent"]
 DecidedBy = Literal["name", "score"]
 PictureKind = Literal[
-    "rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture", "thing_map", "things"
+    "rgb",
+    "overlay",
+    "relevancy",
+    "mask",
+    "label_map",
+    "depth",
+    "depth_picture",
+    "thing_map",
+    "things",
+    "normals",
+    "confidence",
 ]
 PictureFormat = Literal["png", "npy", "jpeg"]
 CameraFormat = Literal["json", "transforms", "colmap"]
@@ -254,7 +264,9 @@ class RenderIn(Request):
             description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and "
             "255; label_map: 16-bit label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so "
             "far or farther; depth_picture: depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: "
-            "every thing in a color of its own, with its name"
+            "every thing in a color of its own, with its name; normals: of surfaces, world frame, towards the camera, "
+            "8-bit (n + 1) / 2, black nothing; confidence: how far depth and normal can be relied on, 16-bit, 65535 "
+            "is 1"
         ),
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
@@ -264,9 +276,10 @@ class RenderIn(Request):
     format: Annotated[
         PictureFormat,
         Field(
-            description="png; npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene "
-            "units); jpeg: of rgb, overlay, relevancy, depth_picture or things, about a tenth of the bytes and far "
-            "quicker to make than png, with small errors in its colors"
+            description="png; npy: numpy's file of a label_map or thing_map (uint16), of depth (float32, scene "
+            "units), normals (float32, unit length, 0 nothing) or confidence (float32, 0 to 1); jpeg: of rgb, overlay, "
+            "relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with "
+            "small errors in its colors"
         ),
     ] = "png"
     depth_scale: Annotated[

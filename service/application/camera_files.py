@@ -37,12 +37,22 @@ def camera_file(cameras: Sequence[PosedCamera], file_format: str) -> bytes:
     if file_format == "json":
         return _json({"cameras": [to_plain(posed) for posed in cameras]})
     if file_format == "transforms":
-        return _json({"camera_model": "OPENCV", "frames": [_frame(posed) for posed in cameras]})
+        return transforms(cameras)
     if file_format == "colmap":
         return _colmap(cameras)
     raise InvalidInputError(
         f"no camera format {file_format[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
     )
+
+
+def transforms(cameras: Sequence[PosedCamera], **more: Any) -> bytes:
+    """nerfstudio's transforms.json: world-from-camera, OpenGL axes, intrinsics a frame.
+
+    Args:
+        cameras: of the scene.
+        **more: further entries of the file.
+    """
+    return _json({"camera_model": "OPENCV", **more, "frames": [_frame(posed) for posed in cameras]})
 
 
 def _frame(posed: PosedCamera) -> dict[str, Any]:

@@ -49,6 +49,8 @@ _PER_PIXEL: Mapping[PictureKind, int] = {
     "depth_picture": 128,
     "thing_map": 32,
     "things": 128,
+    "normals": 160,
+    "confidence": 160,
 }
 
 

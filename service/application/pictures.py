@@ -17,8 +17,8 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
-_ARRAYS = ("label_map", "thing_map", "depth")
-_EXACT: tuple[PictureKind, ...] = ("mask", "label_map", "thing_map", "depth")
+_ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")
+_EXACT: tuple[PictureKind, ...] = ("mask", *_ARRAYS)
 """Kinds whose values mean something, so that no format may change them."""
 DEPTH_SCALE = 0.001
 _FARTHEST = 65_535
@@ -81,6 +81,13 @@ def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None)
     if kind == "depth":
         depth = index.depth(posed)
         return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
+    if kind in ("normals", "confidence"):
+        seen = index.geometry(posed)
+        if image_format == "npy":
+            return _npy(seen.normals if kind == "normals" else seen.confidence)
+        if kind == "normals":
+            return pictures.png_bytes(_normals_picture(seen.normals))
+        return _png16(np.rint(seen.confidence.clip(0, 1) * _FARTHEST).astype(np.uint16))
     image = _image(index, posed, request, query)
     return pictures.jpeg_bytes(image) if image_format == "jpeg" else pictures.png_bytes(image)
 
@@ -134,6 +141,13 @@ def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     coloured = pictures.turbo((far - depth) / max(far - near, 1e-9))
     coloured[~there] = 0
     return coloured
+
+
+def _normals_picture(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(n + 1) / 2 of the world's x y z in red, green and blue; black where there is no surface."""
+    colored = np.asarray(np.rint((normals + 1) * 127.5), np.uint8)
+    colored[~normals.any(axis=-1)] = 0
+    return colored
 
 
 def _png16(values: NDArray[np.uint16], texts: dict[str, str] | None = None) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -10,6 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
+from fastsplat.service.application.geometry_files import (
+    cameras_file,
+    mesh_file,
+    points_file,
+    splats_file,
+    surface_bytes,
+)
 from fastsplat.service.application.mask_encodings import mask_ply
 from fastsplat.service.application.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -25,11 +33,14 @@ MEDIA_TYPES: Mapping[ExportFormat, str] = {
     "ply": "application/x-ply",
     "spz": "application/octet-stream",
     "html": "text/html",
+    "points": "application/x-ply",
+    "glb": "model/gltf-binary",
+    "mesh": "model/gltf-binary",
+    "cameras": "application/zip",
 }
 """Of each format, as HTTP names it."""
 
-FILE_NAMES: Mapping[ExportFormat, str] = {"ply": "scene.ply", "spz": "scene.spz", "html": "scene.html"}
-"""Of each format, as a browser saves it."""
+_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras")
 
 _CACHED_BYTES = 128 << 20
 
@@ -63,9 +74,12 @@ class Exports:
 
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
-            InvalidInputError: some things alone in a format that holds whole scenes.
-            NotReadyError, LimitExceededError: as `Answers.query`.
+            InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
+                format without cells, surfaces of a scene without cameras.
+            LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
+            NotReadyError: as `Answers.query`.
         """
+        _check_cell(request)
         write = _WRITERS[request.format]
         return self._scenes.reading(
             request.scene_id, request.version, lambda index, version: write(self, index, version, request)
@@ -94,17 +108,49 @@ class Exports:
             raise InvalidInputError(
                 "a page of some things alone", field="things", hint="Ask for the whole scene, or for another format."
             )
-        name = self._store.scenes.scene(request.scene_id).name
+        name = self._name(request)
         spz = self._spz(index, version, request)
         with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
             return scene_page(index, name, spz)
+
+    def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+            return points_file(index, self._name(request), request.things, request.cell)
+
+    def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+            return cameras_file(index, self._name(request), request.things, request.cell)
+
+    def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
+            return mesh_file(index, self._name(request), request.things, request.cell)
+
+    def _glb(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
+            return splats_file(index, self._name(request), request.things)
+
+    def _name(self, request: ExportRequest) -> str:
+        return self._store.scenes.scene(request.scene_id).name
 
 
 _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {
     "ply": Exports._ply,
     "spz": Exports._spz,
     "html": Exports._html,
+    "points": Exports._points,
+    "glb": Exports._glb,
+    "mesh": Exports._mesh,
+    "cameras": Exports._cameras,
 }
+
+
+def _check_cell(request: ExportRequest) -> None:
+    if not (math.isfinite(request.cell) and request.cell >= 0):
+        raise InvalidInputError(f"a cell of {request.cell}", field="cell", hint="Scene units, above 0.")
+    if request.cell and request.format not in _WITH_CELLS:
+        raise InvalidInputError(
+            f'the format "{request.format}" has no cells', field="cell", hint=f"For {', '.join(_WITH_CELLS)} alone."
+        )
 
 
 def thing_rows(index: SceneIndex, things: Sequence[int]) -> NDArray[np.bool_] | None:

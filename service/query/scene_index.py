@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
     from fastsplat.service.query.thing_index import SceneThings
+    from fastsplat.service.query.view_geometry import ViewGeometry
 
 _DEFAULTS = QuerySettings()
 _MAX_NAMED = 20
@@ -294,6 +295,14 @@ class SceneIndex:
             LimitExceededError: the image is larger than the settings allow.
         """
         return self._renderer_for(posed).depth(posed)
+
+    def geometry(self, posed: PosedCamera) -> ViewGeometry:
+        """Depth, its spread, normals and confidence of one view, with the colors of the surface as `image`.
+
+        Raises:
+            LimitExceededError: the image is larger than the settings allow.
+        """
+        return self._renderer_for(posed).geometry(posed)
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: dictionary id of each pixel's most probable class, 0 = undetected or too little covered.

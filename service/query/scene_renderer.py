@@ -12,6 +12,7 @@ from torch import Tensor
 
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
+from fastsplat.service.query.view_geometry import ViewGeometry, view_geometry
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
@@ -62,6 +63,11 @@ class Renderer:
         covered = rendering.alpha >= max(self._settings.alpha_min, 1e-6)
         expected = torch.where(covered, rendering.depth / rendering.alpha.clamp_min(1e-6), 0.0)
         return _to_floats(expected)
+
+    def geometry(self, posed: PosedCamera) -> ViewGeometry:
+        """Depth, its spread, normals and confidence, with the colors of the surface as `image`."""
+        splats = replace(self._splats, features=self._rgb(posed))
+        return view_geometry(splats, posed, alpha_min=self._settings.alpha_min, backend=self._settings.backend)
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""

@@ -62,3 +62,11 @@ class QuerySettings(BaseModel):
     """Pixels less covered than this belong to no mask and have no depth."""
     max_image_side: int = 4_096
     """Pixels; larger views are refused."""
+    surface_views: Annotated[int, Field(ge=1)] = 48
+    """Cameras of a scene, at most, from which the surfaces of a point cloud or a mesh are taken."""
+    surface_side: Annotated[int, Field(ge=16)] = 480
+    """Pixels of the longer side of those views."""
+    max_surface_points: Annotated[int, Field(ge=1)] = 1_000_000
+    """Points of a point cloud; without a cell that was asked for, cells are as wide as that needs."""
+    max_surface_voxels: Annotated[int, Field(ge=8)] = 8_000_000
+    """Voxels that a mesh is made of; as with points."""

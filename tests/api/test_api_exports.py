@@ -14,7 +14,7 @@ from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.spz import read_spz
 from fastsplat.service.scene import read_ply
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.exports import ExportFormat, ExportRequest
+from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.served import Faces, rest_refusal, rpc_refusal
@@ -27,7 +27,7 @@ def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
 
 
-@pytest.mark.parametrize("name", ["ply", "spz"])
+@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras"])
 @pytest.mark.parametrize("things", [(), (1,), (1, 2)])
 def test_exports_are_the_same_bytes(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat, things: tuple[int, ...]
@@ -36,7 +36,7 @@ def test_exports_are_the_same_bytes(
     assert _rpc(faces, scene_id, name, things) == truth
     response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing": list(things)})
     assert response.content == truth
-    assert response.headers["content-disposition"] == f'attachment; filename="scene.{name}"'
+    assert response.headers["content-disposition"] == f'attachment; filename="{FILE_NAMES[name]}"'
     tag = {"If-None-Match": response.headers["etag"]}
     again = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing": list(things)}, headers=tag)
     assert (again.status_code, again.content) == (304, b"")
@@ -83,3 +83,21 @@ def test_an_unknown_thing_is_refused_alike(faces: Faces, service: SceneService, 
     with pytest.raises(NotFoundError):
         service.exports.file(ExportRequest(scene_id, "spz", things=(4_000,)))
     assert faces.rest.get(f"/v1/scenes/{scene_id}/scene.exe").status_code == 400
+
+
+def test_the_cell_of_points_goes_every_way(faces: Faces, service: SceneService, scene_id: str) -> None:
+    truth = service.exports.file(ExportRequest(scene_id, "points", cell=0.2))
+    assert len(truth) < len(service.exports.file(ExportRequest(scene_id, "points")))
+    request = pb.ExportSceneRequest(scene_id=scene_id, format=pb.EXPORT_FORMAT_POINTS, cell=0.2)
+    assert b"".join(chunk.data for chunk in faces.rpc.ExportScene(request)) == truth
+    assert faces.rest.get(f"/v1/scenes/{scene_id}/scene.points", params={"cell": 0.2}).content == truth
+    with client_of(faces) as client:
+        assert client.export(scene_id, "points", cell=0.2) == truth
+    for name, cell in (("points", -1.0), ("points", float("nan")), ("spz", 0.2)):
+        refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"cell": cell}))
+        assert refusal.code == 400 and "cell" in refusal.details["field"]
+        value = pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}")
+        asked = pb.ExportSceneRequest(scene_id=scene_id, format=value, cell=cell)
+        with pytest.raises(grpc.RpcError) as caught:
+            list(faces.rpc.ExportScene(asked))
+        assert caught.value.code() == grpc.StatusCode.INVALID_ARGUMENT

@@ -139,7 +139,9 @@ def test_a_thing_map_shows_what_a_click_finds(client: Client, scene_id: str) -> 
         np.testing.assert_array_equal(picked.mask.array(), ids == number)
 
 
-@pytest.mark.parametrize("kind", ["label_map", "depth", "depth_picture", "thing_map", "things"])
+@pytest.mark.parametrize(
+    "kind", ["label_map", "depth", "depth_picture", "thing_map", "things", "normals", "confidence"]
+)
 @pytest.mark.parametrize("image_format", ["png", "npy"])
 def test_arrays_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str, kind: str, image_format: str) -> None:
     body = {"kind": kind, "view": "front.png", "format": image_format, "depth_scale": 0.002}
@@ -157,6 +159,30 @@ def test_arrays_are_the_same_bytes_over_both_faces(faces: Faces, scene_id: str, 
         assert rest_refusal(response).details == rpc_refusal(caught.value).details
     else:
         assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == response.content
+
+
+def test_normals_and_confidence_are_those_of_the_scene(
+    faces: Faces, client: Client, service: SceneService, scene_id: str
+) -> None:
+    normals, confidence = client.normals(scene_id, "front.png"), client.confidence(scene_id, "front.png")
+    depth = client.depth(scene_id, "front.png")
+    there = depth > 0
+    assert normals.shape == (36, 48, 3) and confidence.shape == (36, 48) and there.any()
+    np.testing.assert_allclose(np.linalg.norm(normals[there], axis=-1), 1, atol=1e-5)
+    assert not normals[~there].any() and not confidence[~there].any()
+    assert (confidence[there] > 0).all() and (confidence <= 1).all()
+    array = faces.rest.get(f"/v1/scenes/{scene_id}/normals.npy", params={"view": "front.png"}).content
+    np.testing.assert_array_equal(np.load(io.BytesIO(array)), normals)
+    picture = np.asarray(Image.open(io.BytesIO(client.picture(scene_id, "normals", "front.png")))) / 127.5 - 1
+    np.testing.assert_allclose(picture[there], normals[there], atol=0.005)
+    gray = np.asarray(Image.open(io.BytesIO(client.picture(scene_id, "confidence", "front.png")))) / 65_535
+    np.testing.assert_allclose(gray, confidence, atol=1e-5)
+    refusal = rest_refusal(
+        faces.rest.post(
+            f"/v1/scenes/{scene_id}:render", json={"kind": "normals", "view": "front.png", "format": "jpeg"}
+        )
+    )
+    assert refusal.details["field"] == "format"
 
 
 def _poses(service: SceneService, scene_id: str) -> dict[str, PosedCamera]:

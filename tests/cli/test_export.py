@@ -35,6 +35,8 @@ def test_a_scene_is_written_as_its_ending_says(service: SceneService, tmp_path: 
         ("a.PLY", [], ExportRequest(scene_id, "ply")),
         ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", things=(2,))),
         ("c.bin", ["--format", "spz"], ExportRequest(scene_id, "spz")),
+        ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
+        ("D.glb", [], ExportRequest(scene_id, "glb")),
     ):
         result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / name), *more])
         assert result.exit_code == 0, result.output

@@ -151,8 +151,8 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         assert np.allclose(view[:3], posed.world_from_camera[:3, 3], atol=1e-3)
 
 
-@pytest.mark.parametrize("mode", ["Things", "Labels", "Depth"])
-def test_colors_say_things_labels_and_depth(place: Place, browser: Browser, mode: str) -> None:
+@pytest.mark.parametrize("mode", ["Things", "Labels", "Depth", "Normals"])
+def test_colors_say_things_labels_depth_and_normals(place: Place, browser: Browser, mode: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         canvas = _ready(visit)
         box = canvas.bounding_box()
@@ -170,6 +170,9 @@ def test_colors_say_things_labels_and_depth(place: Place, browser: Browser, mode
             expect(legend).to_contain_text(re.compile(r"\d m.*\d m"))
             # The ball in the middle stands farther away than the two others, which are about as far.
             assert np.abs(colors[2] - colors[3]).sum() > np.abs(colors[1] - colors[3]).sum()
+            return
+        if mode == "Normals":
+            expect(legend).to_contain_text("x of the scene")
             return
         for label in ("mug", "ball", "story book"):
             expect(legend).to_contain_text(label)

@@ -497,6 +497,10 @@ class _PictureKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PictureKi
     """16-bit gray: id of each pixel's thing, 0 none or too little covered"""
     PICTURE_KIND_THINGS: _PictureKind.ValueType  # 9
     """every thing in a color of its own, with its name; for people"""
+    PICTURE_KIND_NORMALS: _PictureKind.ValueType  # 10
+    """normals of surfaces, world frame, towards the camera: (n + 1) / 2 in 8 bits, black: nothing"""
+    PICTURE_KIND_CONFIDENCE: _PictureKind.ValueType  # 11
+    """16-bit gray: how far depth and normal can be relied on, 65535 is 1"""
 
 class PictureKind(_PictureKind, metaclass=_PictureKindEnumTypeWrapper):
     """--------------------------------------------------------------------------------------------------- pictures"""
@@ -521,6 +525,10 @@ PICTURE_KIND_THING_MAP: PictureKind.ValueType  # 8
 """16-bit gray: id of each pixel's thing, 0 none or too little covered"""
 PICTURE_KIND_THINGS: PictureKind.ValueType  # 9
 """every thing in a color of its own, with its name; for people"""
+PICTURE_KIND_NORMALS: PictureKind.ValueType  # 10
+"""normals of surfaces, world frame, towards the camera: (n + 1) / 2 in 8 bits, black: nothing"""
+PICTURE_KIND_CONFIDENCE: PictureKind.ValueType  # 11
+"""16-bit gray: how far depth and normal can be relied on, 65535 is 1"""
 Global___PictureKind: _TypeAlias = PictureKind  # noqa: Y015
 
 class _PictureFormat:
@@ -533,7 +541,7 @@ class _PictureFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Picture
     """read as PNG"""
     PICTURE_FORMAT_PNG: _PictureFormat.ValueType  # 1
     PICTURE_FORMAT_NPY: _PictureFormat.ValueType  # 2
-    """LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+    """LABEL_MAP, THING_MAP (uint16), DEPTH, NORMALS, CONFIDENCE (float32) only; numpy's file format"""
     PICTURE_FORMAT_JPEG: _PictureFormat.ValueType  # 3
     """RGB, OVERLAY, RELEVANCY, DEPTH_PICTURE and THINGS only; quick to make, not exact"""
 
@@ -543,7 +551,7 @@ PICTURE_FORMAT_UNSPECIFIED: PictureFormat.ValueType  # 0
 """read as PNG"""
 PICTURE_FORMAT_PNG: PictureFormat.ValueType  # 1
 PICTURE_FORMAT_NPY: PictureFormat.ValueType  # 2
-"""LABEL_MAP and THING_MAP (uint16) and DEPTH (float32, scene units) only; numpy's file format"""
+"""LABEL_MAP, THING_MAP (uint16), DEPTH, NORMALS, CONFIDENCE (float32) only; numpy's file format"""
 PICTURE_FORMAT_JPEG: PictureFormat.ValueType  # 3
 """RGB, OVERLAY, RELEVANCY, DEPTH_PICTURE and THINGS only; quick to make, not exact"""
 Global___PictureFormat: _TypeAlias = PictureFormat  # noqa: Y015
@@ -589,6 +597,14 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """Niantic's compressed splat"""
     EXPORT_FORMAT_HTML: _ExportFormat.ValueType  # 3
     """one page that needs no server"""
+    EXPORT_FORMAT_POINTS: _ExportFormat.ValueType  # 4
+    """labelled point cloud, PLY"""
+    EXPORT_FORMAT_GLB: _ExportFormat.ValueType  # 5
+    """glTF with KHR_gaussian_splatting"""
+    EXPORT_FORMAT_MESH: _ExportFormat.ValueType  # 6
+    """labelled triangles, GLB"""
+    EXPORT_FORMAT_CAMERAS: _ExportFormat.ValueType  # 7
+    """zip of transforms.json and COLMAP's model, with points"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -600,6 +616,14 @@ EXPORT_FORMAT_SPZ: ExportFormat.ValueType  # 2
 """Niantic's compressed splat"""
 EXPORT_FORMAT_HTML: ExportFormat.ValueType  # 3
 """one page that needs no server"""
+EXPORT_FORMAT_POINTS: ExportFormat.ValueType  # 4
+"""labelled point cloud, PLY"""
+EXPORT_FORMAT_GLB: ExportFormat.ValueType  # 5
+"""glTF with KHR_gaussian_splatting"""
+EXPORT_FORMAT_MESH: ExportFormat.ValueType  # 6
+"""labelled triangles, GLB"""
+EXPORT_FORMAT_CAMERAS: ExportFormat.ValueType  # 7
+"""zip of transforms.json and COLMAP's model, with points"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -4104,7 +4128,8 @@ class RenderViewRequest(_message.Message):
     """rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and 255; label_map: 16-bit
     label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so far or farther; depth_picture:
     depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: every thing in a color of its own, with its
-    name
+    name; normals: of surfaces, world frame, towards the camera, 8-bit (n + 1) / 2, black nothing; confidence: how far
+    depth and normal can be relied on, 16-bit, 65535 is 1
     """
     text: _builtins.str
     """the question; overlay, relevancy and mask need one"""
@@ -4113,8 +4138,8 @@ class RenderViewRequest(_message.Message):
     version: _builtins.str
     """of the scene; empty: the current one"""
     format: Global___PictureFormat.ValueType
-    """png; npy: numpy's file of a label_map or thing_map (uint16), or of depth (float32, scene units); jpeg: of rgb, overlay,
-    relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with small errors in
+    """png; npy: numpy's file of a label_map or thing_map (uint16), of depth (float32, scene units), normals (float32, unit
+    length, 0 nothing) or confidence (float32, 0 to 1); jpeg: of rgb, overlay, relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with small errors in
     its colors
     """
     depth_scale: _builtins.float
@@ -4272,15 +4297,22 @@ class ExportSceneRequest(_message.Message):
     FORMAT_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
+    CELL_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     format: Global___ExportFormat.ValueType
     """ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed splat, less than a
     quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
-    order in all
+    order in these three; points: a labelled point cloud of the surfaces, as PLY; glb: glTF with KHR_gaussian_splatting,
+    a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing;
+    cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points
     """
     version: _builtins.str
     """of the scene; empty: the current one"""
+    cell: _builtins.float
+    """of points and cameras: the distance between points, of mesh: the width of its voxels, scene units; 0: as fine as the
+    views are
+    """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, by id, in their order; empty: all"""
@@ -4292,10 +4324,11 @@ class ExportSceneRequest(_message.Message):
         format: Global___ExportFormat.ValueType = ...,
         version: _builtins.str = ...,
         things: _abc.Iterable[_builtins.int] | None = ...,
+        cell: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

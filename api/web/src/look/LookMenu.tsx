@@ -4,7 +4,7 @@ import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { titleOf } from "../things/ThingPanel";
 import type { LegendEntry } from "./colors";
-import { coloringByLabel, coloringByThing, css, DEPTH_STOPS, MODES } from "./colors";
+import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, MODES, NOTHING } from "./colors";
 
 const SHOWN_ENTRIES = 40;
 
@@ -66,6 +66,7 @@ export function Legend({ state }: { state: SceneState }) {
   const [mode, things, depths] = [look.mode.value, state.things.value, look.depths.value];
   const entries = useMemo((): readonly LegendEntry[] => {
     if (mode === "things") return coloringByThing(things ?? [], titleOf).legend;
+    if (mode === "normals") return texts.look.axes.map((name, index) => ({ name, color: AXES[index] ?? NOTHING }));
     return mode === "labels" ? coloringByLabel(things ?? []).legend : [];
   }, [mode, things]);
   if (mode === "photo" || look.standing.value) return null;

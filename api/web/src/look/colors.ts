@@ -1,7 +1,7 @@
 import type { SceneThing } from "../api/types";
 
 /** What the Gaussians' colors say. */
-export const MODES = ["photo", "depth", "labels", "things"] as const;
+export const MODES = ["photo", "depth", "normals", "labels", "things"] as const;
 export type Mode = (typeof MODES)[number];
 
 type Rgb = readonly [number, number, number];
@@ -13,6 +13,13 @@ export const DEPTH_STOPS: readonly Rgb[] = [
   [33, 145, 140],
   [59, 82, 139],
   [68, 1, 84],
+];
+
+/** Of normals along the scene's axes. */
+export const AXES: readonly Rgb[] = [
+  [255, 128, 128],
+  [128, 255, 128],
+  [128, 128, 255],
 ];
 
 /** Of what belongs to nothing. */

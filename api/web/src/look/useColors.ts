@@ -4,6 +4,7 @@ import { useSignalEffect } from "@preact/signals";
 import type { SceneState } from "../scene/sceneState";
 import type { SplatView } from "../viewer/splatView";
 import { coloringByLabel, coloringByThing, tintsOf } from "./colors";
+import { middleOf, normalTints } from "./normals";
 
 /** Gives the Gaussians on show the colors that the look asks for. */
 export function useColors(
@@ -18,6 +19,7 @@ export function useColors(
     const [owners, things] = [state.owners.value, state.things.value];
     if (mode === "depth") view.setDepthColors((range) => (state.look.depths.value = range));
     else if (mode === "photo") view.setOwnColors();
+    else if (mode === "normals") view.setTints(normalTints(view.columns, middleOf(state.look.all.value)));
     else if (owners?.length === count && things) {
       const { byThing } = mode === "things" ? coloringByThing(things, (thing) => thing.name) : coloringByLabel(things);
       view.setTints(tintsOf(owners, byThing));

@@ -21,6 +21,16 @@ const SIZES = [
   [2048, 2048],
 ] as const;
 
+const ENDINGS: Record<ExportFormat, string> = {
+  ply: "ply",
+  spz: "spz",
+  html: "html",
+  points: "points.ply",
+  glb: "glb",
+  mesh: "mesh.glb",
+  cameras: "cameras.zip",
+};
+
 interface Properties {
   state: SceneState;
   scene: Scene;
@@ -65,7 +75,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "html"];
+  const formats: ExportFormat[] = ["ply", "spz", "html", "points", "mesh", "glb"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
@@ -79,17 +89,17 @@ export function TakeAway({ state, scene, view }: Properties) {
       <h3>{texts.take.whole}</h3>
       <ul class="chips">
         {formats.map((format) =>
-          item(texts.take.formats[format], named(format), exportPath(scene.id, format, version)),
+          item(texts.take.formats[format], named(ENDINGS[format]), exportPath(scene.id, format, version)),
         )}
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
           <h3>{titleOf(thing)}</h3>
           <ul class="chips">
-            {(["ply", "spz"] as const).map((format) =>
+            {(["ply", "spz", "points", "mesh", "glb"] as const).map((format) =>
               item(
-                texts.take.alone(titleOf(thing), format),
-                named(format, titleOf(thing), "thing"),
+                texts.take.alone(titleOf(thing), texts.take.kinds[format]),
+                named(ENDINGS[format], titleOf(thing), "thing"),
                 exportPath(scene.id, format, version, [thing.id]),
               ),
             )}
@@ -132,17 +142,20 @@ export function TakeAway({ state, scene, view }: Properties) {
       </label>
       <ul class="chips">
         {item(texts.take.png, named("png"), `${path}:render`, () => ({ kind: "rgb", version, camera: camera() }))}
-        {item(texts.take.depth, named("depth.npy"), `${path}:render`, () => ({
-          kind: "depth",
-          format: "npy",
-          version,
-          camera: camera(),
-        }))}
+        {(["depth", "normals", "confidence"] as const).map((kind) =>
+          item(texts.take[kind], named(`${kind}.npy`), `${path}:render`, () => ({
+            kind,
+            format: "npy",
+            version,
+            camera: camera(),
+          })),
+        )}
       </ul>
       <h3>{texts.take.cameras}</h3>
       <ul class="chips">
         {item(texts.take.transforms, "transforms.json", `${path}/cameras?format=transforms`)}
         {item(texts.take.colmap, named("colmap.zip"), `${path}/cameras?format=colmap`)}
+        {item(texts.take.formats.cameras, named("cameras.zip"), exportPath(scene.id, "cameras", version))}
         {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
       </ul>
       {!isShared && (

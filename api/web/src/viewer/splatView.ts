@@ -95,6 +95,7 @@ export class SplatView {
   #draftRows = new Uint32Array();
   #view: LookAt | null = null;
   #depthRange: DepthRange | null = null;
+  #columns: ReadonlyMap<string, Float32Array> = new Map();
   #onDepths: ((range: readonly [number, number]) => void) | null = null;
   #size: [number, number] = [0, 0];
 
@@ -141,6 +142,7 @@ export class SplatView {
   setSplat(splat: SplatColumns): void {
     this.#removeSplat();
     this.#depthRange = new DepthRange(splat.columns);
+    this.#columns = splat.columns;
     this.#full = new Layer(this.#app, splat, MODIFIER);
     const draft = draftOf(splat);
     if (draft) {
@@ -179,6 +181,11 @@ export class SplatView {
   setDepthColors(told: (range: readonly [number, number]) => void): void {
     this.#recolor(COLORINGS.depth, told);
     this.#measure();
+  }
+
+  /** The Gaussians on show, as the columns of a 3DGS PLY. */
+  get columns(): ReadonlyMap<string, Float32Array> {
+    return this.#columns;
   }
 
   /** Whether this machine needs so long for a picture that a draft is drawn while the camera moves. */

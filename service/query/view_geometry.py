@@ -1,0 +1,101 @@
+"""The surface that a view shows: depth, its spread, normals and how far they can be relied on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fastsplat.service.scene.types import F32
+from fastsplat.service.splatting.raster import Backend, Splats, rasterize
+from fastsplat_contract.camera import PosedCamera
+
+RELATIVE_SPREAD = 0.05
+"""Spread of the blended depth, as a share of the depth, at which confidence is half of what is covered."""
+
+
+@dataclass(frozen=True)
+class ViewGeometry:
+    """What a view shows of surfaces; 0 everywhere where less than `alpha_min` is covered.
+
+    Attributes:
+        depth: float32 [H, W], expected camera z Σ w·z / Σ w, scene units.
+        median_depth: float32 [H, W], camera z of the Gaussian where half of the light is gone; `depth` where the
+            backend cannot tell.
+        spread: float32 [H, W], standard deviation of the blended depth √(Σ w·(z − depth)² / Σ w), scene units.
+        normals: float32 [H, W, 3], unit length, world frame, towards the camera.
+        confidence: float32 [H, W], 0..1: alpha / (1 + (spread / (`RELATIVE_SPREAD`·depth))²).
+        image: float32 [H, W, C], the features Σ w·feature / Σ w.
+    """
+
+    depth: F32
+    median_depth: F32
+    spread: F32
+    normals: F32
+    confidence: F32
+    image: F32
+
+
+@torch.no_grad()
+def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backend: Backend) -> ViewGeometry:
+    """One rasterization of depth, spread and normals beside the features of `splats`.
+
+    The normal of a pixel is the blend of its Gaussians' shortest axes, each turned towards the camera: on a scene with
+    true depth they are nearer to the truth than the slopes of the rendered depth are (figures in docs/take_away.md).
+
+    Args:
+        splats: G Gaussians, world frame, with C features.
+        posed: the view.
+        alpha_min: pixels less covered have no surface.
+        backend: the rasterizer.
+    """
+    viewmat = torch.tensor(posed.camera_from_world(), dtype=splats.means.dtype, device=splats.means.device)
+    center = torch.tensor(posed.world_from_camera[:3, 3], dtype=splats.means.dtype, device=splats.means.device)
+    z = splats.means @ viewmat[2, :3] + viewmat[2, 3]
+    in_front = z[z > 0]
+    middle = in_front.median() if len(in_front) else z.new_zeros(())  # squares of differences keep their digits
+    offsets = (z - middle)[:, None]
+    axes = shortest_axes(splats)
+    towards = axes * torch.sign(((center - splats.means) * axes).sum(dim=1, keepdim=True))
+    features = torch.cat([splats.features, offsets, offsets**2, towards], dim=1)
+    drawn = rasterize(replace(splats, features=features), viewmat, posed.camera, backend=backend)
+    weight = drawn.alpha.clamp_min(1e-6)
+    there = drawn.alpha >= max(alpha_min, 1e-6)
+    channels = splats.features.shape[1]
+    blended = drawn.image / weight[..., None]
+    mean, square = blended[..., channels], blended[..., channels + 1]
+    spread = (square - mean**2).clamp_min(0.0).sqrt()
+    depth = drawn.depth / weight
+    normals = torch.nn.functional.normalize(blended[..., channels + 2 :], dim=-1)
+    median = depth if drawn.median_depth is None else drawn.median_depth
+    confidence = drawn.alpha / (1 + (spread / (RELATIVE_SPREAD * depth.clamp_min(1e-6))) ** 2)
+
+    def array(values: Tensor) -> F32:
+        shown = there if values.dim() == 2 else there[..., None]
+        return np.asarray(torch.where(shown, values, 0.0).to(torch.float32).cpu().numpy())
+
+    return ViewGeometry(
+        depth=array(depth),
+        median_depth=array(median),
+        spread=array(spread),
+        normals=array(normals),
+        confidence=array(confidence),
+        image=array(blended[..., :channels]),
+    )
+
+
+def shortest_axes(splats: Splats) -> Tensor:
+    """[G, 3]: the direction of each Gaussian's smallest standard deviation, world frame, unit length."""
+    w, x, y, z = torch.nn.functional.normalize(splats.quats, dim=1).unbind(dim=1)
+    columns = torch.stack(
+        [
+            torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], dim=1),
+            torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], dim=1),
+            torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], dim=1),
+        ],
+        dim=1,
+    )
+    smallest = splats.scales.argmin(dim=1)
+    return columns[torch.arange(len(smallest), device=smallest.device), smallest]

@@ -1,0 +1,65 @@
+"""Labelled triangle meshes as glTF: a node for every thing, colors of vertices without light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.scene.glb import ELEMENT_ARRAY_BUFFER, GlbBuilder, linear
+from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, finished
+from fastsplat.service.scene.types import F32
+
+_UNLIT = "KHR_materials_unlit"
+
+
+def mesh_glb(
+    points: F32,
+    normals: F32,
+    colors: NDArray[np.uint8],
+    labels: NDArray[np.uint16],
+    confidence: F32,
+    faces: NDArray[np.int64],
+    groups: Sequence[NamedRows],
+    about: GlbScene,
+) -> bytes:
+    """A GLB with a node for each group of faces. Vertices have `POSITION`, `NORMAL`, `COLOR_0`, `_LABEL` (dictionary
+    id) and `_CONFIDENCE` (0..1); the material is unlit, because the colors hold the light of the photos.
+
+    Args:
+        points: float32 [V, 3], scene units.
+        normals: float32 [V, 3], unit length or zero.
+        colors: uint8 [V, 3], sRGB.
+        labels: uint16 [V].
+        confidence: float32 [V].
+        faces: int64 [F, 3], counter-clockwise seen from outside.
+        groups: which faces each node has.
+        about: the rest.
+
+    Raises:
+        LimitExceededError: larger than a GLB can be.
+    """
+    builder = GlbBuilder("FAST-Splat scene service")
+    nodes = []
+    if groups:
+        builder.document["extensionsUsed"] = [_UNLIT]
+        builder.add("materials", {"name": "photos", "extensions": {_UNLIT: {}}, "doubleSided": True})
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = np.where(lengths > 0.5, normals / np.maximum(lengths, 1e-9), np.array([0, 1, 0], np.float32))
+    for group in groups:
+        check_cancelled()
+        rows, corners = np.unique(faces[group.rows], return_inverse=True)
+        attributes = {
+            "POSITION": builder.accessor(points[rows], bounds=True),
+            "NORMAL": builder.accessor(np.asarray(unit[rows], np.float32)),
+            "COLOR_0": builder.accessor(linear(colors[rows] / 255), normalized=True),
+            "_LABEL": builder.accessor(labels[rows]),
+            "_CONFIDENCE": builder.accessor(confidence[rows]),
+        }
+        indices = builder.accessor(corners.reshape(-1).astype(np.uint32), target=ELEMENT_ARRAY_BUFFER)
+        primitive = {"attributes": attributes, "indices": indices, "material": 0}
+        mesh = builder.add("meshes", {"name": group.name, "primitives": [primitive]})
+        nodes.append(builder.add("nodes", {"name": group.name, "mesh": mesh, "extras": group.extras}))
+    return finished(builder, nodes, about)

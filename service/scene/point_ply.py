@@ -1,0 +1,68 @@
+"""Labelled points as a PLY file that point cloud programs open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.types import F32
+
+_ROW = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *((name, "u1") for name in ("red", "green", "blue")),
+        *((name, "<u2") for name in ("label", "thing")),
+        ("confidence", "<f4"),
+    ]
+)
+_TYPES = {"f4": "float", "u1": "uchar", "u2": "ushort"}
+
+
+def point_ply(
+    points: F32,
+    normals: F32,
+    colors: NDArray[np.uint8],
+    labels: NDArray[np.uint16],
+    things: NDArray[np.uint16],
+    confidence: F32,
+    comments: Mapping[str, str | float | Mapping[int, str]],
+) -> bytes:
+    """A binary little-endian PLY of P vertices: x y z nx ny nz red green blue label thing confidence.
+
+    Args:
+        points: float32 [P, 3], scene units.
+        normals: float32 [P, 3], unit length.
+        colors: uint8 [P, 3], sRGB.
+        labels: uint16 [P], 0 for none.
+        things: uint16 [P], 0 for none.
+        confidence: float32 [P], 0..1.
+        comments: lines of the header, by their first word. Texts, and names by id, are written as JSON strings in
+            ASCII, so that no name can end its line: `comment thing 7 "banana"`.
+    """
+    rows = np.empty(len(points), _ROW)
+    for names, columns in (
+        (("x", "y", "z"), points),
+        (("nx", "ny", "nz"), normals),
+        (("red", "green", "blue"), colors),
+    ):
+        for axis, name in enumerate(names):
+            rows[name] = columns[:, axis]
+    rows["label"], rows["thing"], rows["confidence"] = labels, things, confidence
+    header = ["ply", "format binary_little_endian 1.0"]
+    for word, value in comments.items():
+        if isinstance(value, Mapping):
+            header += [f"comment {word} {number} {json.dumps(name)}" for number, name in value.items()]
+        else:
+            header.append(f"comment {word} {json.dumps(value)}")
+    header.append(f"element vertex {len(rows)}")
+    header += [f"property {_TYPES[_ROW[name].str[1:]]} {name}" for name in _ROW.names or ()]
+    header.append("end_header\n")
+    return "\n".join(header).encode("ascii") + rows.tobytes()
+
+
+def point_rows(content: bytes) -> NDArray[np.void]:
+    """The vertices of a file of `point_ply`, with its properties as fields."""
+    return np.frombuffer(content, _ROW, offset=content.index(b"end_header\n") + len(b"end_header\n"))

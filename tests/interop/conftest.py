@@ -1,0 +1,60 @@
+"""Programs that are not ours, from npm, in the versions of package-lock.json."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).parent
+_VALIDATE = """
+import { readFileSync } from "node:fs";
+import validator from "gltf-validator";
+const report = await validator.validateBytes(new Uint8Array(readFileSync(process.argv[1])), { maxIssues: 0 });
+console.log(JSON.stringify({ messages: report.issues.messages, info: report.info }));
+"""
+
+
+@pytest.fixture(scope="session")
+def node() -> Callable[..., str]:
+    """Runs Node.js in this folder, with what its package-lock.json names installed; returns what it prints."""
+    if shutil.which("npm") is None or shutil.which("node") is None:
+        pytest.skip("Node.js with npm is not here, so that no program reads the files but ours")
+    lock = HERE / "node_modules" / ".package-lock.json"
+    if not lock.is_file() or lock.stat().st_mtime < (HERE / "package-lock.json").stat().st_mtime:
+        subprocess.run(["npm", "ci", "--loglevel=error"], cwd=HERE, check=True, capture_output=True, timeout=600)
+        lock.touch()
+
+    def run(*arguments: str | Path) -> str:
+        command = ["node", *map(str, arguments)]
+        done = subprocess.run(command, cwd=HERE, check=False, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def splat_transform(node: Callable[..., str]) -> Callable[..., None]:
+    """PlayCanvas' splat-transform, without a GPU."""
+    program = HERE / "node_modules" / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs"
+
+    def run(*arguments: str | Path) -> None:
+        node(program, "-q", "-w", *arguments)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def gltf_report(node: Callable[..., str]) -> Callable[[Path], Any]:
+    """What the Khronos glTF validator says of a file: its messages, and its figures as `info`."""
+
+    def report(path: Path) -> Any:
+        return json.loads(node("--input-type=module", "-e", _VALIDATE, path))
+
+    return report
