@@ -69,8 +69,8 @@ class SceneSummary(Response):
 
 
 ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps"]
-"""What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, a phone's
-tracking, or the places in the photos' EXIF; of several the surest."""
+"""What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, a
+phone's tracking, or the places in the photos' EXIF; of several the surest."""
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up: sensors, as the photos' metadata have them; cameras that were held level; floors, tables
