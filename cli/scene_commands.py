@@ -1,4 +1,4 @@
-"""`fastsplat scenes`: what became of the photos of a scene; rename it."""
+"""`fastsplat scenes`: what became of the photos of a scene; rename it, train it further."""
 
 from __future__ import annotations
 
@@ -13,16 +13,21 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.cli.waiting import wait_for
+from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.scenes import SceneUpdate
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 if TYPE_CHECKING:
     from fastsplat.service.application.service import SceneService
 
-scenes_app = typer.Typer(name="scenes", help="Scenes: what became of their photos; rename them.", no_args_is_help=True)
+scenes_app = typer.Typer(
+    name="scenes", help="Scenes: what became of their photos; rename them, train them.", no_args_is_help=True
+)
 
 SceneId = Annotated[str, typer.Argument(help="The scene's id.")]
 Project = Annotated[str, typer.Option(help="The project whose scene it is.")]
@@ -68,6 +73,27 @@ def photos(
         table.add_row(Text(photo.name), "\n".join((where, *photo.defects)), Text(photo.advice))
     Console().print(table)
     typer.echo(f"{page.placed_count} of {page.photo_count} photos have a place", err=True)
+
+
+@scenes_app.command("train-more")
+def train_more(
+    scene: SceneId,
+    seconds: Annotated[float | None, typer.Option(help="Of optimization.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Of optimization, instead of seconds.")] = None,
+    preset: Annotated[str, typer.Option(help="draft, balanced or best. Default: the server's settings.")] = "",
+    wait: Annotated[bool, typer.Option(help="Wait until a worker has done it, and print what came of it.")] = True,
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Train a scene further, from where it is, with the photos that are kept with it; a running worker does it."""
+    with _service(project) as service:
+        order = TrainMoreIn(seconds, steps, preset_name(preset) if preset else None)
+        operation = service.training.order(scene, order)
+        typer.echo(f"operation {operation.id} is {operation.state}", err=True)
+        operation = wait_for(service, operation) if wait else operation
+    if wait and operation.state != "SUCCEEDED":
+        raise typer.Exit(1)
+    if operation.train_more is not None:
+        typer.echo(json.dumps(to_plain(operation.train_more), indent=2))
 
 
 @contextmanager

@@ -69,6 +69,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListPhotoVerdicts": (_READ, ("GET /v1/scenes/{scene_id}/photo-verdicts",)),
     "EditScene": (_EDIT, ("POST /v1/scenes/{scene_id}:edit",)),
     "LookAgain": (_EDIT, ("POST /v1/scenes/{scene_id}:lookAgain",)),
+    "TrainMore": (_EDIT, ("POST /v1/scenes/{scene_id}:trainMore",)),
     "UndoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:undo",)),
     "RedoEdit": (_EDIT, ("POST /v1/scenes/{scene_id}:redo",)),
     "RestoreVersion": (_EDIT, ("POST /v1/scenes/{scene_id}:restore",)),

@@ -28,6 +28,7 @@ from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneUpdate, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
+from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 M = TypeVar("M")
@@ -148,6 +149,13 @@ class SceneServicer(AdminServicer, JobServicer):
         async with guarded(context, "LookAgain"):
             return await self._message(
                 pb.Operation, lambda: self._service.look_again(request.scene_id, from_proto(LookAgainIn, request))
+            )
+
+    async def TrainMore(self, request: pb.TrainMoreRequest, context: Context) -> pb.Operation:  # noqa: N802
+        """Train a scene further."""
+        async with guarded(context, "TrainMore"):
+            return await self._message(
+                pb.Operation, lambda: self._service.training.order(request.scene_id, from_proto(TrainMoreIn, request))
             )
 
     async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802

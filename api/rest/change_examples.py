@@ -11,6 +11,7 @@ from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_prompts import Pixel
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 _KNOWN_LENGTH = KnownLength(
     Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
@@ -47,6 +48,13 @@ CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
             "name what looks like one of these",
             LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
         ),
+    },
+    "TrainMoreIn": {
+        "steps": (
+            "another thousand steps with larger pictures",
+            TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
+        ),
+        "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
     },
     "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
     "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},

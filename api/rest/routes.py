@@ -39,6 +39,7 @@ from fastsplat_contract.scenes import (
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import ThingList
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
 
@@ -187,6 +188,14 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def look_again(request: Request, scene_id: str, body: LookAgainIn) -> Response:
         """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
         operation = await run_cancellable(request, threads.call, lambda: service.look_again(scene_id, body))
+        return json_response(
+            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
+        )
+
+    @router.post("/scenes/{scene_id}:trainMore", status_code=202, response_model=Operation)
+    async def train_more(request: Request, scene_id: str, body: TrainMoreIn) -> Response:
+        """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+        operation = await run_cancellable(request, threads.call, lambda: service.training.order(scene_id, body))
         return json_response(
             to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
         )

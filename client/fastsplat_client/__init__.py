@@ -57,6 +57,7 @@ from fastsplat_contract.scenes import (
 )
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import NameSuggestion, PickedThing, SceneThing
+from fastsplat_contract.train_more_messages import TrainMoreResult
 
 __all__ = [
     "AccessKey",
@@ -115,6 +116,7 @@ __all__ = [
     "ServerInfo",
     "StageProgress",
     "StandingQuestion",
+    "TrainMoreResult",
     "UnauthenticatedError",
     "UnreachableError",
     "Vector3",

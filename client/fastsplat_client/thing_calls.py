@@ -22,6 +22,7 @@ from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.train_more_messages import PresetName, TrainMoreIn
 
 T = TypeVar("T")
 
@@ -183,6 +184,31 @@ class ThingCalls:
             LookAgainIn((texts,) if isinstance(texts, str) else tuple(texts), request_id or uuid.uuid4().hex)
         )
         return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:lookAgain", json=body))
+
+    def train_more(
+        self,
+        scene_id: str,
+        *,
+        seconds: float | None = None,
+        steps: int | None = None,
+        preset: PresetName | None = None,
+        request_id: str = "",
+    ) -> Operation:
+        """Train a scene further, from its current version; the job is queued, durably, on return.
+
+        Once it has succeeded, `Operation.train_more` says what came of it, and the scene has a new version with the
+        same things and names. A job whose result would be worse by photos that it does not see fails, and changes
+        nothing.
+
+        Args:
+            scene_id: which scene.
+            seconds: of optimization.
+            steps: of optimization, instead of seconds; with neither the preset's time.
+            preset: size of the pictures and number of Gaussians; by default the server's.
+            request_id: the same id returns the same operation; by default a new one.
+        """
+        body = to_plain(TrainMoreIn(seconds, steps, preset, request_id or uuid.uuid4().hex))
+        return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:trainMore", json=body))
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

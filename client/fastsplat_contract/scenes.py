@@ -20,7 +20,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "look_again",
+    "scale", "align", "look_again", "train_more",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -190,8 +190,9 @@ class Edit(Request):
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
             "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths, those "
-            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. look_again: stands "
-            "in the versions that looking again has made, and is no edit to send"
+            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: puts the "
+            "scene into the frame of a map, by a rigid motion or by pairs of points. look_again and train_more: stand "
+            "in the versions that such jobs have made, and are no edits to send"
         ),
     ]
     label: str | None = None

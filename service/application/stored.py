@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scaling, scaling_from_json
@@ -15,8 +15,11 @@ from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, Scene
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
-from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
+from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, OperationKind, StageProgress
 from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary
+from fastsplat_contract.train_more_messages import TrainMoreResult
+
+T = TypeVar("T")
 
 
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
@@ -38,8 +41,9 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         updated_at=_time(record.updated_at),
         stages=tuple(_stage_of(stage) for stage in record.stages),
         error=None if error is None else OperationError(**error),
-        kind="create_scene" if record.look_again is None else "look_again",
-        look_again=None if record.result is None else from_plain(LookAgainResult, dict(record.result)),
+        kind=record.kind,
+        look_again=_result_of(record, "look_again", LookAgainResult),
+        train_more=_result_of(record, "train_more", TrainMoreResult),
         attempt=record.attempt,
         worker=worker,
         seconds_left=left if left is not None and 0 <= left < math.inf else None,
@@ -47,6 +51,10 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
     )
+
+
+def _result_of(record: OperationRecord, kind: OperationKind, result: type[T]) -> T | None:
+    return None if record.result is None or record.kind != kind else from_plain(result, dict(record.result))
 
 
 def summary_of(record: SceneRecord) -> SceneSummary:

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
+from fastsplat.service.scene.changes import with_change
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
 from fastsplat.service.scene.things import (
     MAX_THING_ID,
@@ -124,11 +125,12 @@ def apply_edit(
         "move": _move,
         "duplicate": _duplicate,
     }
-    if edit.action == "look_again" or edit.texts:
+    if edit.action in ("look_again", "train_more") or edit.texts:
         raise InvalidInputError(
-            "looking again at a scene is no edit",
-            field="action" if edit.action == "look_again" else "texts",
-            hint="It is a call of its own, LookAgain, and makes an operation.",
+            "training a scene further is no edit" if edit.action == "train_more" else "looking again is no edit",
+            field="texts" if edit.texts else "action",
+            hint=f"{'TrainMore' if edit.action == 'train_more' else 'LookAgain'} is a call of its own, and makes an "
+            "operation.",
         )
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
@@ -144,10 +146,10 @@ def apply_edit(
         return scale_scene(index, edit)
     if edit.action == "insert":
         assert source is not None
-        return insert_things(index, source, edit)
+        return with_change(insert_things(index, source, edit), "insert")
     if edit.action not in actions:
         raise InvalidInputError(
-            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-1])}."
+            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-2])}."
         )
     rows = edited_rows(index, edit)
     count = len(index.scene.gaussians) + len(rows)
@@ -158,7 +160,7 @@ def apply_edit(
             limit=f"{max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
             hint="Duplicate smaller things, or remove some first.",
         )
-    return actions[edit.action](index.things.scene, rows, edit)
+    return with_change(actions[edit.action](index.things.scene, rows, edit), edit.action)
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:

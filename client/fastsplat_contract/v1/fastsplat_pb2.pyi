@@ -193,6 +193,8 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_ADD: _EditAction.ValueType  # 11
     EDIT_ACTION_LOOK_AGAIN: _EditAction.ValueType  # 12
     EDIT_ACTION_SCALE: _EditAction.ValueType  # 13
+    EDIT_ACTION_ALIGN: _EditAction.ValueType  # 14
+    EDIT_ACTION_TRAIN_MORE: _EditAction.ValueType  # 15
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -212,6 +214,8 @@ EDIT_ACTION_SPLIT: EditAction.ValueType  # 10
 EDIT_ACTION_ADD: EditAction.ValueType  # 11
 EDIT_ACTION_LOOK_AGAIN: EditAction.ValueType  # 12
 EDIT_ACTION_SCALE: EditAction.ValueType  # 13
+EDIT_ACTION_ALIGN: EditAction.ValueType  # 14
+EDIT_ACTION_TRAIN_MORE: EditAction.ValueType  # 15
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -246,12 +250,14 @@ class _OperationKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Operati
     OPERATION_KIND_UNSPECIFIED: _OperationKind.ValueType  # 0
     OPERATION_KIND_CREATE_SCENE: _OperationKind.ValueType  # 1
     OPERATION_KIND_LOOK_AGAIN: _OperationKind.ValueType  # 2
+    OPERATION_KIND_TRAIN_MORE: _OperationKind.ValueType  # 3
 
 class OperationKind(_OperationKind, metaclass=_OperationKindEnumTypeWrapper): ...
 
 OPERATION_KIND_UNSPECIFIED: OperationKind.ValueType  # 0
 OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
 OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
+OPERATION_KIND_TRAIN_MORE: OperationKind.ValueType  # 3
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
 class _WorkerState:
@@ -2113,7 +2119,8 @@ class Edit(_message.Message):
     no thing. insert: adds things of another scene, which get new ids. split: makes the piece of a thing that a prompt
     shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. scale: makes
     the scene's units meters by known lengths, those of earlier such edits included; Gaussians, boxes and cameras are
-    scaled with it. look_again: stands in the versions that looking again has made, and is no edit to send
+    scaled with it. align: puts the scene into the frame of a map, by a rigid motion or by pairs of points. look_again
+    and train_more: stand in the versions that such jobs have made, and are no edits to send
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -2635,13 +2642,14 @@ class Operation(_message.Message):
     FINISH_REQUESTED_FIELD_NUMBER: _builtins.int
     PREVIEW_FIELD_NUMBER: _builtins.int
     PLACED_FIELD_NUMBER: _builtins.int
+    TRAIN_MORE_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
     done: _builtins.bool
     """whether the state is final"""
     kind: Global___OperationKind.ValueType
-    """create_scene: makes its scene; look_again: makes a version of its scene"""
+    """create_scene: makes its scene; look_again, train_more: makes a version of its scene"""
     attempt: _builtins.int
     """how often it was begun; more than once if workers or trainers died"""
     worker: Global___WorkerState.ValueType
@@ -2676,6 +2684,10 @@ class Operation(_message.Message):
     def placed(self) -> Global___PlacedInfo:
         """the cameras that can be looked at; absent if there are none (any more)"""
 
+    @_builtins.property
+    def train_more(self) -> Global___TrainMoreResult:
+        """what training further has made; absent unless it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -2695,10 +2707,11 @@ class Operation(_message.Message):
         finish_requested: _builtins.bool = ...,
         preview: Global___PreviewInfo | None = ...,
         placed: Global___PlacedInfo | None = ...,
+        train_more: Global___TrainMoreResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__seconds_left: _TypeAlias = _typing.Literal["seconds_left"]  # noqa: Y015
     _WhichOneofArgType__seconds_left: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left"]  # noqa: Y015
@@ -2980,6 +2993,119 @@ class LookAgainResult(_message.Message):
 Global___LookAgainResult: _TypeAlias = LookAgainResult  # noqa: Y015
 
 @_typing.final
+class TrainMoreRequest(_message.Message):
+    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    STEPS_FIELD_NUMBER: _builtins.int
+    PRESET_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    seconds: _builtins.float
+    """of optimization"""
+    steps: _builtins.int
+    """of optimization, instead of seconds"""
+    preset: _builtins.str
+    """size of the pictures and number of Gaussians, and where neither seconds nor steps are said the time: draft, balanced
+    or best; absent: the server's default
+    """
+    request_id: _builtins.str
+    """same id, same order: the first operation is returned again (AIP-155)"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        seconds: _builtins.float | None = ...,
+        steps: _builtins.int | None = ...,
+        preset: _builtins.str | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "request_id", b"request_id", "scene_id", b"scene_id", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
+    _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
+    _WhichOneofReturnType__seconds: _TypeAlias = _typing.Literal["seconds"]  # noqa: Y015
+    _WhichOneofArgType__seconds: _TypeAlias = _typing.Literal["_seconds", b"_seconds"]  # noqa: Y015
+    _WhichOneofReturnType__steps: _TypeAlias = _typing.Literal["steps"]  # noqa: Y015
+    _WhichOneofArgType__steps: _TypeAlias = _typing.Literal["_steps", b"_steps"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__seconds) -> _WhichOneofReturnType__seconds | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__steps) -> _WhichOneofReturnType__steps | None: ...
+
+Global___TrainMoreRequest: _TypeAlias = TrainMoreRequest  # noqa: Y015
+
+@_typing.final
+class TrainMoreResult(_message.Message):
+    """What training a scene further has made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    TRAINED_FROM_FIELD_NUMBER: _builtins.int
+    CURRENT_FIELD_NUMBER: _builtins.int
+    STEPS_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_BEFORE_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
+    PSNR_BEFORE_FIELD_NUMBER: _builtins.int
+    PSNR_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the version that it made"""
+    trained_from: _builtins.str
+    """the version whose Gaussians it began with"""
+    current: _builtins.bool
+    """whether it is the scene's current version; not where what is seen was edited meanwhile, by edits that stay in force:
+    then the new version stands beside them, to be restored
+    """
+    steps: _builtins.int
+    """of optimization"""
+    seconds: _builtins.float
+    """of optimization"""
+    gaussians_before: _builtins.int
+    """of the version that it began with"""
+    gaussians: _builtins.int
+    """of the new version"""
+    psnr_before: _builtins.float
+    """dB, of photos that training does not see; absent where all are trained on"""
+    psnr: _builtins.float
+    """dB, of the same photos in the new version"""
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        trained_from: _builtins.str = ...,
+        current: _builtins.bool = ...,
+        steps: _builtins.int = ...,
+        seconds: _builtins.float = ...,
+        gaussians_before: _builtins.int = ...,
+        gaussians: _builtins.int = ...,
+        psnr_before: _builtins.float | None = ...,
+        psnr: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "psnr", b"psnr", "psnr_before", b"psnr_before"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "current", b"current", "gaussians", b"gaussians", "gaussians_before", b"gaussians_before", "psnr", b"psnr", "psnr_before", b"psnr_before", "seconds", b"seconds", "steps", b"steps", "trained_from", b"trained_from", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__psnr: _TypeAlias = _typing.Literal["psnr"]  # noqa: Y015
+    _WhichOneofArgType__psnr: _TypeAlias = _typing.Literal["_psnr", b"_psnr"]  # noqa: Y015
+    _WhichOneofReturnType__psnr_before: _TypeAlias = _typing.Literal["psnr_before"]  # noqa: Y015
+    _WhichOneofArgType__psnr_before: _TypeAlias = _typing.Literal["_psnr_before", b"_psnr_before"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr) -> _WhichOneofReturnType__psnr | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr_before) -> _WhichOneofReturnType__psnr_before | None: ...
+
+Global___TrainMoreResult: _TypeAlias = TrainMoreResult  # noqa: Y015
+
+@_typing.final
 class StageProgress(_message.Message):
     """One stage of a job."""
 
@@ -3011,7 +3137,7 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training or export; looking or naming where a scene is looked at again"""
+    """capture, perception, training or export; looking, naming, training, merging of others"""
     fraction: _builtins.float
     """0..1 of this stage"""
     message: _builtins.str

@@ -120,6 +120,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.TrainMore = channel.unary_unary(
+                '/fastsplat.v1.SceneService/TrainMore',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
         self.GetOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetOperationRequest.SerializeToString,
@@ -385,6 +390,14 @@ class SceneServiceServicer:
     def LookAgain(self, request, context):
         """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
         new version of the scene. The answer is durable.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def TrainMore(self, request, context):
+        """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+        the scene. The answer is durable.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -679,6 +692,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'LookAgain': grpc.unary_unary_rpc_method_handler(
                     servicer.LookAgain,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'TrainMore': grpc.unary_unary_rpc_method_handler(
+                    servicer.TrainMore,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'GetOperation': grpc.unary_unary_rpc_method_handler(
@@ -1285,6 +1303,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/LookAgain',
             fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def TrainMore(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/TrainMore',
+            fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,

@@ -82,6 +82,10 @@ class SceneServiceStub:
     """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
     new version of the scene. The answer is durable.
     """
+    TrainMore: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]
+    """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+    the scene. The answer is durable.
+    """
     GetOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]
     ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
     """Operations in pages (AIP-158), newest first."""
@@ -183,6 +187,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
     new version of the scene. The answer is durable.
+    """
+    TrainMore: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+    the scene. The answer is durable.
     """
     GetOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
@@ -384,6 +392,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
         """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
         new version of the scene. The answer is durable.
+        """
+
+    @_abc_1.abstractmethod
+    def TrainMore(
+        self,
+        request: _fastsplat_pb2.TrainMoreRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+        the scene. The answer is durable.
         """
 
     @_abc_1.abstractmethod

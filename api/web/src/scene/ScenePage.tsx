@@ -15,6 +15,7 @@ import { SharedThing } from "../take/SharedThing";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
+import { TrainMore } from "../improve/TrainMore";
 import { ThingList } from "../things/ThingList";
 import { LookAgainPanel } from "../lookAgain/LookAgainPanel";
 import { PhotosPanel } from "../photos/PhotosPanel";
@@ -197,6 +198,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         )}
         <ScaleFacts state={state} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
+        {!isShared && <TrainMore sceneId={sceneId} onDone={() => void state.refresh()} />}
         {!isShared && (
           <>
             <PhotosPanel sceneId={sceneId} ready />
