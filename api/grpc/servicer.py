@@ -12,6 +12,7 @@ from grpc import aio
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.grpc.admin_rpcs import AdminServicer, as_message
 from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.grpc.improving_rpcs import ImprovingServicer
 from fastsplat.api.grpc.job_rpcs import JobServicer
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
@@ -28,13 +29,12 @@ from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import EditIn, SceneUpdate, SceneVersion, VersionList
 from fastsplat_contract.thing_messages import PickRequest
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 M = TypeVar("M")
 
 
-class SceneServicer(AdminServicer, JobServicer):
+class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
     """`fastsplat.v1.SceneService` over the service layer; the contract is in the proto."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:
@@ -149,13 +149,6 @@ class SceneServicer(AdminServicer, JobServicer):
         async with guarded(context, "LookAgain"):
             return await self._message(
                 pb.Operation, lambda: self._service.look_again(request.scene_id, from_proto(LookAgainIn, request))
-            )
-
-    async def TrainMore(self, request: pb.TrainMoreRequest, context: Context) -> pb.Operation:  # noqa: N802
-        """Train a scene further."""
-        async with guarded(context, "TrainMore"):
-            return await self._message(
-                pb.Operation, lambda: self._service.training.order(request.scene_id, from_proto(TrainMoreIn, request))
             )
 
     async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802

@@ -39,6 +39,7 @@ from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
+from fastsplat_contract.next_photos import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -61,6 +62,7 @@ from fastsplat_contract.train_more_messages import TrainMoreResult
 
 __all__ = [
     "AccessKey",
+    "Alignment",
     "Answer",
     "Assessment",
     "Box",
@@ -79,6 +81,7 @@ __all__ = [
     "InvalidInputError",
     "Kind",
     "KnownLength",
+    "KnownSize",
     "Length",
     "LimitExceededError",
     "LocatedPlace",
@@ -88,6 +91,7 @@ __all__ = [
     "MissingPackageError",
     "NameSuggestion",
     "NewKey",
+    "NextPhoto",
     "NotFoundError",
     "NotReadyError",
     "Operation",
@@ -97,6 +101,7 @@ __all__ = [
     "PictureRequest",
     "Place",
     "Placed",
+    "PointPair",
     "Pose",
     "PoseAnswer",
     "PosedCamera",

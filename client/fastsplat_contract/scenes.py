@@ -11,7 +11,7 @@ from pydantic import Field
 
 from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.places import KnownLength
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Many, Request, Response, travels
@@ -68,8 +68,8 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length", "tags"]
-"""What said how long a unit is: lengths that a person knew, or printed tags in the photos."""
+ScaleSource = Literal["known_length", "tags", "point_pairs"]
+"""What said how long a unit is: lengths that a person knew, printed tags in the photos, or points of a map."""
 
 
 @travels(request=False)
@@ -83,6 +83,23 @@ class SceneScaling(NamedTuple):
     low: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
     high: Annotated[float, Field(description="of the 95 % interval of `meters_per_unit`")]
     known_lengths: Annotated[int, Field(description="that it comes from, beside tags")]
+
+
+@travels(request=False)
+class SceneAlignment(NamedTuple):
+    """How a scene's current version lies in the frame of a map."""
+
+    frame: Annotated[str, Field(description="the map frame's name; may be empty")]
+    pairs: Annotated[int, Field(description="of points that it comes from; 0: the motion was given")]
+    rms: Annotated[
+        float | None,
+        Field(description="root mean square of the pairs' residuals, outliers left out, scene units; absent without"),
+    ]
+    residuals: Annotated[Many[float], Field(description="of each pair, scene units")]
+    outliers: Annotated[Many[int], Field(description="numbers of the pairs, from 0, that fit the others badly")]
+    transform: Annotated[
+        Pose, Field(description="x' = R (s x) + t from the trained version's world frame, s = meters_per_unit or 1")
+    ]
 
 
 @dataclass(frozen=True)
@@ -104,6 +121,9 @@ class Scene(SceneSummary):
     scaling: Annotated[
         SceneScaling | None,
         Field(description="absent where the poses came in meters, or nothing says how long a unit is"),
+    ] = None
+    alignment: Annotated[
+        SceneAlignment | None, Field(description="absent where the scene was not put into the frame of a map")
     ] = None
 
 
@@ -189,10 +209,10 @@ class Edit(Request):
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths, those "
-            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: puts the "
-            "scene into the frame of a map, by a rigid motion or by pairs of points. look_again and train_more: stand "
-            "in the versions that such jobs have made, and are no edits to send"
+            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
+            "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
+            "puts the scene into the frame of a map, by a rigid motion or by pairs of points. look_again and "
+            "train_more: stand in the versions that such jobs have made, and are no edits to send"
         ),
     ]
     label: str | None = None
@@ -228,6 +248,10 @@ class Edit(Request):
     known_lengths: Annotated[
         Many[KnownLength], Field(description="for scale: lengths that somebody has measured in the world")
     ] = ()
+    known_sizes: Annotated[
+        Many[KnownSize], Field(description="for scale: things whose size somebody has measured in the world")
+    ] = ()
+    alignment: Annotated[Alignment | None, Field(description="for align: how the scene lies in a map")] = None
 
 
 @dataclass(frozen=True)
@@ -245,6 +269,16 @@ class EditIn(Request):
             "a person gave a thing is replaced only if it stood in this version"
         ),
     ] = ""
+
+
+@dataclass(frozen=True)
+class AlignIn(Request):
+    """A new version of a scene in the frame of a map."""
+
+    proto: ClassVar[str] = "AlignSceneRequest"
+
+    alignment: Alignment
+    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
+import numpy as np
+
+from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scaling, scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
@@ -16,7 +19,8 @@ from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, OperationKind, StageProgress
-from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary
+from fastsplat_contract.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, SceneAlignment, SceneScaling, SceneSummary
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
 T = TypeVar("T")
@@ -74,7 +78,9 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
-    cameras = tuple(camera_from_json(_scaled(row, record)) for row in record.cameras[:max_listed])
+    unit = None if record.scaling is None else record.scaling["meters_per_unit"]
+    frame = frame_similarity(unit, alignment_from_json(record.alignment))  # rows have that of the trained version
+    cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
         camera_count=len(record.cameras),
@@ -83,6 +89,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
         scaling=_scaling_of(record),
+        alignment=_alignment_of(record),
     )
 
 
@@ -90,16 +97,25 @@ def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
         return None if measured is None else SceneScaling("tags", 1.0, measured.low, measured.high, 0)
-    count = len(scaling.lengths) - (measured is not None)
-    return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)
+    alignment = alignment_from_json(record.alignment)
+    by_pairs = alignment is not None and alignment.scaled
+    count = len(scaling.lengths) - (measured is not None) - by_pairs
+    source: ScaleSource = "known_length" if count else "point_pairs"
+    return SceneScaling(source, scaling.meters_per_unit, scaling.low, scaling.high, count)
 
 
-def _scaled(row: Mapping[str, Any], record: SceneRecord) -> Mapping[str, Any]:
-    """A row of a camera, which has the units of the trained version, in those of the current one."""
-    if record.scaling is None:
-        return row
-    pose = [[*line[:3], line[3] * record.scaling["meters_per_unit"]] for line in row["world_from_camera"][:3]]
-    return {**row, "world_from_camera": [*pose, *row["world_from_camera"][3:]]}
+def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
+    alignment = alignment_from_json(record.alignment)
+    if alignment is None:
+        return None
+    return SceneAlignment(
+        alignment.frame,
+        alignment.pairs,
+        alignment.rms,
+        alignment.residuals,
+        alignment.outliers,
+        Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation))),
+    )
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:

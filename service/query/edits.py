@@ -33,7 +33,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.places import KnownLength
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.scenes import EditAction, InsertSource
 from fastsplat_contract.thing_prompts import PROMPTED, ThingPrompt
 
@@ -68,7 +68,8 @@ class Edit:
         source: for `insert`, where the things come from; None otherwise.
         prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
         texts: of versions that looking again made; none for an edit.
-        known_lengths: for `scale`; none otherwise.
+        known_lengths, known_sizes: for `scale`; none otherwise.
+        alignment: for `align`; None otherwise.
     """
 
     action: EditAction
@@ -83,6 +84,8 @@ class Edit:
     prompt: ThingPrompt | None = None
     texts: tuple[str, ...] = ()
     known_lengths: tuple[KnownLength, ...] = ()
+    known_sizes: tuple[KnownSize, ...] = ()
+    alignment: Alignment | None = None
 
 
 def apply_edit(
@@ -144,6 +147,10 @@ def apply_edit(
         from fastsplat.service.query.measuring import scale_scene  # torch loads with the first measurement
 
         return scale_scene(index, edit)
+    if edit.action == "align":
+        from fastsplat.service.query.aligning import align_scene  # it imports this module
+
+        return align_scene(index, edit)
     if edit.action == "insert":
         assert source is not None
         return with_change(insert_things(index, source, edit), "insert")
@@ -200,7 +207,8 @@ def _check_extras(edit: Edit) -> None:
         ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
         ("source", edit.source, edit.action == "insert"),
         ("prompt", edit.prompt, edit.action in PROMPTED),
-        ("known_lengths", edit.known_lengths or None, edit.action == "scale"),
+        ("known_lengths", edit.known_lengths or edit.known_sizes or None, edit.action == "scale"),
+        ("alignment", edit.alignment, edit.action == "align"),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(

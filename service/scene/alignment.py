@@ -29,6 +29,7 @@ class Alignment:
         residuals: of each pair, units of this version.
         rms: root mean square of those that are no outliers; None without pairs.
         outliers: numbers of the pairs, from 0, that fit the others badly and did not count.
+        scaled: whether the scene's scaling comes from pairs of points.
     """
 
     frame: str
@@ -38,6 +39,7 @@ class Alignment:
     residuals: tuple[float, ...] = ()
     rms: float | None = None
     outliers: tuple[int, ...] = ()
+    scaled: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,4 +120,5 @@ def alignment_from_json(row: Mapping[str, Any] | None) -> Alignment | None:
         residuals=tuple(row["residuals"]),
         rms=row["rms"],
         outliers=tuple(row["outliers"]),
+        scaled=row["scaled"],
     )

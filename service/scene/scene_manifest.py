@@ -294,6 +294,7 @@ class _Alignment(StrictRow):
     residuals: list[float]
     rms: float | None
     outliers: list[int]
+    scaled: bool
 
 
 class _Body(StrictRow):

@@ -54,6 +54,7 @@ _NOT_IN_PYTHON = {
     "DownloadThingIdsRequest",
     "DownloadPhotoRequest",
     "ListBestViewsRequest",
+    "ListNextPhotosRequest",
     "ListPhotosRequest",
     "GetOperationRequest",
     "FinishOperationRequest",

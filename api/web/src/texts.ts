@@ -393,6 +393,7 @@ export const texts = {
     named: (what: string, name: string) => `Named ${what} “${name}”`,
     added: (name: string) => `Added ${name ? `“${name}”` : "a thing"}`,
     trainedFurther: "Trained further",
+    alignedTo: (frame: string) => (frame ? `Put into the frame ${frame}` : "Put into the frame of a map"),
     lookedAgain: (words: readonly string[]) => `Looked again for ${words.join(", ")}`,
     verbs: {
       recolor: "Recolored",
