@@ -69,7 +69,8 @@ class StageProgress(Response):
     stage: Annotated[
         str,
         Field(
-            description="capture, perception, training or export; looking or naming where a scene is looked at again; training or merging where it is trained further"
+            description="capture, perception, training or export; looking or naming where a scene is looked at again; "
+            "training or merging where it is trained further"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]

@@ -156,6 +156,11 @@ export const texts = {
       `${plural(count, "image", "images")} are more than the server takes in one upload (${limit.toLocaleString("en")}).`,
     toServer: "See what the project holds",
   },
+  nextPhotos: {
+    title: "Where to stand next",
+    none: "No place to stand at would add much.",
+    fly: "Look from there",
+  },
   trainMore: {
     title: "Train further",
     help: "The server goes on training this scene with its photos, from where it is. Things and names stay; the version of now can be restored.",
