@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import grpc
 import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
@@ -24,7 +23,6 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.scenes import add_photos
 
 
 @pytest.fixture
@@ -42,13 +40,6 @@ def client(faces: Faces) -> Iterator[Client]:
 
 
 def test_every_face_orders_the_same_training(faces: Faces, client: Client, service: SceneService, own: str) -> None:
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:trainMore", json={"steps": 100}))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.TrainMore(pb.TrainMoreRequest(scene_id=own, steps=100))
-    over_rpc = rpc_refusal(caught.value)
-    assert (over_rpc.reason, over_rpc.detail) == (refused.reason, refused.detail)
-    assert refused.reason == "NOT_READY" and "no photos are kept" in refused.detail
-    add_photos(service._store, own, [Image.new("RGB", (48, 36))])
     body = TrainMoreIn(steps=100, preset="draft", request_id="the-same-training")
     posted = faces.rest.post(f"/v1/scenes/{own}:trainMore", json=to_plain(body))
     assert posted.status_code == 202, posted.text
@@ -60,6 +51,11 @@ def test_every_face_orders_the_same_training(faces: Faces, client: Client, servi
     assert_same(client.train_more(own, steps=100, preset="draft", request_id=body.request_id), operation)
     assert_same(service.training.order(own, body), operation)
     assert client.cancel(operation.id).state == "CANCELLED"
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:trainMore", json={"steps": 100, "seconds": 1.0}))
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.TrainMore(pb.TrainMoreRequest(scene_id=own, steps=100, seconds=1.0))
+    over_rpc = rpc_refusal(caught.value)
+    assert (over_rpc.reason, over_rpc.detail, over_rpc.details) == (refused.reason, refused.detail, refused.details)
 
 
 def test_every_face_aligns_alike(faces: Faces, client: Client, service: SceneService, own: str) -> None:
