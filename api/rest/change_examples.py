@@ -10,7 +10,7 @@ import numpy as np
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
-from fastsplat_contract.next_photos import NextPhoto, NextPhotoList
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn

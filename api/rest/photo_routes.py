@@ -14,7 +14,7 @@ from fastsplat.api.rest.standard_http import etag_of
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.photos import MAX_VIEWS
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.next_photos import NextPhotoList
+from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 
 _JPEG = "image/jpeg"

@@ -39,7 +39,7 @@ from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
-from fastsplat_contract.next_photos import NextPhoto
+from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3

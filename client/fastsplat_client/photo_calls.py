@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from fastsplat_client.errors import read
 from fastsplat_client.thing_calls import scene_path
 from fastsplat_client.transport import Transport
-from fastsplat_contract.next_photos import NextPhoto, NextPhotoList
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 
 

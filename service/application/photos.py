@@ -19,7 +19,7 @@ from fastsplat.service.query.thing_views import CANDIDATES, best_thing_views, sm
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
-from fastsplat_contract.next_photos import NextPhotoList
+from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 
 MAX_VIEWS = 16
@@ -91,7 +91,7 @@ class Photos:
             NotFoundError: there is no such scene or version.
             NotReadyError: as `Answers.query`.
         """
-        from fastsplat.service.query.next_photos import next_photos  # scipy loads with the first call
+        from fastsplat.service.query.next_viewpoints import next_photos  # scipy loads with the first call
 
         check_texts(version, "version")
         return self._scenes.reading(scene_id, version, lambda index, name: NextPhotoList(next_photos(index), name))

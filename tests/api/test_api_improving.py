@@ -12,7 +12,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.json_codec import from_json, to_plain
-from fastsplat_contract.next_photos import NextPhotoList
+from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3

@@ -17,7 +17,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.assessment import common_point
 from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.next_photos import NextPhoto, NextPhotoReason
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoReason
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
