@@ -12,6 +12,7 @@ import typer
 
 from fastsplat.cli import measure_commands  # noqa: F401  adds commands to things_app
 from fastsplat.cli.backup_commands import backup, restore
+from fastsplat.cli.check import check
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.export import export
@@ -58,6 +59,7 @@ app.command()(evaluate)
 app.command()(export)
 app.command()(import_splat)
 app.command()(tags)
+app.command()(check)
 
 
 @app.callback()

@@ -12,7 +12,7 @@ from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.measure_messages import MeasureRequest
-from fastsplat_contract.places import KnownLength, Place
+from fastsplat_contract.places import KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel
@@ -46,8 +46,28 @@ def scale(
     known = KnownLength(_place(first), _place(second), meters, plus_minus)
     if not meters > 0 or not plus_minus >= 0:
         raise InvalidInputError(f"a length of {meters:g} m", field="meters", hint="Send a length above 0.")
+    _scale(scene, Edit("scale", known_lengths=(known,)), project)
+
+
+@things_app.command("scale-by-size")
+def scale_by_size(
+    scene: Scene,
+    thing: Annotated[int, typer.Argument(help="The id of the thing.")],
+    meters: Annotated[float, typer.Argument(help="Its size in the world.")],
+    height: Annotated[bool, typer.Option("--height", help="That is its height, not its longest side.")] = False,
+    plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Make the scene's units meters by a thing whose size you know; combined with known lengths and tags."""
+    if not meters > 0 or not plus_minus >= 0:
+        raise InvalidInputError(f"a size of {meters:g} m", field="meters", hint="Send a size above 0.")
+    known = KnownSize(thing, meters, plus_minus, "height" if height else "longest")
+    _scale(scene, Edit("scale", known_sizes=(known,)), project)
+
+
+def _scale(scene: str, edit: Edit, project: str) -> None:
     with thing_service(project) as service:
-        made = service.versions.edit(scene, [Edit("scale", known_lengths=(known,))])
+        made = service.versions.edit(scene, [edit])
         scaling = service.get_scene(scene).scaling
     assert scaling is not None
     typer.echo(

@@ -4,7 +4,6 @@ for more names."""
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.cli.waiting import wait_for
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
@@ -34,7 +34,6 @@ things_app = typer.Typer(
     no_args_is_help=True,
 )  # fmt: skip
 
-_POLL_S = 0.3
 
 Scene = Annotated[str, typer.Argument(help="The scene's id.")]
 Ids = Annotated[list[int], typer.Argument(help="Ids of things, from the list.", metavar="THING...")]
@@ -156,17 +155,7 @@ def look_again(
     with thing_service(project) as service:
         operation = service.look_again(scene, LookAgainIn(tuple(texts)))
         typer.echo(f"operation {operation.id} is {operation.state}", err=True)
-        shown = ""
-        while wait and not operation.done:
-            time.sleep(_POLL_S)
-            operation = service.get_operation(operation.id)
-            line = f"{operation.stages[-1].stage}: {operation.stages[-1].message}" if operation.stages else ""
-            if line != shown:
-                typer.echo(line, err=True)
-            shown = line
-    if operation.error is not None:
-        hint = operation.error.details.get("hint", "")
-        typer.echo(f"{operation.error.reason}: {operation.error.message}. {hint}".strip(), err=True)
+        operation = wait_for(service, operation) if wait else operation
     if wait and operation.state != "SUCCEEDED":
         raise typer.Exit(1)
     if operation.look_again is not None:

@@ -12,7 +12,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
 
-from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES
+from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, TRAIN_MORE_STAGES
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
@@ -21,11 +21,12 @@ from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.results import PHOTOS
-from fastsplat_contract.errors import DatabaseError, ObjectStoreError
+from fastsplat_contract.errors import DatabaseError, NotFoundError, ObjectStoreError
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.scenes import Edit
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -128,18 +129,47 @@ class ClaimedJob:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the job's stages, in order."""
-        return STAGES if self.claim.operation.look_again is None else LOOK_AGAIN_STAGES
+        kinds = {"create_scene": STAGES, "look_again": LOOK_AGAIN_STAGES, "train_more": TRAIN_MORE_STAGES}
+        return kinds[self.claim.operation.kind]
+
+    @property
+    def train_more(self) -> TrainMoreIn | None:
+        """How a job trains a finished scene further; None for others."""
+        request = self.claim.operation.train_more
+        if request is None:
+            return None
+        return from_plain(TrainMoreIn, {name: value for name, value in request.items() if name != "version"})
+
+    @_patient
+    def base(self) -> tuple[Path, str] | None:
+        """Folder and name of the version that a job trains further; None for others.
+
+        Raises:
+            NotFoundError: the version is not stored any more.
+        """
+        request = self.claim.operation.train_more
+        if request is None:
+            return None
+        version = str(request["version"])
+        folder = self._blobs.fetch_version(self.scene_id, version)
+        if folder is None:
+            raise NotFoundError(
+                f"version {version!r}, which is to be trained further, is not stored any more",
+                field="version",
+                hint="Order it anew, of the current version.",
+            )
+        return folder, version
 
     @_patient
     def sources(self) -> tuple[Path, str]:
-        """Folder of the validated upload, on this machine, and ""; of a job that looks again the folder and the name of
-        its scene's current version.
+        """Folder of the validated upload, on this machine, and ""; of a job on a finished scene the folder and the name
+        of its current version.
 
         Raises:
             NotFoundError: there is no such scene (any more).
         """
         operation = self.claim.operation
-        if operation.look_again is None:
+        if operation.kind == "create_scene":
             folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
             return folder, ""
         _, version, _ = self._scenes.current_version(self.scene_id)
@@ -244,7 +274,8 @@ class ClaimedJob:
 
     @_patient
     def succeed_with_version(self) -> None:
-        """Publish the version that looking again made, unless an earlier attempt did, and make the operation SUCCEEDED.
+        """Publish the version that a job on a finished scene made, unless an earlier attempt did, and make the
+        operation SUCCEEDED.
 
         Raises:
             ConflictError: the scene has another version by now than the one that this was made of.
@@ -258,7 +289,8 @@ class ClaimedJob:
         self._blobs.check_version(target, "summary.json")
         summary = json.loads((target / "summary.json").read_text())
         result = {**summary["result"], "version": version}
-        edit = to_plain(Edit("look_again", texts=tuple(result["texts"])))
+        more = self.claim.operation.kind == "train_more"
+        edit = Edit("train_more") if more else Edit("look_again", texts=tuple(result["texts"]))
         new = NewVersion(
             self.scene_id,
             version,
@@ -267,7 +299,11 @@ class ClaimedJob:
             "",
             summary["gaussians"],
             summary["dictionary"],
-            [edit],
+            [to_plain(edit)],
+            scaling=summary.get("scaling"),
+            alignment=summary.get("alignment"),
+            quality=summary.get("quality"),
+            beside=summary.get("beside", False),
         )
         with self._blobs.exclusive(self.scene_id):  # edits of this machine queue
             self._jobs.succeed_with_version(self.claim, new, result)

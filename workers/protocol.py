@@ -8,11 +8,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, Progress, ProgressEvent
+from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, TRAIN_MORE_STAGES, Progress, ProgressEvent
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,14 @@ class Job:
     Attributes:
         operation_id: whose job this is.
         attempt: counts the trainers of this job; part of the name of everything unfinished.
-        upload: the admitted upload's folder; of a job that looks again, the folder of the scene's current version.
+        upload: the admitted upload's folder; of a job on a finished scene, the folder of its current version.
         folder: the job's work folder, shared by all attempts.
         options: the user's choices.
         settings: the operator's.
-        look_again: what a job that looks again looks for; None for one that makes a scene.
-        version: for such a job: whose folder `upload` is.
+        look_again: what a job that looks again looks for; None for others.
+        version: of a job on a finished scene: whose folder `upload` is.
+        train_more: how a job trains a finished scene further; None for others.
+        base: of such a job: the folder of the version that it begins with, and its name.
     """
 
     operation_id: str
@@ -38,11 +41,15 @@ class Job:
     settings: Settings
     look_again: LookAgainIn | None = None
     version: str = ""
+    train_more: TrainMoreIn | None = None
+    base: tuple[Path, str] | None = None
 
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the job's stages, in order."""
-        return STAGES if self.look_again is None else LOOK_AGAIN_STAGES
+        if self.look_again is not None:
+            return LOOK_AGAIN_STAGES
+        return STAGES if self.train_more is None else TRAIN_MORE_STAGES
 
     def result(self, stage: str) -> Path:
         """Folder of a stage's finished result; if it exists, it is complete."""
@@ -65,6 +72,8 @@ class Job:
             "stages": stages,
             "look_again": None if self.look_again is None else to_plain(self.look_again),
             "version": self.version,
+            "train_more": None if self.train_more is None else to_plain(self.train_more),
+            "base": None if self.base is None else [str(self.base[0]), self.base[1]],
         }
         return json.dumps(spec).encode() + b"\n"
 
@@ -81,6 +90,8 @@ def read_job(line: bytes) -> tuple[Job, str]:
         settings=Settings(**spec["settings"]),
         look_again=None if spec["look_again"] is None else from_plain(LookAgainIn, spec["look_again"]),
         version=spec["version"],
+        train_more=None if spec["train_more"] is None else from_plain(TrainMoreIn, spec["train_more"]),
+        base=None if spec["base"] is None else (Path(spec["base"][0]), spec["base"][1]),
     )
     return job, spec["stages"]
 
@@ -91,7 +102,7 @@ Stage = Callable[[Job, Path, Progress], None]
 
 @dataclass(frozen=True)
 class Stages:
-    """What a trainer runs: in the order of `STAGES`, or of `LOOK_AGAIN_STAGES`."""
+    """What a trainer runs: in the order of `STAGES`, or of those of a job on a finished scene."""
 
     capture: Stage
     perception: Stage
@@ -99,6 +110,7 @@ class Stages:
     export: Stage
     looking: Stage
     naming: Stage
+    merging: Stage
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fastsplat.service.capture import load_capture
 from fastsplat.service.capture.placed_cameras import placed_of
 from fastsplat.service.capture.scene_photos import write_photos
@@ -17,9 +15,8 @@ from fastsplat.service.perception import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.time_budget import with_tradeoffs
 from fastsplat.service.planning.time_left import with_time_left
-from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.scene import Scene, write_ply, write_scene
 from fastsplat.service.splatting.previews import TrainingWatch
-from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
 from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
@@ -27,6 +24,8 @@ from fastsplat.workers.look_again_stages import dictionary_rows, look, name
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stages
 from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_seconds
+from fastsplat.workers.train_more_stages import merge, train_further
+from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.json_codec import to_plain
 
 _TRADEOFFS = "tradeoffs.json"
@@ -60,6 +59,9 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _training(job: Job, folder: Path, progress: Progress) -> None:
+    if job.train_more is not None:
+        train_further(job, folder, progress)
+        return
     started = time.monotonic()
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     plan = make_plan(job, capture, len(labelling.dictionary), started)
@@ -91,35 +93,7 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(_summary(scene)))
 
 
-DEFAULT_STAGES = Stages(_capture, _perception, _training, _export, look, name)
-
-
-def save_trained(trained: TrainedSplats, folder: Path) -> None:
-    """Write a training result for the export stage: `arrays.npz` and `report.json`."""
-    arrays = {**vars(trained.gaussians), "weight": trained.head.weight, "bias": trained.head.bias}
-    if trained.evidence is not None:
-        arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
-    np.savez(folder / "arrays.npz", **arrays)
-    report = {
-        "quality": dict(trained.quality),
-        "held_out": list(trained.held_out),
-        "photometric": dict(trained.photometric),
-    }
-    (folder / "report.json").write_text(json.dumps(report, default=float))
-
-
-def load_trained(folder: Path) -> TrainedSplats:
-    """The training result that `save_trained` wrote, exactly."""
-    with intact(folder / "arrays.npz"), np.load(folder / "arrays.npz", allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-        head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))
-        parts = {name.partition(".")[2]: arrays.pop(name) for name in list(arrays) if name.startswith("evidence.")}
-        evidence = Evidence(**parts) if parts else None
-        gaussians = Gaussians(**arrays)
-    with intact(folder / "report.json"):
-        report = json.loads((folder / "report.json").read_text())
-        photometric = {name: tuple(row) for name, row in report.get("photometric", {}).items()}
-        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence, photometric)
+DEFAULT_STAGES = Stages(_capture, _perception, _training, _export, look, name, merge)
 
 
 def _tradeoffs(job: Job) -> tuple[str, ...]:

@@ -128,7 +128,9 @@ class Supervisor:
             outcome = self.run_stage(self._job.stages[-1])
         self.kill()
         if outcome == DONE:
-            outcome = self._succeed() if self._job.look_again is None else self._succeed_with_version()
+            outcome = (
+                self._succeed() if self._job.claim.operation.kind == "create_scene" else self._succeed_with_version()
+            )
         if outcome == CANCELLED:
             self._job.cancel()
         elif outcome.error is not None:
@@ -160,7 +162,18 @@ class Supervisor:
         job, attempt = self._job, self._job.claim.attempt
         job.folder.mkdir(parents=True, exist_ok=True)
         folder, version = job.sources()
-        spec = Job(job.id, attempt, folder, job.folder, job.options, self._settings, job.look_again, version)
+        spec = Job(
+            job.id,
+            attempt,
+            folder,
+            job.folder,
+            job.options,
+            self._settings,
+            job.look_again,
+            version,
+            job.train_more,
+            job.base(),
+        )
         self._trainer = TrainerProcess(spec, self._stages, job.log)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
@@ -225,9 +238,9 @@ class Supervisor:
         return DONE
 
     def _succeed_with_version(self) -> JobOutcome:
-        """Make what looking again made of the scene its current version; returns how the job ended after all.
+        """Make what a job on a finished scene made its current version; returns how the job ended after all.
 
-        Where the scene was edited meanwhile, the names are put into what it was edited to.
+        Where the scene was edited meanwhile, the job's result is put into what it was edited to.
         """
         last = self._job.stages[-1]
         for remaining in reversed(range(_TRIES)):

@@ -12,6 +12,7 @@ from grpc import aio
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.grpc.admin_rpcs import AdminServicer, as_message
 from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.grpc.improving_rpcs import ImprovingServicer
 from fastsplat.api.grpc.job_rpcs import JobServicer
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
@@ -33,7 +34,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 M = TypeVar("M")
 
 
-class SceneServicer(AdminServicer, JobServicer):
+class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
     """`fastsplat.v1.SceneService` over the service layer; the contract is in the proto."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
-from fastsplat_contract.places import KnownLength, Place
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
+from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_prompts import Pixel
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 _KNOWN_LENGTH = KnownLength(
     Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
@@ -30,6 +35,18 @@ MEASUREMENT = Measurement(
     version="1",
 )
 
+NEXT_PHOTOS = NextPhotoList(
+    (
+        NextPhoto(
+            PosedCamera(Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4), ""),
+            "front.png",
+            "gap",
+            "Stand left of front.png, and look at the table.",
+        ),
+    ),
+    "1",
+)
+
 CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     "MeasureIn": {
         "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
@@ -47,6 +64,33 @@ CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
             "name what looks like one of these",
             LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
         ),
+    },
+    "AlignIn": {
+        "pairs": (
+            "into a map, by three points of both",
+            AlignIn(
+                Alignment(
+                    "map",
+                    pairs=(
+                        PointPair(Vector3(0.0, 0.0, 0.0), Vector3(1.0, 2.0, 0.0)),
+                        PointPair(Vector3(1.0, 0.0, 0.0), Vector3(1.0, 3.0, 0.0)),
+                        PointPair(Vector3(0.0, 1.0, 0.0), Vector3(0.0, 2.0, 0.0)),
+                    ),
+                ),
+                "one-more-name-of-your-choice",
+            ),
+        ),
+        "transform": (
+            "by a rigid motion",
+            AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
+        ),
+    },
+    "TrainMoreIn": {
+        "steps": (
+            "another thousand steps with larger pictures",
+            TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
+        ),
+        "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
     },
     "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
     "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},

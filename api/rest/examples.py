@@ -12,7 +12,7 @@ import numpy as np
 
 from fastsplat.api.errors import refusal_of
 from fastsplat.api.rest.admin_examples import ADMIN_BODIES, admin_answers
-from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, SCALE
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, NEXT_PHOTOS, SCALE
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
@@ -187,6 +187,7 @@ ANSWERS: Mapping[str, Any] = {
         PhotoList((ScenePhoto("front.png", 98_304),), "", "1"),
         BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1"),
         MEASUREMENT,
+        NEXT_PHOTOS,
         _VERSION,
         VersionList((_VERSION,)),
         *admin_answers(IDS, PAGE_TOKEN),

@@ -14,6 +14,7 @@ from fastsplat.api.rest.standard_http import etag_of
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.photos import MAX_VIEWS
 from fastsplat.service.application.service import SceneService
+from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 
 _JPEG = "image/jpeg"
@@ -53,6 +54,11 @@ def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
         status = path.stat()  # versions share the file: the tag is the file's, so that an edit costs no new download
         tag = etag_of("photo.jpg", scene_id, view, status.st_size, status.st_mtime_ns).strip('"')
         return immutable_file(request, path, _JPEG, "photo.jpg", tag)
+
+    @router.get("/scenes/{scene_id}/next-photos", response_model=NextPhotoList)
+    async def list_next_photos(request: Request, scene_id: str, version: Version = "") -> Response:
+        """Where to stand for the next photos of a scene: at most three places, the most useful first."""
+        return await json_of_call(request, threads.answer, lambda: service.photos.next_photos(scene_id, version))
 
     @router.get("/scenes/{scene_id}/views", response_model=BestViewList)
     async def list_best_views(

@@ -24,6 +24,8 @@ from fastsplat_contract.operations import Operation, OperationList, OperationSta
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import (
+    AlignIn,
+    Edit,
     EditIn,
     LabelList,
     ObjectList,
@@ -39,6 +41,7 @@ from fastsplat_contract.scenes import (
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import ThingList
+from fastsplat_contract.train_more_messages import TrainMoreIn
 
 _WAIT_BOUNDS: dict[str, Any] = {"minimum": 0, "maximum": MAX_WAIT_S}
 
@@ -189,6 +192,22 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         operation = await run_cancellable(request, threads.call, lambda: service.look_again(scene_id, body))
         return json_response(
             to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
+        )
+
+    @router.post("/scenes/{scene_id}:trainMore", status_code=202, response_model=Operation)
+    async def train_more(request: Request, scene_id: str, body: TrainMoreIn) -> Response:
+        """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+        operation = await run_cancellable(request, threads.call, lambda: service.training.order(scene_id, body))
+        return json_response(
+            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
+        )
+
+    @router.post("/scenes/{scene_id}:align", response_model=SceneVersion)
+    async def align_scene(request: Request, scene_id: str, body: AlignIn) -> Response:
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version."""
+        edits = (Edit("align", alignment=body.alignment),)
+        return await json_of_call(
+            request, threads.call, lambda: service.versions.edit(scene_id, edits, body.request_id, "", caller_id())
         )
 
     @router.post("/scenes/{scene_id}:undo", response_model=SceneVersion)

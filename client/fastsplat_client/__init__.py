@@ -39,6 +39,7 @@ from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
+from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -57,9 +58,11 @@ from fastsplat_contract.scenes import (
 )
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import NameSuggestion, PickedThing, SceneThing
+from fastsplat_contract.train_more_messages import TrainMoreResult
 
 __all__ = [
     "AccessKey",
+    "Alignment",
     "Answer",
     "Assessment",
     "Box",
@@ -78,6 +81,7 @@ __all__ = [
     "InvalidInputError",
     "Kind",
     "KnownLength",
+    "KnownSize",
     "Length",
     "LimitExceededError",
     "LocatedPlace",
@@ -87,6 +91,7 @@ __all__ = [
     "MissingPackageError",
     "NameSuggestion",
     "NewKey",
+    "NextPhoto",
     "NotFoundError",
     "NotReadyError",
     "Operation",
@@ -96,6 +101,7 @@ __all__ = [
     "PictureRequest",
     "Place",
     "Placed",
+    "PointPair",
     "Pose",
     "PoseAnswer",
     "PosedCamera",
@@ -115,6 +121,7 @@ __all__ = [
     "ServerInfo",
     "StageProgress",
     "StandingQuestion",
+    "TrainMoreResult",
     "UnauthenticatedError",
     "UnreachableError",
     "Vector3",

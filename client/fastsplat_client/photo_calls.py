@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from fastsplat_client.errors import read
 from fastsplat_client.thing_calls import scene_path
 from fastsplat_client.transport import Transport
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 
 
@@ -33,6 +34,12 @@ class PhotoCalls:
         """
         params = {"view": view, "version": version}
         return self._transport.call("GET", f"{scene_path(scene_id)}/photo.jpg", params=params).content
+
+    def next_photos(self, scene_id: str, version: str = "") -> tuple[NextPhoto, ...]:
+        """Where to stand for the next photos of a scene: at most three places, the most useful first."""
+        params = {"version": version}
+        path = f"{scene_path(scene_id)}/next-photos"
+        return read(NextPhotoList, self._transport.call("GET", path, params=params)).photos
 
     def best_views(
         self, scene_id: str, things: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""

@@ -17,11 +17,12 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureIn, Measurement
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.places import KnownLength, Place
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
+from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
 from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
 from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.train_more_messages import PresetName, TrainMoreIn
 
 T = TypeVar("T")
 
@@ -86,9 +87,12 @@ class ThingCalls:
         path = f"{scene_path(scene_id)}:measure"
         return read(Measurement, self._transport.call("POST", path, json=to_plain(request)))
 
-    def scale_scene(self, scene_id: str, *known_lengths: KnownLength) -> SceneVersion:
-        """Make a new version whose units are meters by these lengths and those of before, see `Scene.scaling`."""
-        return self.edit_scene(scene_id, [Edit("scale", known_lengths=known_lengths)])
+    def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
+        """Make a new version whose units are meters by these lengths, these sizes of things, and those of before, see
+        `Scene.scaling`."""
+        lengths = tuple(each for each in known if isinstance(each, KnownLength))
+        sizes = tuple(each for each in known if isinstance(each, KnownSize))
+        return self.edit_scene(scene_id, [Edit("scale", known_lengths=lengths, known_sizes=sizes)])
 
     def name_things(
         self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
@@ -183,6 +187,36 @@ class ThingCalls:
             LookAgainIn((texts,) if isinstance(texts, str) else tuple(texts), request_id or uuid.uuid4().hex)
         )
         return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:lookAgain", json=body))
+
+    def train_more(
+        self,
+        scene_id: str,
+        *,
+        seconds: float | None = None,
+        steps: int | None = None,
+        preset: PresetName | None = None,
+        request_id: str = "",
+    ) -> Operation:
+        """Train a scene further, from its current version; the job is queued, durably, on return.
+
+        Once it has succeeded, `Operation.train_more` says what came of it, and the scene has a new version with the
+        same things and names. A job whose result would be worse by photos that it does not see fails, and changes
+        nothing.
+
+        Args:
+            scene_id: which scene.
+            seconds: of optimization.
+            steps: of optimization, instead of seconds; with neither the preset's time.
+            preset: size of the pictures and number of Gaussians; by default the server's.
+            request_id: the same id returns the same operation; by default a new one.
+        """
+        body = to_plain(TrainMoreIn(seconds, steps, preset, request_id or uuid.uuid4().hex))
+        return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:trainMore", json=body))
+
+    def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
+        """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
+        body = to_plain(AlignIn(alignment, request_id or uuid.uuid4().hex))
+        return read(SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:align", json=body))
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

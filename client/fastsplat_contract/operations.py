@@ -1,4 +1,4 @@
-"""Jobs that make a scene or look again at one: how one is ordered, how far it is, and how it ended."""
+"""Jobs that make a scene, look again at one or train one further: ordered, under way, ended."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pydantic import Field
 
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.train_more_messages import PresetName as PresetName
+from fastsplat_contract.train_more_messages import TrainMoreResult
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
 
-OperationKind = Literal["create_scene", "look_again"]
+OperationKind = Literal["create_scene", "look_again", "train_more"]
 """What a job does."""
-
-PresetName = Literal["draft", "balanced", "best"]
 
 UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 Movers = Literal["keep", "ignore"]
@@ -105,7 +105,8 @@ class StageProgress(Response):
     stage: Annotated[
         str,
         Field(
-            description="capture, perception, training or export; looking or naming where a scene is looked at again"
+            description="capture, perception, training or export; looking or naming where a scene is looked at again; "
+            "training or merging where it is trained further"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
@@ -138,10 +139,14 @@ class Operation(Response):
     stages: Annotated[Many[StageProgress], Field(description="those begun so far, in order")]
     error: Annotated[OperationError | None, Field(description="absent unless it failed")]
     kind: Annotated[
-        OperationKind, Field(description="create_scene: makes its scene; look_again: makes a version of its scene")
+        OperationKind,
+        Field(description="create_scene: makes its scene; look_again, train_more: makes a version of its scene"),
     ] = "create_scene"
     look_again: Annotated[
         LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
+    ] = None
+    train_more: Annotated[
+        TrainMoreResult | None, Field(description="what training further has made; absent unless it has succeeded")
     ] = None
     attempt: Annotated[int, Field(description="how often it was begun; more than once if workers or trainers died")] = 0
     worker: Annotated[

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import Pixel
-from fastsplat_contract.wire import Request
+from fastsplat_contract.wire import Many, Request, travels
 
 
 @dataclass(frozen=True)
@@ -34,3 +34,46 @@ class KnownLength(Request):
     plus_minus: Annotated[
         float, Field(ge=0, description="meters: how far off `meters` may be, in 95 % of cases; 0: exact")
     ] = 0.0
+
+
+ThingSide = Literal["longest", "height"]
+
+
+@dataclass(frozen=True)
+class KnownSize(Request):
+    """How large a thing is, as somebody has measured it in the world."""
+
+    thing: Annotated[int, Field(description="its id")]
+    meters: Annotated[float, Field(gt=0, description="along that side of its box")]
+    plus_minus: Annotated[
+        float, Field(ge=0, description="meters: how far off `meters` may be, in 95 % of cases; 0: exact")
+    ] = 0.0
+    side: Annotated[
+        ThingSide,
+        Field(description="longest: the box's longest side; height: the side that points up, in an upright box"),
+    ] = "longest"
+
+
+@travels(request=True)
+class PointPair(NamedTuple):
+    """One place, in the scene and in a map."""
+
+    scene: Annotated[Vector3, Field(description="in the world frame of the version that is current")]
+    map: Annotated[Vector3, Field(description="the same place in the map's frame, meters")]
+
+
+@dataclass(frozen=True)
+class Alignment(Request):
+    """How a scene is put into the frame of a map: by a rigid motion, or by pairs of points."""
+
+    frame: Annotated[str, Field(description="name of the map's frame, as map; one line of at most 200 characters")] = ""
+    transform: Annotated[
+        Pose | None, Field(description="x' = R x + t from the world frame of the current version into the map's")
+    ] = None
+    pairs: Annotated[
+        Many[PointPair],
+        Field(
+            description="three or more, not on one line, instead of `transform`; a scene whose units are not meters is "
+            "scaled to meters by them"
+        ),
+    ] = ()

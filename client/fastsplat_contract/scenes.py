@@ -11,7 +11,7 @@ from pydantic import Field
 
 from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.places import KnownLength
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Many, Request, Response, travels
@@ -20,7 +20,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "look_again",
+    "scale", "align", "look_again", "train_more",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -68,9 +68,9 @@ class SceneSummary(Response):
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
-ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps"]
+ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "point_pairs"]
 """What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, a
-phone's tracking, or the places in the photos' EXIF; of several the surest."""
+phone's tracking, the places in the photos' EXIF, or points of a map; of several the surest."""
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up: sensors, as the photos' metadata have them; cameras that were held level; floors, tables
@@ -98,6 +98,23 @@ class SceneScaling(NamedTuple):
     known_lengths: Annotated[int, Field(description="that it comes from, beside tags")]
 
 
+@travels(request=False)
+class SceneAlignment(NamedTuple):
+    """How a scene's current version lies in the frame of a map."""
+
+    frame: Annotated[str, Field(description="the map frame's name; may be empty")]
+    pairs: Annotated[int, Field(description="of points that it comes from; 0: the motion was given")]
+    rms: Annotated[
+        float | None,
+        Field(description="root mean square of the pairs' residuals, outliers left out, scene units; absent without"),
+    ]
+    residuals: Annotated[Many[float], Field(description="of each pair, scene units")]
+    outliers: Annotated[Many[int], Field(description="numbers of the pairs, from 0, that fit the others badly")]
+    transform: Annotated[
+        Pose, Field(description="x' = R (s x) + t from the trained version's world frame, s = meters_per_unit or 1")
+    ]
+
+
 @dataclass(frozen=True)
 class Scene(SceneSummary):
     """A scene; dictionary, cameras and quality are empty until it is ready."""
@@ -121,6 +138,9 @@ class Scene(SceneSummary):
     vertical: Annotated[
         SceneVertical | None,
         Field(description="absent where poses came with the upload, or nothing says what is up"),
+    ] = None
+    alignment: Annotated[
+        SceneAlignment | None, Field(description="absent where the scene was not put into the frame of a map")
     ] = None
 
 
@@ -206,9 +226,10 @@ class Edit(Request):
             "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths, those "
-            "of earlier such edits included; Gaussians, boxes and cameras are scaled with it. look_again: stands "
-            "in the versions that looking again has made, and is no edit to send"
+            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
+            "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
+            "puts the scene into the frame of a map, by a rigid motion or by pairs of points. look_again and "
+            "train_more: stand in the versions that such jobs have made, and are no edits to send"
         ),
     ]
     label: str | None = None
@@ -244,6 +265,10 @@ class Edit(Request):
     known_lengths: Annotated[
         Many[KnownLength], Field(description="for scale: lengths that somebody has measured in the world")
     ] = ()
+    known_sizes: Annotated[
+        Many[KnownSize], Field(description="for scale: things whose size somebody has measured in the world")
+    ] = ()
+    alignment: Annotated[Alignment | None, Field(description="for align: how the scene lies in a map")] = None
 
 
 @dataclass(frozen=True)
@@ -261,6 +286,16 @@ class EditIn(Request):
             "a person gave a thing is replaced only if it stood in this version"
         ),
     ] = ""
+
+
+@dataclass(frozen=True)
+class AlignIn(Request):
+    """A new version of a scene in the frame of a map."""
+
+    proto: ClassVar[str] = "AlignSceneRequest"
+
+    alignment: Alignment
+    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from fastsplat.service.query.thing_views import CANDIDATES, best_thing_views, sm
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 
 MAX_VIEWS = 16
@@ -81,6 +82,19 @@ class Photos:
             hint="They are stored with scenes that are made of photos while FASTSPLAT_PHOTOS__KEEP is on. The picture "
             '"rgb" of the view shows the scene itself.',
         )
+
+    def next_photos(self, scene_id: str, version: str = "") -> NextPhotoList:
+        """Where to stand for the next photos of a scene: at most three places, the most useful first; none where no
+        place would add much, and for a scene without cameras.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError: as `Answers.query`.
+        """
+        from fastsplat.service.query.next_viewpoints import next_photos  # scipy loads with the first call
+
+        check_texts(version, "version")
+        return self._scenes.reading(scene_id, version, lambda index, name: NextPhotoList(next_photos(index), name))
 
     def best_views(
         self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""

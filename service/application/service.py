@@ -15,6 +15,7 @@ from sqlalchemy import Connection
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.further_training import FurtherTraining
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -96,6 +97,8 @@ class SceneService:
         self.jobs = RunningJobs(self._store, settings)
         """What jobs show of their scenes while they run."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
+        self.training = FurtherTraining(self._store, settings, self._scenes, self._quotas, self.project)
+        """Finished scenes trained further."""
         self.resumable = ResumableUploads(
             store.blobs,
             settings.capture.max_upload_bytes,
@@ -122,6 +125,7 @@ class SceneService:
         other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
         other.known_names = KnownNames(other._store, self._settings)
         other.jobs = RunningJobs(other._store, self._settings)
+        other.training = FurtherTraining(other._store, self._settings, other._scenes, self._quotas, project)
         other.keys = ProjectKeys(other._store, self._settings, project)
         return other
 
@@ -268,7 +272,7 @@ class SceneService:
         """
         record = self._store.scenes.operation(operation_id)
         if record.state in ("FAILED", "CANCELLED"):
-            if record.look_again is None and record.upload_id not in self._store.blobs.ids("uploads"):
+            if record.kind == "create_scene" and record.upload_id not in self._store.blobs.ids("uploads"):
                 raise no_upload(operation_id)
             self._quotas.check_retry(self.project)
         ended_since = time.time() - self._settings.uploads.failed_retention_s

@@ -6,8 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
+
+from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.store.codec import camera_from_json
@@ -15,8 +18,20 @@ from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, Scene
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
-from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, StageProgress
-from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneScaling, SceneSummary, SceneVertical
+from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, OperationKind, StageProgress
+from fastsplat_contract.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.scenes import (
+    DictionaryEntry,
+    ScaleSource,
+    Scene,
+    SceneAlignment,
+    SceneScaling,
+    SceneSummary,
+    SceneVertical,
+)
+from fastsplat_contract.train_more_messages import TrainMoreResult
+
+T = TypeVar("T")
 
 
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
@@ -38,8 +53,9 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         updated_at=_time(record.updated_at),
         stages=tuple(_stage_of(stage) for stage in record.stages),
         error=None if error is None else OperationError(**error),
-        kind="create_scene" if record.look_again is None else "look_again",
-        look_again=None if record.result is None else from_plain(LookAgainResult, dict(record.result)),
+        kind=record.kind,
+        look_again=_result_of(record, "look_again", LookAgainResult),
+        train_more=_result_of(record, "train_more", TrainMoreResult),
         attempt=record.attempt,
         worker=worker,
         seconds_left=left if left is not None and 0 <= left < math.inf else None,
@@ -47,6 +63,10 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
     )
+
+
+def _result_of(record: OperationRecord, kind: OperationKind, result: type[T]) -> T | None:
+    return None if record.result is None or record.kind != kind else from_plain(result, dict(record.result))
 
 
 def summary_of(record: SceneRecord) -> SceneSummary:
@@ -66,7 +86,9 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
-    cameras = tuple(camera_from_json(_scaled(row, record)) for row in record.cameras[:max_listed])
+    unit = None if record.scaling is None else record.scaling["meters_per_unit"]
+    frame = frame_similarity(unit, alignment_from_json(record.alignment))  # rows have that of the trained version
+    cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
         camera_count=len(record.cameras),
@@ -75,30 +97,43 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
         scaling=_scaling_of(record),
-        vertical=_vertical_of(record.quality),
+        vertical=_vertical_of(record),
+        alignment=_alignment_of(record),
     )
 
 
 def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
     if scaling is None:
-        source = capture_scale_source(record.quality)
-        return None if measured is None else SceneScaling(source, 1.0, measured.low, measured.high, 0)
-    count = len(scaling.lengths) - (measured is not None)
-    return SceneScaling("known_length", scaling.meters_per_unit, scaling.low, scaling.high, count)
+        measured_by = capture_scale_source(record.quality)
+        return None if measured is None else SceneScaling(measured_by, 1.0, measured.low, measured.high, 0)
+    alignment = alignment_from_json(record.alignment)
+    by_pairs = alignment is not None and alignment.scaled
+    count = len(scaling.lengths) - (measured is not None) - by_pairs
+    source: ScaleSource = "known_length" if count else "point_pairs"
+    return SceneScaling(source, scaling.meters_per_unit, scaling.low, scaling.high, count)
 
 
-def _vertical_of(quality: Mapping[str, Any]) -> SceneVertical | None:
-    source, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
-    return SceneVertical(source, deviation) if source and isinstance(deviation, float) else None
+def _vertical_of(record: SceneRecord) -> SceneVertical | None:
+    """None in the frame of a map, whose +z says nothing of the trained version's."""
+    source, deviation = record.quality.get("vertical_source"), record.quality.get("vertical_deviation_deg")
+    if record.alignment is not None or not source or not isinstance(deviation, float):
+        return None
+    return SceneVertical(source, deviation)
 
 
-def _scaled(row: Mapping[str, Any], record: SceneRecord) -> Mapping[str, Any]:
-    """A row of a camera, which has the units of the trained version, in those of the current one."""
-    if record.scaling is None:
-        return row
-    pose = [[*line[:3], line[3] * record.scaling["meters_per_unit"]] for line in row["world_from_camera"][:3]]
-    return {**row, "world_from_camera": [*pose, *row["world_from_camera"][3:]]}
+def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
+    alignment = alignment_from_json(record.alignment)
+    if alignment is None:
+        return None
+    return SceneAlignment(
+        alignment.frame,
+        alignment.pairs,
+        alignment.rms,
+        alignment.residuals,
+        alignment.outliers,
+        Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation))),
+    )
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:

@@ -19,6 +19,8 @@ from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, Things, write_ply, write_scene
+from fastsplat.service.scene.alignment import alignment_to_json
+from fastsplat.service.scene.changes import changed_views
 from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
@@ -227,7 +229,9 @@ class Versions:
     ) -> SceneVersion:
         edited = index.scene
         version = f"e{secrets.token_hex(8)}"
-        dictionary = dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
+        record = self._store.scenes.scene(scene_id)
+        dictionary = dictionary_rows(record.dictionary, index)
+        changes = list(changed_views(edited.quality))
         same = edited.gaussians is before.scene.gaussians
         self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
         key = self._store.keys.find(author) if author else None
@@ -246,6 +250,8 @@ class Versions:
                     names=names,
                     author=key.name if key is not None else "",
                     scaling=scaling_to_json(edited.scaling),
+                    alignment=alignment_to_json(edited.alignment),
+                    quality={**record.quality, "changed_by": changes} if changes else None,
                 )
             )
         except BaseException:

@@ -22,7 +22,7 @@ _SAME_PIXELS = 3.0
 _SAME_PLACE = 0.01
 _SAME_DIRECTION = float(np.cos(np.radians(1.0)))
 _MIN_FEATURES = 50
-_MIN_MATCHES = 15
+MIN_MATCHES = 15
 """COLMAP's least number of verified matches of a pair."""
 _ROWS = 512
 
@@ -132,7 +132,7 @@ def judge_photos(
                 sharpness=round(float(sharp), 3),
                 brightness=round(photo.brightness, 3),
                 matches=None if shared is None else shared.best,
-                advice=_advice(reason, defects, original, between),
+                advice=advice_of(reason, defects, original, between),
                 between=between,
             )
         )
@@ -192,7 +192,7 @@ def _reason(name: str, matches: PhotoMatches | None, masked: Sequence[str]) -> N
         return "few_features"
     if matches.other_model:
         return "other_model"
-    return "no_overlap" if matches.best < _MIN_MATCHES else "few_matches"
+    return "no_overlap" if matches.best < MIN_MATCHES else "few_matches"
 
 
 _REASONS: Mapping[NotPlaced, str] = {
@@ -211,8 +211,10 @@ _DEFECTS: Mapping[PhotoDefect, str] = {
 }
 
 
-def _advice(reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str, between: Sequence[str]) -> str:
-    """What to do, the defects first, as they often are why a photo has no place."""
+def advice_of(
+    reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str, between: Sequence[str] = ()
+) -> str:
+    """What to do about a photo, the defects first, as they often are why a photo has no place."""
     sentences = [_DEFECTS[defect].replace("{original}", original) for defect in defects]
     if reason is not None and not {"blurred", "dark"} & set(defects):
         sentences.append(_REASONS[reason])

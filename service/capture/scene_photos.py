@@ -13,6 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from fastsplat.service.capture.kept_capture import keep_rest
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 
@@ -34,13 +35,16 @@ def write_photos(
     if settings.keep == "off" or capture.report.source == "splat":
         return 0
     (folder / _FOLDER).mkdir()
+    sizes = []
     for number, view in enumerate(capture.views):
         on_photo(number)
         with Image.open(view.image_path) as image:
             small = image.convert("RGB")
         small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS, reducing_gap=3.0)
         small.info.clear()
+        sizes.append(small.size)
         small.save(photo_path(folder, number), format="JPEG", quality=settings.quality, optimize=True)
+    keep_rest(capture, folder / _FOLDER, sizes)
     return len(capture.views)
 
 
@@ -52,6 +56,15 @@ def photo_path(folder: Path, number: int) -> Path:
         number: of the camera.
     """
     return folder / _FOLDER / f"{number:05d}.jpg"
+
+
+def photo_folder(folder: Path) -> Path:
+    """Where the photos of a version are, and what else is kept of the capture.
+
+    Args:
+        folder: of the version.
+    """
+    return folder / _FOLDER
 
 
 def share_photos(source: Path, target: Path) -> None:

@@ -12,7 +12,7 @@ class ProgressEvent:
     """The progress of one stage at one moment.
 
     Attributes:
-        stage: one of `STAGES` or `LOOK_AGAIN_STAGES`.
+        stage: one of `STAGES`, `LOOK_AGAIN_STAGES` or `TRAIN_MORE_STAGES`.
         fraction: share of this stage that is done, 0..1.
         message: a short line for people, e.g. "matching image pairs 120/276".
         metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left; and
@@ -32,6 +32,9 @@ STAGES = ("capture", "perception", "training", "export")
 
 LOOK_AGAIN_STAGES = ("looking", "naming")
 """The stages of a job that looks again at a finished scene, in order."""
+
+TRAIN_MORE_STAGES = ("training", "merging")
+"""The stages of a job that trains a finished scene further, in order."""
 
 Progress = Callable[[ProgressEvent], None]
 """Receives events; may raise `CancelledError` to stop the work at a safe point."""

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 from scipy.special import expit  # type: ignore[import-untyped]
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
+from fastsplat.service.scene.changes import with_change
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
 from fastsplat.service.scene.things import (
     MAX_THING_ID,
@@ -32,7 +33,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.places import KnownLength
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.scenes import EditAction, InsertSource
 from fastsplat_contract.thing_prompts import PROMPTED, ThingPrompt
 
@@ -67,7 +68,8 @@ class Edit:
         source: for `insert`, where the things come from; None otherwise.
         prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
         texts: of versions that looking again made; none for an edit.
-        known_lengths: for `scale`; none otherwise.
+        known_lengths, known_sizes: for `scale`; none otherwise.
+        alignment: for `align`; None otherwise.
     """
 
     action: EditAction
@@ -82,6 +84,8 @@ class Edit:
     prompt: ThingPrompt | None = None
     texts: tuple[str, ...] = ()
     known_lengths: tuple[KnownLength, ...] = ()
+    known_sizes: tuple[KnownSize, ...] = ()
+    alignment: Alignment | None = None
 
 
 def apply_edit(
@@ -124,11 +128,12 @@ def apply_edit(
         "move": _move,
         "duplicate": _duplicate,
     }
-    if edit.action == "look_again" or edit.texts:
+    if edit.action in ("look_again", "train_more") or edit.texts:
         raise InvalidInputError(
-            "looking again at a scene is no edit",
-            field="action" if edit.action == "look_again" else "texts",
-            hint="It is a call of its own, LookAgain, and makes an operation.",
+            "training a scene further is no edit" if edit.action == "train_more" else "looking again is no edit",
+            field="texts" if edit.texts else "action",
+            hint=f"{'TrainMore' if edit.action == 'train_more' else 'LookAgain'} is a call of its own, and makes an "
+            "operation.",
         )
     _check_extras(edit)
     if edit.action in ("name", "unname", "merge", "discard"):
@@ -142,12 +147,16 @@ def apply_edit(
         from fastsplat.service.query.measuring import scale_scene  # torch loads with the first measurement
 
         return scale_scene(index, edit)
+    if edit.action == "align":
+        from fastsplat.service.query.aligning import align_scene  # it imports this module
+
+        return align_scene(index, edit)
     if edit.action == "insert":
         assert source is not None
-        return insert_things(index, source, edit)
+        return with_change(insert_things(index, source, edit), "insert")
     if edit.action not in actions:
         raise InvalidInputError(
-            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-1])}."
+            f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(get_args(EditAction)[:-2])}."
         )
     rows = edited_rows(index, edit)
     count = len(index.scene.gaussians) + len(rows)
@@ -158,7 +167,7 @@ def apply_edit(
             limit=f"{max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
             hint="Duplicate smaller things, or remove some first.",
         )
-    return actions[edit.action](index.things.scene, rows, edit)
+    return with_change(actions[edit.action](index.things.scene, rows, edit), edit.action)
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
@@ -198,7 +207,8 @@ def _check_extras(edit: Edit) -> None:
         ("transform", edit.transform, edit.action in ("move", "duplicate", "insert")),
         ("source", edit.source, edit.action == "insert"),
         ("prompt", edit.prompt, edit.action in PROMPTED),
-        ("known_lengths", edit.known_lengths or None, edit.action == "scale"),
+        ("known_lengths", edit.known_lengths or edit.known_sizes or None, edit.action == "scale"),
+        ("alignment", edit.alignment, edit.action == "align"),
     ):
         if (value is not None) != needed:
             raise InvalidInputError(

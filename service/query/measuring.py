@@ -12,11 +12,12 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.boxes import BOX_TRIM, vertical_axis
 from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, capture_scaling, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
-from fastsplat_contract.places import Place
+from fastsplat_contract.places import KnownSize, Place
 from fastsplat_contract.poses import rigid, vector3
 from fastsplat_contract.scenes import Box
 
@@ -86,12 +87,13 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
     earlier = index.scene.scaling or capture_scaling(index.scene.quality)
     lengths = [] if earlier is None else [*earlier.lengths]
-    if not edit.known_lengths or len(lengths) + len(edit.known_lengths) > _MAX_LENGTHS:
+    known_count = len(edit.known_lengths) + len(edit.known_sizes)
+    if not known_count or len(lengths) + known_count > _MAX_LENGTHS:
         raise InvalidInputError(
-            f"{len(edit.known_lengths)} known lengths",
+            f"{known_count} known lengths and sizes",
             field="known_lengths",
             limit=f"1 to {_MAX_LENGTHS} of a scene",
-            hint="Send the length between two places.",
+            hint="Send the length between two places, or the size of a thing.",
         )
     unit = 1.0 if earlier is None else earlier.meters_per_unit
     for number, known in enumerate(edit.known_lengths):
@@ -109,7 +111,35 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
                 hint="Pick places that are further from each other.",
             )
         lengths.append(ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95))
+    lengths += [_known_size(index, known, number, unit) for number, known in enumerate(edit.known_sizes)]
     return scaled(index.things.scene, combined(lengths))
+
+
+def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
+    """A thing's measured side as a known length. Its box leaves out 1.5 % of the thing's weight at either end, which
+    for an even rod is 3 % of its length: that much more is unsure than where its ends are."""
+    try:
+        index.things.check_all((known.thing,))
+        box = _box(index, known.thing)
+    except (InvalidInputError, NotFoundError) as error:
+        raise error.within(f"known_sizes[{number}]") from error
+    thing = Located(np.array(box.center.position), np.zeros((3, 3)), known.thing, is_thing=True)
+    if known.side == "height" and vertical_axis(index.scene.cameras) is None:
+        raise InvalidInputError(
+            "the scene does not tell what is up",
+            field=f"known_sizes[{number}].side",
+            hint="Send the longest side, or a length between two places.",
+        )
+    side = 2 if known.side == "height" else int(np.argmax(box.size))
+    value = box.size[side]
+    deviation = float(np.hypot(_side_deviations(index, thing, box)[side], 2 * BOX_TRIM * value))
+    if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
+        raise InvalidInputError(
+            f"the size of thing {known.thing} is too unsure to scale by",
+            field=f"known_sizes[{number}].thing",
+            hint="Use a larger thing, or a length between two places.",
+        )
+    return ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95)
 
 
 def _located(index: SceneIndex, place: Place) -> Located:

@@ -113,6 +113,21 @@ def viewing_spread_deg(cameras: Sequence[PosedCamera]) -> float | None:
     Returns:
         None for fewer than two cameras, or where they look at no common point, as from the middle of a room outwards.
     """
+    point = common_point(cameras)
+    if point is None:
+        return None
+    some = cameras[:: max(1, len(cameras) // _MOST_CAMERAS)]
+    toward = point - np.stack([posed.world_from_camera[:3, 3] for posed in some]).astype(np.float64)
+    directions = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
+    return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
+
+
+def common_point(cameras: Sequence[PosedCamera]) -> NDArray[np.float64] | None:
+    """float64 [3]: the point nearest to all optical axes in the sense of least squares.
+
+    Returns:
+        None for fewer than two cameras, or where they look at no common point, as from the middle of a room outwards.
+    """
     if len(cameras) < 2:
         return None
     some = cameras[:: max(1, len(cameras) // _MOST_CAMERAS)]
@@ -120,12 +135,10 @@ def viewing_spread_deg(cameras: Sequence[PosedCamera]) -> float | None:
     centers, axes = poses[:, :3, 3], poses[:, :3, 2]
     across: NDArray[np.float64] = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     solution, _, rank, _ = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centers), rcond=1e-9)
-    toward = solution - centers
-    depth = np.einsum("ni,ni->n", toward, axes)
+    depth = np.einsum("ni,ni->n", solution - centers, axes)
     if rank < 3 or np.mean(depth > 0) < _FACING:
         return None
-    directions = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
-    return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
+    return np.asarray(solution)
 
 
 def _number(quality: Mapping[str, Any], name: str) -> float | None:

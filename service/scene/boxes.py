@@ -15,7 +15,8 @@ from fastsplat_contract.scenes import Box
 
 F64 = NDArray[np.float64]
 
-_TRIM = 0.015
+BOX_TRIM = 0.015
+"""Share of a thing's weight that a box leaves out at either end of each axis."""
 
 
 def vertical_axis(cameras: Sequence[PosedCamera]) -> F64 | None:
@@ -67,5 +68,5 @@ def _rectangle(flat: F64) -> tuple[tuple[float, float], tuple[float, float], flo
 def _quantiles(values: F64, weights: F64) -> tuple[float, float]:
     order = values.argsort(kind="stable")
     reached = weights[order].cumsum()
-    low, high = np.searchsorted(reached, [_TRIM * reached[-1], (1 - _TRIM) * reached[-1]])
+    low, high = np.searchsorted(reached, [BOX_TRIM * reached[-1], (1 - BOX_TRIM) * reached[-1]])
     return float(values[order[low]]), float(values[order[min(int(high), len(values) - 1)]])

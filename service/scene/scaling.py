@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from fastsplat.service.scene.alignment import Alignment
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import ScaleSource
 
@@ -120,6 +121,20 @@ def scaled(scene: Scene, scaling: Scaling) -> Scene:
         cameras=tuple(_scaled_camera(posed, factor) for posed in scene.cameras),
         scale="METRIC",
         scaling=scaling,
+        alignment=_scaled_alignment(scene.alignment, factor),
+    )
+
+
+def _scaled_alignment(alignment: Alignment | None, factor: float) -> Alignment | None:
+    """In the new units; lengths that pairs of points left over are not measured anew."""
+    if alignment is None:
+        return None
+    x, y, z = alignment.translation
+    return replace(
+        alignment,
+        translation=(x * factor, y * factor, z * factor),
+        residuals=tuple(each * factor for each in alignment.residuals),
+        rms=None if alignment.rms is None else alignment.rms * factor,
     )
 
 

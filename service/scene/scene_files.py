@@ -83,6 +83,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             parts_entries=len(parts["counts"]) if parts else 0,
             parts_sha256=digest_arrays(parts) if parts else "",
             scaling=scene.scaling,
+            alignment=scene.alignment,
         ),
         cameras,
     )
@@ -141,6 +142,7 @@ def _read_scene(folder: Path) -> Scene:
         label_mode=manifest.label_mode,
         things=_read_things(folder, manifest),
         scaling=manifest.scaling,
+        alignment=manifest.alignment,
     )
 
 

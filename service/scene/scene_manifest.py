@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationError
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.scene.alignment import Alignment, alignment_from_json, alignment_to_json
 from fastsplat.service.scene.scaling import Scaling, scaling_from_json, scaling_to_json
 from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, thing_of_row, thing_row
 from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing
@@ -20,10 +21,11 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 7
+SCHEMA = 8
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
-`next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling."""
+`next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
+no alignment."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -48,7 +50,7 @@ class Manifest:
         next_thing_id: see `Things.next_id`.
         parts: the table of parts; None for things without.
         parts_entries, parts_sha256: of the parts' membership, as of the things'.
-        scaling: as in `Scene`.
+        scaling, alignment: as in `Scene`.
     """
 
     dictionary: Dictionary
@@ -73,6 +75,7 @@ class Manifest:
     parts_entries: int = 0
     parts_sha256: str = ""
     scaling: Scaling | None = None
+    alignment: Alignment | None = None
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -97,6 +100,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "label_templates": list(manifest.label_templates),
         "scale": manifest.scale,
         "scaling": scaling_to_json(manifest.scaling),
+        "alignment": alignment_to_json(manifest.alignment),
         "training": training,
         "quality": quality,
         "sizes": {
@@ -192,6 +196,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
+        alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
     )
 
 
@@ -278,6 +283,20 @@ class _Scaling(StrictRow):
     lengths: list[_Length]
 
 
+_Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class _Alignment(StrictRow):
+    frame: str
+    rotation: Annotated[list[_Row3], Field(min_length=3, max_length=3)]
+    translation: _Row3
+    pairs: Annotated[int, Field(ge=0)]
+    residuals: list[float]
+    rms: float | None
+    outliers: list[int]
+    scaled: bool
+
+
 class _Body(StrictRow):
     format: str
     schema_: int = Field(alias="schema")
@@ -294,6 +313,7 @@ class _Body(StrictRow):
     things: ThingsRow | None
     cameras_sha256: str
     scaling: _Scaling | None = None
+    alignment: _Alignment | None = None
 
 
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale
@@ -245,6 +246,7 @@ class Scene:
         things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
             `fastsplat.service.query.labeled_things`.
         scaling: by which known lengths it was scaled since it was trained; None if it was not.
+        alignment: how it was put into the frame of a map since; None if it was not.
     """
 
     gaussians: Gaussians
@@ -261,6 +263,7 @@ class Scene:
     label_mode: LabelMode = "codes"
     things: Things | None = None
     scaling: Scaling | None = None
+    alignment: Alignment | None = None
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1

@@ -62,6 +62,7 @@ def train(
     *,
     strategy: DensificationStrategy | None = None,
     watch: TrainingWatch = UNWATCHED,
+    begin: Gaussians | None = None,
 ) -> TrainedSplats:
     """Trains a scene until `settings.iterations`, `settings.time_budget_s` or `watch.finish`, whichever comes first.
 
@@ -75,6 +76,8 @@ def train(
             bounded by iterations alone.
         strategy: decides over number and places of the Gaussians; by default `RelocationStrategy`.
         watch: is shown pictures of the training, and may end it once it has 250 steps; by default nobody.
+        begin: Gaussians of a finished scene to go on from, without labels (see `service.splatting.continuation`); by
+            default a run starts on the capture's points.
 
     Raises:
         InvalidInputError: no views, points that are not finite, images that contradict their cameras.
@@ -91,7 +94,7 @@ def train(
     device = device_of(settings.backend)  # at once, not after the images have been read
     with one_torch_thread():
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
-        run, views = _load(capture, labelling, settings, device)
+        run, views = _load(capture, labelling, settings, device, begin)
         fingerprint = _fingerprint(capture, labelling, settings, run, views) if checkpoint_dir else ""
         checkpoint = read_checkpoint(checkpoint_dir, fingerprint) if checkpoint_dir else None
         if checkpoint:
@@ -144,6 +147,7 @@ class _Run:
         supervision: of the labels.
         start: points that the run starts from.
         extent: of the scene, scene units.
+        begin: Gaussians that it goes on from, in place of the points' own; None for a new scene.
     """
 
     training: tuple[int, ...]
@@ -151,22 +155,31 @@ class _Run:
     supervision: LabelSupervision
     start: StartPoints
     extent: float
+    begin: Gaussians | None = None
 
 
 def _load(
-    capture: Capture, labelling: Labelling, settings: TrainingSettings, device: torch.device
+    capture: Capture,
+    labelling: Labelling,
+    settings: TrainingSettings,
+    device: torch.device,
+    begin: Gaussians | None,
 ) -> tuple[_Run, tuple[TrainingView, ...]]:
     """The run, and its training views on the CPU."""
     training, held_out = capture_split(capture, settings.held_out_every)
     views = load_views(capture, labelling, training, settings.max_side, image_scales(settings))
     test_views = load_views(capture, labelling, held_out, settings.max_side, (1.0,))
-    start = start_points(capture.points, capture.point_colors, views, settings.max_gaussians, settings.seed)
+    if begin is None:
+        start = start_points(capture.points, capture.point_colors, views, settings.max_gaussians, settings.seed)
+    else:
+        start = StartPoints(begin.means, np.zeros_like(begin.means), 0)
     run = _Run(
         training,
         tuple(view.to(device) for view in test_views),
         LabelSupervision(labelling, training, settings, device),
         start,
         scene_extent(views, start.points),
+        begin,
     )
     return run, drop_empty_label_maps(views)
 
@@ -186,14 +199,17 @@ def _fingerprint(
     choices = settings.model_dump(mode="json") | {"exact": labelling.exact, "expected": labelling.expected}
     labels = [entry.label for entry in labelling.dictionary.entries]
     regions = [labelling.regions[index] for index in run.training] if labelling.regions else []
-    arrays = (capture.points, capture.point_colors)
+    arrays = (capture.points, capture.point_colors, *(() if run.begin is None else vars(run.begin).values()))
     return fingerprint_of(choices, labels, (*views, *run.held_out), regions, arrays)
 
 
 def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSettings, device: torch.device) -> SplatState:
-    """A new run on the capture's points. (A run that goes on from a finished scene would start here too.)"""
+    """A new run: on the capture's points, or from the Gaussians of a finished scene."""
     class_codes = run.supervision.class_codes
     weight, bias = start_head(class_codes)
+    if run.begin is not None:
+        more = {"codes": torch.from_numpy(run.begin.codes), "weight": weight, "bias": bias}
+        return new_state(color_parameters(run.begin) | more, device)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
     parameters |= {"codes": codes, "weight": weight, "bias": bias}
@@ -259,6 +275,9 @@ def _finished(
         quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
+    if run.begin is not None:
+        before = measure_views(_on(backend, color_parameters(run.begin)), run.held_out, backend)
+        quality |= {f"{name}_before": value for name, value in before.items()}
     held_out = tuple(view.name for view in run.held_out)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
 

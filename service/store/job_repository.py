@@ -208,7 +208,7 @@ class JobRepository:
             _execute_fenced(connection, claim, ready)
 
     def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> None:
-        """Make a version current and end the operation, which looked again, as SUCCEEDED with its result; both at once.
+        """Publish a version and end the operation, which made it, as SUCCEEDED with its result; both at once.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first.
@@ -261,7 +261,7 @@ class JobRepository:
             scene = scenes.c.id == record.scene_id
             if connection.scalar(select(scenes.c.id).where(scene)) is None:
                 raise NotFoundError(f"the scene of operation {operation_id!r} was deleted", field="operation")
-            if record.look_again is None:
+            if record.kind == "create_scene":
                 connection.execute(update(scenes).where(scene).values(state="TRAINING"))
                 if record.updated_at < ended_since:
                     raise no_upload(operation_id)

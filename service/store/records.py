@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fastsplat_contract.operations import OperationState
+from fastsplat_contract.operations import OperationKind, OperationState
 from fastsplat_contract.scenes import Scale, SceneState
 
 DEFAULT_PROJECT = "default"
@@ -15,8 +15,8 @@ DEFAULT_PROJECT = "default"
 SECONDS_LEFT = "job_seconds_left"
 """The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
 
-LOOK_AGAIN, RESULT = "look_again", "result"
-"""Keys of `OperationRecord.options` that only jobs that look again have."""
+LOOK_AGAIN, TRAIN_MORE, RESULT = "look_again", "train_more", "result"
+"""Keys of `OperationRecord.options` that only jobs on finished scenes have: the order, and what came of it."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class SceneRecord:
     quality: Mapping[str, Any]
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
+    alignment: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,21 @@ class OperationRecord:
         return request
 
     @property
+    def train_more(self) -> Mapping[str, Any] | None:
+        """How a job trains a finished scene further, as JSON, with the "version" to begin with; None for others."""
+        request: Mapping[str, Any] | None = self.options.get(TRAIN_MORE)
+        return request
+
+    @property
+    def kind(self) -> OperationKind:
+        """What the job does."""
+        if self.look_again is not None:
+            return "look_again"
+        return "create_scene" if self.train_more is None else "train_more"
+
+    @property
     def result(self) -> Mapping[str, Any] | None:
-        """What a job that looked again has found, as JSON; None as long as there is nothing."""
+        """What came of a job on a finished scene, as JSON; None as long as there is nothing."""
         found: Mapping[str, Any] | None = self.options.get(RESULT)
         return found
 

@@ -50,6 +50,7 @@ scenes = Table(
     Column("quality", JSON, nullable=False),
     # Of the current version: how its lengths follow from those of the trained one; null: they are the same.
     Column("scaling", JSON(none_as_null=True), nullable=True),
+    Column("alignment", JSON(none_as_null=True), nullable=True),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
 )
@@ -115,6 +116,8 @@ scene_versions = Table(
     # The name of the key that made it; empty where there was none.
     Column("author", String(200), nullable=False, default="", server_default=""),
     Column("scaling", JSON(none_as_null=True), nullable=True),
+    Column("alignment", JSON(none_as_null=True), nullable=True),
+    Column("quality", JSON(none_as_null=True), nullable=True),
     UniqueConstraint("scene_id", "request_id"),
 )
 

@@ -24,8 +24,9 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 
 @dataclass(frozen=True)
 class VersionRecord:
-    """One version. `number` counts from 1, the trained one; `edits` and `scaling` are JSON as the service layer wrote
-    them. `current_at` is when it last became current again, None if it never did. `author` names the key that made it.
+    """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
+    the service layer wrote them. `current_at` is when it last became current again, None if it never did. `author`
+    names the key that made it.
     """
 
     scene_id: str
@@ -41,11 +42,17 @@ class VersionRecord:
     current_at: float | None = None
     author: str = ""
     scaling: Mapping[str, Any] | None = None
+    alignment: Mapping[str, Any] | None = None
+    quality: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
 class NewVersion:
-    """A version whose folder is in place, to become the current one; without a `scaling` it has its parent's."""
+    """A version whose folder is in place, to become the current one; without a `scaling`, an `alignment` or a `quality`
+    it has its parent's.
+
+    One that is `beside` the current version, and made of another one, does not become the current one.
+    """
 
     scene_id: str
     version: str
@@ -58,6 +65,9 @@ class NewVersion:
     names: VersionNames = field(default_factory=VersionNames)
     author: str = ""
     scaling: Mapping[str, Any] | None = None
+    alignment: Mapping[str, Any] | None = None
+    quality: Mapping[str, Any] | None = None
+    beside: bool = False
 
 
 class VersionRepository:
@@ -216,18 +226,33 @@ def publish_within(connection: Connection, new: NewVersion) -> None:
         ConflictError: the scene has another current version by now.
         NotFoundError: the scene was deleted.
     """
-    scene = _ready(connection, new.scene_id, expected=new.parent)
-    count = connection.scalar(
-        select(func.count()).select_from(scene_versions).where(scene_versions.c.scene_id == new.scene_id)
-    )
+    scene = _ready(connection, new.scene_id, expected=None if new.beside else new.parent)
+    here = scene_versions.c.scene_id == new.scene_id
+    count = connection.scalar(select(func.count()).select_from(scene_versions).where(here))
+    # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
+    unsaid = update(scene_versions).where(here, scene_versions.c.quality.is_(None))
+    connection.execute(unsaid.values(quality=dict(scene.quality)))
     if not count:
         first = vars(_trained(scene))
         connection.execute(insert(scene_versions).values(first))
-    new = replace(new, scaling=new.scaling or scene.scaling)
-    columns = {name: value for name, value in vars(new).items() if name != "names"}
+    parent: SceneRecord | VersionRecord = scene
+    if new.beside:
+        row = connection.execute(select(scene_versions).where(here, scene_versions.c.version == new.parent)).mappings()
+        origin = row.first()
+        if origin is None:
+            raise no_version(new.parent)
+        parent = VersionRecord(**origin)
+    new = replace(
+        new,
+        scaling=new.scaling or parent.scaling,
+        alignment=new.alignment or parent.alignment,
+        quality=new.quality or parent.quality,
+    )
+    columns = {name: value for name, value in vars(new).items() if name not in ("names", "beside")}
     values = {**columns, "request_id": new.request_id or None, "number": (count or 1) + 1}
     connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
-    _point(connection, new.scene_id, new)
+    if not new.beside:
+        _point(connection, new.scene_id, new)
     record_names(connection, new.scene_id, new.parent, new.version, new.names)
 
 
@@ -240,12 +265,12 @@ def _lineage(records: Mapping[str, VersionRecord], version: str) -> frozenset[st
     return frozenset(names)
 
 
-def _ready(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
+def _ready(connection: Connection, scene_id: str, expected: str | None) -> SceneRecord:
     row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
     if row is None:
         raise no_scene(scene_id)
     scene = SceneRecord(**row)
-    if scene.version != expected:
+    if expected is not None and scene.version != expected:
         raise ConflictError(
             f"the current version of scene {scene_id!r} is {scene.version!r}, not {expected[:80]!r}",
             field="version",
@@ -258,6 +283,8 @@ def _point(connection: Connection, scene_id: str, to: NewVersion | VersionRecord
     values = {
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
+        "alignment": None if to.alignment is None else dict(to.alignment),
+        **({} if to.quality is None else {"quality": dict(to.quality)}),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
     here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == to.version)
@@ -273,5 +300,6 @@ def no_version(version: str) -> NotFoundError:
 
 def _trained(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
-        scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, ()
-    )
+        scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
+        quality=scene.quality,
+    )  # fmt: skip

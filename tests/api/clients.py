@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fastsplat_client import Client, Retry
@@ -37,6 +38,8 @@ def assert_same(one: Any, other: Any) -> None:
         assert type(one) is type(other)
         for field in dataclasses.fields(one):
             assert_same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, np.ndarray):
+        assert np.allclose(one, other, atol=1e-6)
     elif isinstance(one, tuple):
         assert isinstance(other, tuple) and len(one) == len(other), (one, other)
         for mine, theirs in zip(one, other, strict=True):

@@ -54,6 +54,7 @@ _NOT_IN_PYTHON = {
     "DownloadThingIdsRequest",
     "DownloadPhotoRequest",
     "ListBestViewsRequest",
+    "ListNextPhotosRequest",
     "ListPhotosRequest",
     "GetOperationRequest",
     "FinishOperationRequest",
@@ -93,6 +94,8 @@ _FIELDS_OF_THE_MESSAGE_ALONE = {
     ("CreateSceneHeader", "request_id"),
     ("EditSceneRequest", "scene_id"),  # REST has it in the path
     ("LookAgainRequest", "scene_id"),
+    ("TrainMoreRequest", "scene_id"),
+    ("AlignSceneRequest", "scene_id"),
     ("UpdateSceneRequest", "scene_id"),
     ("UndoEditRequest", "scene_id"),
     ("RedoEditRequest", "scene_id"),

@@ -17,7 +17,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Measurement
-from fastsplat_contract.places import KnownLength, Place
+from fastsplat_contract.places import KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_prompts import Pixel
 from tests.query.box_scenes import BoxShell, orbit, scene_of
@@ -151,3 +151,26 @@ def test_a_scale_that_is_none_is_refused(index: SceneIndex, edit: Edit, field: s
     with pytest.raises(InvalidInputError) as caught:
         apply_edit(index, edit)
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize(("side", "true"), [("longest", 0.4), ("height", 0.3)])
+def test_a_thing_of_known_size_makes_the_scene_metric(index: SceneIndex, side: str, true: float) -> None:
+    """The world is two and a half times as large as the scene."""
+    known = KnownSize(1, 2.5 * true, side=side)  # type: ignore[arg-type]
+    scaled = apply_edit(index, Edit("scale", known_sizes=(known,)))
+    assert scaled.scale == "METRIC" and scaled.scaling is not None
+    assert scaled.scaling.low <= 2.5 <= scaled.scaling.high
+    # A box leaves out what lies at its ends: the interval says so, whatever the measurement at hand.
+    assert scaled.scaling.high / scaled.scaling.low > 1.1
+    length = KnownLength(_HERE, _THERE, 2.5)
+    both = apply_edit(index, Edit("scale", known_lengths=(length,), known_sizes=(known,)))
+    assert both.scaling is not None and len(both.scaling.lengths) == 2
+    assert both.scaling.meters_per_unit == pytest.approx(2.5, rel=2e-3)  # the surer one decides
+
+
+def test_sizes_of_nothing_are_refused(index: SceneIndex) -> None:
+    with pytest.raises(NotFoundError) as caught:
+        apply_edit(index, Edit("scale", known_sizes=(KnownSize(99, 1.0),)))
+    assert "known_sizes[0]" in caught.value.field
+    with pytest.raises(InvalidInputError):
+        apply_edit(index, Edit("recolor", color=(0, 0, 0), things=(1,), known_sizes=(KnownSize(1, 1.0),)))

@@ -28,10 +28,10 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
 _NEW_COLUMNS = {
-    "scenes": {"project", "scaling"},
+    "scenes": {"project", "scaling", "alignment"},
     "operations": {"project", "finish_requested", "progress_files"},
     "api_keys": {"project", "scene_id", "operation_id"},
-    "scene_versions": {"author", "current_at", "scaling"},
+    "scene_versions": {"author", "current_at", "scaling", "alignment", "quality"},
 }
 """What came to each table since the last release before alembic."""
 _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
@@ -154,7 +154,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 9),
+        ("schema_version", "version"): (2, 11),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)

@@ -33,13 +33,14 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import ReconstructionError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.train_more_messages import TrainMoreResult
 
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:
     with (job.settings.data_dir / "visits.txt").open("a") as visits:
         visits.write(f"{stage} {job.operation_id} {job.attempt} {os.getpid()}\n")
     progress(ProgressEvent(stage, 0.25, "at work", {"attempt": float(job.attempt)}))
-    for order in job.options.labels if job.look_again is None else job.look_again.texts:
+    for order in _orders(job):
         where, _, what = order.partition(":")
         if where != stage:
             continue
@@ -78,6 +79,14 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
             (job.settings.data_dir / "grandchild.txt").write_text(str(child.pid))
     progress(ProgressEvent(stage, 1.0, "finished"))
+
+
+def _orders(job: Job) -> tuple[str, ...]:
+    """Of a job that trains further they are in a file, as it has no texts."""
+    if job.train_more is not None:
+        orders = job.settings.data_dir / "orders.txt"
+        return tuple(orders.read_text().splitlines()) if orders.exists() else ()
+    return job.options.labels if job.look_again is None else job.look_again.texts
 
 
 def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
@@ -164,4 +173,32 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(summary))
 
 
-FAKES = Stages(_capture, _perception, _training, _export, _looking, _naming)
+def _merging(job: Job, folder: Path, progress: Progress) -> None:
+    """The current version once more, of the same Gaussians."""
+    from fastsplat.service.scene import read_scene
+    from tests.scenes import write_version
+
+    _obey(job, "merging", progress)
+    scene = read_scene(job.upload / "artefact")
+    assert job.base is not None
+    write_version(scene, folder)
+    steps = int((job.result("training") / "steps.txt").read_text())
+    rows = [
+        {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
+        for n, e in enumerate(scene.dictionary.entries, start=1)
+    ]
+    count = len(scene.gaussians)
+    beside = (job.settings.data_dir / "beside").exists()
+    result = TrainMoreResult("", job.base[1], not beside, steps, 0.5, count, count, 20.0, 21.0)
+    summary = {
+        "parent": job.base[1] if beside else job.version,
+        "beside": beside,
+        "gaussians": count,
+        "dictionary": rows,
+        "quality": {"psnr": 21.0, "steps": steps},
+        "result": to_plain(result),
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+FAKES = Stages(_capture, _perception, _training, _export, _looking, _naming, _merging)

@@ -105,7 +105,7 @@ export const texts = {
     noJobs: "No jobs yet.",
     more: "Show more",
     sceneGone: "A scene that was deleted",
-    kinds: { create_scene: "New scene", look_again: "Look again" },
+    kinds: { create_scene: "New scene", look_again: "Look again", train_more: "Train further" },
     states: {
       QUEUED: "Waiting",
       RUNNING: "Running",
@@ -155,6 +155,30 @@ export const texts = {
     tooMany: (count: number, limit: number) =>
       `${plural(count, "image", "images")} are more than the server takes in one upload (${limit.toLocaleString("en")}).`,
     toServer: "See what the project holds",
+  },
+  nextPhotos: {
+    title: "Where to stand next",
+    none: "No place to stand at would add much.",
+    fly: "Look from there",
+  },
+  trainMore: {
+    title: "Train further",
+    help: "The server goes on training this scene with its photos, from where it is. Things and names stay; the version of now can be restored.",
+    preset: "How thoroughly",
+    presets: { draft: "Draft: half a minute", balanced: "Balanced: two minutes", best: "Best: eight minutes" },
+    submit: "Train further",
+    cancel: "Cancel",
+    states: {
+      QUEUED: "Waiting for a worker.",
+      RUNNING: "Training.",
+      SUCCEEDED: "Done.",
+      FAILED: "It failed.",
+      CANCELLED: "It was cancelled.",
+    },
+    better: (before: number, after: number) =>
+      `Photos that training did not see are reproduced with ${after.toFixed(1)} dB in place of ${before.toFixed(1)}.`,
+    beside:
+      "The scene was edited meanwhile in a way that contradicts its photos: the new version stands beside it, see the versions.",
   },
   lookAgain: {
     title: "Look for more names",
@@ -373,6 +397,8 @@ export const texts = {
     object: "an object",
     named: (what: string, name: string) => `Named ${what} “${name}”`,
     added: (name: string) => `Added ${name ? `“${name}”` : "a thing"}`,
+    trainedFurther: "Trained further",
+    alignedTo: (frame: string) => (frame ? `Put into the frame ${frame}` : "Put into the frame of a map"),
     lookedAgain: (words: readonly string[]) => `Looked again for ${words.join(", ")}`,
     verbs: {
       recolor: "Recolored",

@@ -150,6 +150,8 @@ class _ScaleSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScaleSour
     """a phone's tracking"""
     SCALE_SOURCE_GPS: _ScaleSource.ValueType  # 5
     """the places in the photos' EXIF"""
+    SCALE_SOURCE_POINT_PAIRS: _ScaleSource.ValueType  # 6
+    """points of a map"""
 
 class ScaleSource(_ScaleSource, metaclass=_ScaleSourceEnumTypeWrapper):
     """What said how long a unit is."""
@@ -166,6 +168,8 @@ SCALE_SOURCE_ARKIT: ScaleSource.ValueType  # 4
 """a phone's tracking"""
 SCALE_SOURCE_GPS: ScaleSource.ValueType  # 5
 """the places in the photos' EXIF"""
+SCALE_SOURCE_POINT_PAIRS: ScaleSource.ValueType  # 6
+"""points of a map"""
 Global___ScaleSource: _TypeAlias = ScaleSource  # noqa: Y015
 
 class _NameSource:
@@ -216,6 +220,23 @@ THING_KIND_PART: ThingKind.ValueType  # 3
 """of another thing"""
 Global___ThingKind: _TypeAlias = ThingKind  # noqa: Y015
 
+class _ThingSide:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ThingSideEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ThingSide.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    THING_SIDE_UNSPECIFIED: _ThingSide.ValueType  # 0
+    THING_SIDE_LONGEST: _ThingSide.ValueType  # 1
+    THING_SIDE_HEIGHT: _ThingSide.ValueType  # 2
+
+class ThingSide(_ThingSide, metaclass=_ThingSideEnumTypeWrapper): ...
+
+THING_SIDE_UNSPECIFIED: ThingSide.ValueType  # 0
+THING_SIDE_LONGEST: ThingSide.ValueType  # 1
+THING_SIDE_HEIGHT: ThingSide.ValueType  # 2
+Global___ThingSide: _TypeAlias = ThingSide  # noqa: Y015
+
 class _EditAction:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -237,6 +258,8 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_ADD: _EditAction.ValueType  # 11
     EDIT_ACTION_LOOK_AGAIN: _EditAction.ValueType  # 12
     EDIT_ACTION_SCALE: _EditAction.ValueType  # 13
+    EDIT_ACTION_ALIGN: _EditAction.ValueType  # 14
+    EDIT_ACTION_TRAIN_MORE: _EditAction.ValueType  # 15
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper):
     """-------------------------------------------------------------------------------------------------- versions"""
@@ -256,6 +279,8 @@ EDIT_ACTION_SPLIT: EditAction.ValueType  # 10
 EDIT_ACTION_ADD: EditAction.ValueType  # 11
 EDIT_ACTION_LOOK_AGAIN: EditAction.ValueType  # 12
 EDIT_ACTION_SCALE: EditAction.ValueType  # 13
+EDIT_ACTION_ALIGN: EditAction.ValueType  # 14
+EDIT_ACTION_TRAIN_MORE: EditAction.ValueType  # 15
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _OperationState:
@@ -290,12 +315,14 @@ class _OperationKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Operati
     OPERATION_KIND_UNSPECIFIED: _OperationKind.ValueType  # 0
     OPERATION_KIND_CREATE_SCENE: _OperationKind.ValueType  # 1
     OPERATION_KIND_LOOK_AGAIN: _OperationKind.ValueType  # 2
+    OPERATION_KIND_TRAIN_MORE: _OperationKind.ValueType  # 3
 
 class OperationKind(_OperationKind, metaclass=_OperationKindEnumTypeWrapper): ...
 
 OPERATION_KIND_UNSPECIFIED: OperationKind.ValueType  # 0
 OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
 OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
+OPERATION_KIND_TRAIN_MORE: OperationKind.ValueType  # 3
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
 class _WorkerState:
@@ -681,6 +708,27 @@ KEY_STATE_EXPIRED: KeyState.ValueType  # 2
 KEY_STATE_REVOKED: KeyState.ValueType  # 3
 Global___KeyState: _TypeAlias = KeyState  # noqa: Y015
 
+class _NextPhotoReason:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _NextPhotoReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NextPhotoReason.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    NEXT_PHOTO_REASON_UNSPECIFIED: _NextPhotoReason.ValueType  # 0
+    NEXT_PHOTO_REASON_GAP: _NextPhotoReason.ValueType  # 1
+    """no photo looks from this side of the place"""
+    NEXT_PHOTO_REASON_FEW_DIRECTIONS: _NextPhotoReason.ValueType  # 2
+    """surfaces that it would see were seen from few directions"""
+
+class NextPhotoReason(_NextPhotoReason, metaclass=_NextPhotoReasonEnumTypeWrapper): ...
+
+NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason.ValueType  # 0
+NEXT_PHOTO_REASON_GAP: NextPhotoReason.ValueType  # 1
+"""no photo looks from this side of the place"""
+NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
+"""surfaces that it would see were seen from few directions"""
+Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
+
 class _NotPlaced:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -1039,6 +1087,7 @@ class Scene(_message.Message):
     ASSESSMENT_FIELD_NUMBER: _builtins.int
     SCALING_FIELD_NUMBER: _builtins.int
     VERTICAL_FIELD_NUMBER: _builtins.int
+    ALIGNMENT_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -1080,6 +1129,10 @@ class Scene(_message.Message):
     def vertical(self) -> Global___SceneVertical:
         """absent where poses came with the upload, or nothing says what is up"""
 
+    @_builtins.property
+    def alignment(self) -> Global___SceneAlignment:
+        """absent where the scene was not put into the frame of a map"""
+
     def __init__(
         self,
         *,
@@ -1099,10 +1152,11 @@ class Scene(_message.Message):
         assessment: Global___Assessment | None = ...,
         scaling: Global___SceneScaling | None = ...,
         vertical: Global___SceneVertical | None = ...,
+        alignment: Global___SceneAlignment | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1132,6 +1186,56 @@ class SceneVertical(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SceneVertical: _TypeAlias = SceneVertical  # noqa: Y015
+
+@_typing.final
+class SceneAlignment(_message.Message):
+    """How a scene's current version lies in the frame of a map."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FRAME_FIELD_NUMBER: _builtins.int
+    PAIRS_FIELD_NUMBER: _builtins.int
+    RMS_FIELD_NUMBER: _builtins.int
+    RESIDUALS_FIELD_NUMBER: _builtins.int
+    OUTLIERS_FIELD_NUMBER: _builtins.int
+    TRANSFORM_FIELD_NUMBER: _builtins.int
+    frame: _builtins.str
+    """the map frame's name; may be empty"""
+    pairs: _builtins.int
+    """of points that it comes from; 0: the motion was given"""
+    rms: _builtins.float
+    """root mean square of the pairs' residuals, outliers left out, scene units; absent without"""
+    @_builtins.property
+    def residuals(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """of each pair, scene units"""
+
+    @_builtins.property
+    def outliers(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """numbers of the pairs, from 0, that fit the others badly"""
+
+    @_builtins.property
+    def transform(self) -> Global___Pose:
+        """x' = R (s x) + t from the trained version's world frame, s = meters_per_unit or 1"""
+
+    def __init__(
+        self,
+        *,
+        frame: _builtins.str = ...,
+        pairs: _builtins.int = ...,
+        rms: _builtins.float | None = ...,
+        residuals: _abc.Iterable[_builtins.float] | None = ...,
+        outliers: _abc.Iterable[_builtins.int] | None = ...,
+        transform: Global___Pose | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_rms", b"_rms", "rms", b"rms", "transform", b"transform"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_rms", b"_rms", "frame", b"frame", "outliers", b"outliers", "pairs", b"pairs", "residuals", b"residuals", "rms", b"rms", "transform", b"transform"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__rms: _TypeAlias = _typing.Literal["rms"]  # noqa: Y015
+    _WhichOneofArgType__rms: _TypeAlias = _typing.Literal["_rms", b"_rms"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__rms) -> _WhichOneofReturnType__rms | None: ...
+
+Global___SceneAlignment: _TypeAlias = SceneAlignment  # noqa: Y015
 
 @_typing.final
 class Finding(_message.Message):
@@ -1943,6 +2047,104 @@ class KnownLength(_message.Message):
 Global___KnownLength: _TypeAlias = KnownLength  # noqa: Y015
 
 @_typing.final
+class KnownSize(_message.Message):
+    """How large a thing is, as somebody has measured it in the world."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    PLUS_MINUS_FIELD_NUMBER: _builtins.int
+    SIDE_FIELD_NUMBER: _builtins.int
+    thing: _builtins.int
+    """its id"""
+    meters: _builtins.float
+    """along that side of its box"""
+    plus_minus: _builtins.float
+    """meters: how far off `meters` may be, in 95 % of cases; 0: exact"""
+    side: Global___ThingSide.ValueType
+    """longest: the box's longest side; height: the side that points up, in an upright box"""
+    def __init__(
+        self,
+        *,
+        thing: _builtins.int = ...,
+        meters: _builtins.float = ...,
+        plus_minus: _builtins.float = ...,
+        side: Global___ThingSide.ValueType = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["meters", b"meters", "plus_minus", b"plus_minus", "side", b"side", "thing", b"thing"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___KnownSize: _TypeAlias = KnownSize  # noqa: Y015
+
+@_typing.final
+class PointPair(_message.Message):
+    """One place, in the scene and in a map."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_FIELD_NUMBER: _builtins.int
+    MAP_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def scene(self) -> Global___Vector3:
+        """in the world frame of the version that is current"""
+
+    @_builtins.property
+    def map(self) -> Global___Vector3:
+        """the same place in the map's frame, meters"""
+
+    def __init__(
+        self,
+        *,
+        scene: Global___Vector3 | None = ...,
+        map: Global___Vector3 | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["map", b"map", "scene", b"scene"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["map", b"map", "scene", b"scene"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PointPair: _TypeAlias = PointPair  # noqa: Y015
+
+@_typing.final
+class Alignment(_message.Message):
+    """How a scene is put into the frame of a map: by a rigid motion, or by pairs of points."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FRAME_FIELD_NUMBER: _builtins.int
+    TRANSFORM_FIELD_NUMBER: _builtins.int
+    PAIRS_FIELD_NUMBER: _builtins.int
+    frame: _builtins.str
+    """name of the map's frame, as map; one line of at most 200 characters"""
+    @_builtins.property
+    def transform(self) -> Global___Pose:
+        """x' = R x + t from the world frame of the current version into the map's"""
+
+    @_builtins.property
+    def pairs(self) -> _containers.RepeatedCompositeFieldContainer[Global___PointPair]:
+        """three or more, not on one line, instead of `transform`; a scene whose units are not meters is scaled to meters by them"""
+
+    def __init__(
+        self,
+        *,
+        frame: _builtins.str = ...,
+        transform: Global___Pose | None = ...,
+        pairs: _abc.Iterable[Global___PointPair] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["transform", b"transform"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["frame", b"frame", "pairs", b"pairs", "transform", b"transform"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Alignment: _TypeAlias = Alignment  # noqa: Y015
+
+@_typing.final
 class MeasureRequest(_message.Message):
     """What to measure: one place to locate it, one thing for its size, two places for what is between them."""
 
@@ -2246,13 +2448,16 @@ class Edit(_message.Message):
     PROMPT_FIELD_NUMBER: _builtins.int
     TEXTS_FIELD_NUMBER: _builtins.int
     KNOWN_LENGTHS_FIELD_NUMBER: _builtins.int
+    KNOWN_SIZES_FIELD_NUMBER: _builtins.int
+    ALIGNMENT_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
     no thing. insert: adds things of another scene, which get new ids. split: makes the piece of a thing that a prompt
     shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. scale: makes
-    the scene's units meters by known lengths, those of earlier such edits included; Gaussians, boxes and cameras are
-    scaled with it. look_again: stands in the versions that looking again has made, and is no edit to send
+    the scene's units meters by known lengths or sizes, those of earlier such edits included; Gaussians, boxes and cameras are
+    scaled with it. align: puts the scene into the frame of a map, by a rigid motion or by pairs of points. look_again
+    and train_more: stand in the versions that such jobs have made, and are no edits to send
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -2293,6 +2498,14 @@ class Edit(_message.Message):
     def known_lengths(self) -> _containers.RepeatedCompositeFieldContainer[Global___KnownLength]:
         """for scale: lengths that somebody has measured in the world"""
 
+    @_builtins.property
+    def known_sizes(self) -> _containers.RepeatedCompositeFieldContainer[Global___KnownSize]:
+        """for scale: things whose size somebody has measured in the world"""
+
+    @_builtins.property
+    def alignment(self) -> Global___Alignment:
+        """for align: how the scene lies in a map"""
+
     def __init__(
         self,
         *,
@@ -2308,10 +2521,12 @@ class Edit(_message.Message):
         prompt: Global___ThingPrompt | None = ...,
         texts: _abc.Iterable[_builtins.str] | None = ...,
         known_lengths: _abc.Iterable[Global___KnownLength] | None = ...,
+        known_sizes: _abc.Iterable[Global___KnownSize] | None = ...,
+        alignment: Global___Alignment | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "alignment", b"alignment", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "color", b"color", "known_lengths", b"known_lengths", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -2360,6 +2575,35 @@ class EditSceneRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___EditSceneRequest: _TypeAlias = EditSceneRequest  # noqa: Y015
+
+@_typing.final
+class AlignSceneRequest(_message.Message):
+    """A new version of a scene in the frame of a map."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    ALIGNMENT_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    request_id: _builtins.str
+    """same id: the version that it made is returned again (AIP-155)"""
+    @_builtins.property
+    def alignment(self) -> Global___Alignment: ...
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        alignment: Global___Alignment | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AlignSceneRequest: _TypeAlias = AlignSceneRequest  # noqa: Y015
 
 @_typing.final
 class UndoEditRequest(_message.Message):
@@ -2774,13 +3018,14 @@ class Operation(_message.Message):
     FINISH_REQUESTED_FIELD_NUMBER: _builtins.int
     PREVIEW_FIELD_NUMBER: _builtins.int
     PLACED_FIELD_NUMBER: _builtins.int
+    TRAIN_MORE_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
     done: _builtins.bool
     """whether the state is final"""
     kind: Global___OperationKind.ValueType
-    """create_scene: makes its scene; look_again: makes a version of its scene"""
+    """create_scene: makes its scene; look_again, train_more: makes a version of its scene"""
     attempt: _builtins.int
     """how often it was begun; more than once if workers or trainers died"""
     worker: Global___WorkerState.ValueType
@@ -2815,6 +3060,10 @@ class Operation(_message.Message):
     def placed(self) -> Global___PlacedInfo:
         """the cameras that can be looked at; absent if there are none (any more)"""
 
+    @_builtins.property
+    def train_more(self) -> Global___TrainMoreResult:
+        """what training further has made; absent unless it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -2834,10 +3083,11 @@ class Operation(_message.Message):
         finish_requested: _builtins.bool = ...,
         preview: Global___PreviewInfo | None = ...,
         placed: Global___PlacedInfo | None = ...,
+        train_more: Global___TrainMoreResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__seconds_left: _TypeAlias = _typing.Literal["seconds_left"]  # noqa: Y015
     _WhichOneofArgType__seconds_left: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left"]  # noqa: Y015
@@ -3119,6 +3369,119 @@ class LookAgainResult(_message.Message):
 Global___LookAgainResult: _TypeAlias = LookAgainResult  # noqa: Y015
 
 @_typing.final
+class TrainMoreRequest(_message.Message):
+    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    STEPS_FIELD_NUMBER: _builtins.int
+    PRESET_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    seconds: _builtins.float
+    """of optimization"""
+    steps: _builtins.int
+    """of optimization, instead of seconds"""
+    preset: _builtins.str
+    """size of the pictures and number of Gaussians, and where neither seconds nor steps are said the time: draft, balanced
+    or best; absent: the server's default
+    """
+    request_id: _builtins.str
+    """same id, same order: the first operation is returned again (AIP-155)"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        seconds: _builtins.float | None = ...,
+        steps: _builtins.int | None = ...,
+        preset: _builtins.str | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "request_id", b"request_id", "scene_id", b"scene_id", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
+    _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015
+    _WhichOneofReturnType__seconds: _TypeAlias = _typing.Literal["seconds"]  # noqa: Y015
+    _WhichOneofArgType__seconds: _TypeAlias = _typing.Literal["_seconds", b"_seconds"]  # noqa: Y015
+    _WhichOneofReturnType__steps: _TypeAlias = _typing.Literal["steps"]  # noqa: Y015
+    _WhichOneofArgType__steps: _TypeAlias = _typing.Literal["_steps", b"_steps"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__preset) -> _WhichOneofReturnType__preset | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__seconds) -> _WhichOneofReturnType__seconds | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__steps) -> _WhichOneofReturnType__steps | None: ...
+
+Global___TrainMoreRequest: _TypeAlias = TrainMoreRequest  # noqa: Y015
+
+@_typing.final
+class TrainMoreResult(_message.Message):
+    """What training a scene further has made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    TRAINED_FROM_FIELD_NUMBER: _builtins.int
+    CURRENT_FIELD_NUMBER: _builtins.int
+    STEPS_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_BEFORE_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
+    PSNR_BEFORE_FIELD_NUMBER: _builtins.int
+    PSNR_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the version that it made"""
+    trained_from: _builtins.str
+    """the version whose Gaussians it began with"""
+    current: _builtins.bool
+    """whether it is the scene's current version; not where what is seen was edited meanwhile, by edits that stay in force:
+    then the new version stands beside them, to be restored
+    """
+    steps: _builtins.int
+    """of optimization"""
+    seconds: _builtins.float
+    """of optimization"""
+    gaussians_before: _builtins.int
+    """of the version that it began with"""
+    gaussians: _builtins.int
+    """of the new version"""
+    psnr_before: _builtins.float
+    """dB, of photos that training does not see; absent where all are trained on"""
+    psnr: _builtins.float
+    """dB, of the same photos in the new version"""
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        trained_from: _builtins.str = ...,
+        current: _builtins.bool = ...,
+        steps: _builtins.int = ...,
+        seconds: _builtins.float = ...,
+        gaussians_before: _builtins.int = ...,
+        gaussians: _builtins.int = ...,
+        psnr_before: _builtins.float | None = ...,
+        psnr: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "psnr", b"psnr", "psnr_before", b"psnr_before"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "current", b"current", "gaussians", b"gaussians", "gaussians_before", b"gaussians_before", "psnr", b"psnr", "psnr_before", b"psnr_before", "seconds", b"seconds", "steps", b"steps", "trained_from", b"trained_from", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__psnr: _TypeAlias = _typing.Literal["psnr"]  # noqa: Y015
+    _WhichOneofArgType__psnr: _TypeAlias = _typing.Literal["_psnr", b"_psnr"]  # noqa: Y015
+    _WhichOneofReturnType__psnr_before: _TypeAlias = _typing.Literal["psnr_before"]  # noqa: Y015
+    _WhichOneofArgType__psnr_before: _TypeAlias = _typing.Literal["_psnr_before", b"_psnr_before"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr) -> _WhichOneofReturnType__psnr | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr_before) -> _WhichOneofReturnType__psnr_before | None: ...
+
+Global___TrainMoreResult: _TypeAlias = TrainMoreResult  # noqa: Y015
+
+@_typing.final
 class StageProgress(_message.Message):
     """One stage of a job."""
 
@@ -3150,7 +3513,9 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training or export; looking or naming where a scene is looked at again"""
+    """capture, perception, training or export; looking or naming where a scene is looked at again; training or merging
+    where it is trained further
+    """
     fraction: _builtins.float
     """0..1 of this stage"""
     message: _builtins.str
@@ -4849,6 +5214,95 @@ class DownloadPhotoRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___DownloadPhotoRequest: _TypeAlias = DownloadPhotoRequest  # noqa: Y015
+
+@_typing.final
+class ListNextPhotosRequest(_message.Message):
+    """Where to stand for the next photos of which scene."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListNextPhotosRequest: _TypeAlias = ListNextPhotosRequest  # noqa: Y015
+
+@_typing.final
+class ListNextPhotosResponse(_message.Message):
+    """At most three places to stand at for the next photos, the most useful first."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___NextPhoto]: ...
+    def __init__(
+        self,
+        *,
+        photos: _abc.Iterable[Global___NextPhoto] | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["photos", b"photos", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListNextPhotosResponse: _TypeAlias = ListNextPhotosResponse  # noqa: Y015
+
+@_typing.final
+class NextPhoto(_message.Message):
+    """One place to stand at, and what to look at from there."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CAMERA_FIELD_NUMBER: _builtins.int
+    NEAR_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    ADVICE_FIELD_NUMBER: _builtins.int
+    near: _builtins.str
+    """the scene's camera that is next to it"""
+    reason: Global___NextPhotoReason.ValueType
+    """gap: no photo looks from this side of the place; few_directions: surfaces that it would see were seen from few
+    directions
+    """
+    advice: _builtins.str
+    """the same in one sentence, in words of the photo next to it"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """where to stand and look; its name is empty"""
+
+    def __init__(
+        self,
+        *,
+        camera: Global___PosedCamera | None = ...,
+        near: _builtins.str = ...,
+        reason: Global___NextPhotoReason.ValueType = ...,
+        advice: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice", b"advice", "camera", b"camera", "near", b"near", "reason", b"reason"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NextPhoto: _TypeAlias = NextPhoto  # noqa: Y015
 
 @_typing.final
 class ListBestViewsRequest(_message.Message):

@@ -95,6 +95,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.AlignScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/AlignScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
         self.UndoEdit = channel.unary_unary(
                 '/fastsplat.v1.SceneService/UndoEdit',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
@@ -118,6 +123,11 @@ class SceneServiceStub:
         self.LookAgain = channel.unary_unary(
                 '/fastsplat.v1.SceneService/LookAgain',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
+        self.TrainMore = channel.unary_unary(
+                '/fastsplat.v1.SceneService/TrainMore',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
         self.GetOperation = channel.unary_unary(
@@ -214,6 +224,11 @@ class SceneServiceStub:
                 '/fastsplat.v1.SceneService/DownloadPhoto',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+                _registered_method=True)
+        self.ListNextPhotos = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListNextPhotos',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.FromString,
                 _registered_method=True)
         self.ListBestViews = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListBestViews',
@@ -354,6 +369,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def AlignScene(self, request, context):
+        """Puts a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version: an edit by itself.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def UndoEdit(self, request, context):
         """Goes back to the version before the current one.
         """
@@ -385,6 +407,14 @@ class SceneServiceServicer:
     def LookAgain(self, request, context):
         """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
         new version of the scene. The answer is durable.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def TrainMore(self, request, context):
+        """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+        the scene. The answer is durable.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -523,6 +553,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListNextPhotos(self, request, context):
+        """Where to stand for the next photos of a scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListBestViews(self, request, context):
         """Which of the scene's cameras show some things, or the answer to a text, best.
         """
@@ -656,6 +693,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
+            'AlignScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.AlignScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
             'UndoEdit': grpc.unary_unary_rpc_method_handler(
                     servicer.UndoEdit,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.FromString,
@@ -679,6 +721,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'LookAgain': grpc.unary_unary_rpc_method_handler(
                     servicer.LookAgain,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'TrainMore': grpc.unary_unary_rpc_method_handler(
+                    servicer.TrainMore,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'GetOperation': grpc.unary_unary_rpc_method_handler(
@@ -775,6 +822,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.DownloadPhoto,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.SerializeToString,
+            ),
+            'ListNextPhotos': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListNextPhotos,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.SerializeToString,
             ),
             'ListBestViews': grpc.unary_unary_rpc_method_handler(
                     servicer.ListBestViews,
@@ -1162,6 +1214,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def AlignScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/AlignScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def UndoEdit(request,
             target,
             options=(),
@@ -1285,6 +1364,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/LookAgain',
             fastsplat_dot_v1_dot_fastsplat__pb2.LookAgainRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def TrainMore(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/TrainMore',
+            fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,
@@ -1799,6 +1905,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/DownloadPhoto',
             fastsplat_dot_v1_dot_fastsplat__pb2.DownloadPhotoRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Chunk.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListNextPhotos(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListNextPhotos',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -70,6 +70,8 @@ class SceneServiceStub:
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
     """
+    AlignScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]
+    """Puts a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version: an edit by itself."""
     UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
     """Goes back to the version before the current one."""
     RedoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]
@@ -81,6 +83,10 @@ class SceneServiceStub:
     LookAgain: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]
     """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
     new version of the scene. The answer is durable.
+    """
+    TrainMore: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]
+    """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+    the scene. The answer is durable.
     """
     GetOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]
     ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
@@ -122,6 +128,8 @@ class SceneServiceStub:
     """The photos that are stored with a scene, in pages, in the order of its cameras."""
     DownloadPhoto: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadPhotoRequest, _fastsplat_pb2.Chunk]
     """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+    ListNextPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListNextPhotosRequest, _fastsplat_pb2.ListNextPhotosResponse]
+    """Where to stand for the next photos of a scene."""
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
@@ -172,6 +180,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
     they began with.
     """
+    AlignScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Puts a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version: an edit by itself."""
     UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Goes back to the version before the current one."""
     RedoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
@@ -183,6 +193,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
     new version of the scene. The answer is durable.
+    """
+    TrainMore: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+    the scene. The answer is durable.
     """
     GetOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
@@ -224,6 +238,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The photos that are stored with a scene, in pages, in the order of its cameras."""
     DownloadPhoto: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadPhotoRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+    ListNextPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListNextPhotosRequest, _fastsplat_pb2.ListNextPhotosResponse]  # type: ignore[assignment]
+    """Where to stand for the next photos of a scene."""
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
@@ -345,6 +361,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """
 
     @_abc_1.abstractmethod
+    def AlignScene(
+        self,
+        request: _fastsplat_pb2.AlignSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Puts a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version: an edit by itself."""
+
+    @_abc_1.abstractmethod
     def UndoEdit(
         self,
         request: _fastsplat_pb2.UndoEditRequest,
@@ -384,6 +408,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
         """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
         new version of the scene. The answer is durable.
+        """
+
+    @_abc_1.abstractmethod
+    def TrainMore(
+        self,
+        request: _fastsplat_pb2.TrainMoreRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
+        the scene. The answer is durable.
         """
 
     @_abc_1.abstractmethod
@@ -539,6 +573,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
+
+    @_abc_1.abstractmethod
+    def ListNextPhotos(
+        self,
+        request: _fastsplat_pb2.ListNextPhotosRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListNextPhotosResponse, _abc.Awaitable[_fastsplat_pb2.ListNextPhotosResponse]]:
+        """Where to stand for the next photos of a scene."""
 
     @_abc_1.abstractmethod
     def ListBestViews(

@@ -12,6 +12,7 @@ export type KnownNameList = Schemas["KnownNameList"];
 export type Match = Schemas["Match"];
 export type Measurement = Schemas["Measurement"];
 export type NewKey = Schemas["NewKey"];
+export type NextPhotoList = Schemas["NextPhotoList"];
 export type Operation = Schemas["Operation"];
 export type Place = Schemas["Place"];
 export type OperationList = Schemas["OperationList"];

@@ -11,7 +11,9 @@ function describeEdit(edit: Edit): string {
   const what = edit.label ?? (edit.things.length > 0 ? texts.change.thingIds(edit.things) : texts.change.object);
   if (edit.action === "name") return texts.change.named(what, edit.name ?? "");
   if (edit.action === "look_again") return texts.change.lookedAgain(edit.texts);
-  if (edit.action === "scale") return texts.change.scaledBy(edit.known_lengths.map((known) => known.meters));
+  if (edit.action === "align") return texts.change.alignedTo(edit.alignment?.frame ?? "");
+  if (edit.action === "train_more") return texts.change.trainedFurther;
+  if (edit.action === "scale") return texts.change.scaledBy([...edit.known_lengths, ...edit.known_sizes].map((known) => known.meters));
   if (edit.action === "add") return texts.change.added(edit.name ?? "");
   const verb = (texts.change.verbs as Record<string, string | undefined>)[edit.action] ?? edit.action;
   return `${verb} ${what}`;

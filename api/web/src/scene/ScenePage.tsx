@@ -15,13 +15,15 @@ import { SharedThing } from "../take/SharedThing";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
+import { NextPhotos } from "../improve/NextPhotos";
+import { TrainMore } from "../improve/TrainMore";
 import { ThingList } from "../things/ThingList";
 import { LookAgainPanel } from "../lookAgain/LookAgainPanel";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
-import { firstView, lookAtBox, parseView, viewText } from "../viewer/poses";
+import { firstView, lookAtBox, lookFrom, parseView, viewText } from "../viewer/poses";
 import type { Vec } from "../viewer/vectors";
 import type { ViewerHandle } from "../viewer/Viewer";
 import { Viewer } from "../viewer/Viewer";
@@ -197,6 +199,14 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         )}
         <ScaleFacts state={state} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
+        {!isShared && (
+          <NextPhotos
+            sceneId={sceneId}
+            version={state.version.value}
+            onFly={(camera) => viewer.current?.flyTo((now) => lookFrom(camera, now))}
+          />
+        )}
+        {!isShared && <TrainMore sceneId={sceneId} onDone={() => void state.refresh()} />}
         {!isShared && (
           <>
             <PhotosPanel sceneId={sceneId} ready />

@@ -9,6 +9,7 @@ import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
 import { LoadedSplats } from "../change/loadedSplats";
 import { ToolNote } from "../change/ToolNote";
+import { HollowCameras } from "../improve/NextPhotos";
 import { Frusta } from "../look/Frusta";
 import { Legend, LookMenu } from "../look/LookMenu";
 import { PhotoCompare } from "../look/PhotoCompare";
@@ -204,6 +205,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         aria-describedby="canvas-help"
       />
       <Frusta look={state.look} />
+      <HollowCameras look={state.look} />
       <PhotoCompare state={state} />
       <Legend state={state} />
       {share !== null && error === null && (

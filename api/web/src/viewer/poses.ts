@@ -75,6 +75,13 @@ export function rayOf(camera: PosedCamera): { position: Vec; forward: Vec; up: V
   };
 }
 
+/** Where one looks from and to with a camera, from as far from the middle as now. */
+export function lookFrom(camera: PosedCamera, now: LookAt): LookAt {
+  const { position, forward, up } = rayOf(camera);
+  const reach = length(subtract(now.target, position));
+  return { ...now, position, target: add(position, scale(forward, reach)), up };
+}
+
 /**
  * What is up in the scene: the direction in which the horizons of all pictures are level, as people hold cameras; where
  * that leaves a choice (one picture), the mean of what is up in them; z without pictures.

@@ -1,0 +1,55 @@
+"""Training a finished scene further: for how long, and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from fastsplat_contract.wire import Request, Response
+
+PresetName = Literal["draft", "balanced", "best"]
+
+
+@dataclass(frozen=True)
+class TrainMoreIn(Request):
+    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+
+    proto: ClassVar[str] = "TrainMoreRequest"
+
+    seconds: Annotated[float | None, Field(gt=0, description="of optimization")] = None
+    steps: Annotated[int | None, Field(ge=1, description="of optimization, instead of seconds")] = None
+    preset: Annotated[
+        PresetName | None,
+        Field(
+            description="size of the pictures and number of Gaussians, and where neither seconds nor steps are said "
+            "the time: draft, balanced or best; absent: the server's default"
+        ),
+    ] = None
+    request_id: Annotated[
+        str, Field(description="same id, same order: the first operation is returned again (AIP-155)")
+    ] = ""
+
+
+@dataclass(frozen=True)
+class TrainMoreResult(Response):
+    """What training a scene further has made."""
+
+    version: Annotated[str, Field(description="the version that it made")]
+    trained_from: Annotated[str, Field(description="the version whose Gaussians it began with")]
+    current: Annotated[
+        bool,
+        Field(
+            description="whether it is the scene's current version; not where what is seen was edited meanwhile, by "
+            "edits that stay in force: then the new version stands beside them, to be restored"
+        ),
+    ]
+    steps: Annotated[int, Field(description="of optimization")]
+    seconds: Annotated[float, Field(description="of optimization")]
+    gaussians_before: Annotated[int, Field(description="of the version that it began with")]
+    gaussians: Annotated[int, Field(description="of the new version")]
+    psnr_before: Annotated[
+        float | None, Field(description="dB, of photos that training does not see; absent where all are trained on")
+    ]
+    psnr: Annotated[float | None, Field(description="dB, of the same photos in the new version")]
