@@ -99,12 +99,9 @@ class SceneService:
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.training = FurtherTraining(self._store, settings, self._scenes, self._quotas, self.project)
         """Finished scenes trained further."""
+        files = settings.uploads
         self.resumable = ResumableUploads(
-            store.blobs,
-            settings.capture.max_upload_bytes,
-            settings.uploads.expiry_s,
-            self._quotas,
-            settings.uploads.min_free_bytes,
+            store.blobs, settings.capture.max_upload_bytes, files.expiry_s, self._quotas, files.min_free_bytes
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
         self.admin = Admin(store, settings, self._scenes.count)

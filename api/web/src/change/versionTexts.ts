@@ -13,7 +13,8 @@ function describeEdit(edit: Edit): string {
   if (edit.action === "look_again") return texts.change.lookedAgain(edit.texts);
   if (edit.action === "align") return texts.change.alignedTo(edit.alignment?.frame ?? "");
   if (edit.action === "train_more") return texts.change.trainedFurther;
-  if (edit.action === "scale") return texts.change.scaledBy([...edit.known_lengths, ...edit.known_sizes].map((known) => known.meters));
+  if (edit.action === "scale")
+    return texts.change.scaledBy([...edit.known_lengths, ...edit.known_sizes].map((known) => known.meters));
   if (edit.action === "add") return texts.change.added(edit.name ?? "");
   const verb = (texts.change.verbs as Record<string, string | undefined>)[edit.action] ?? edit.action;
   return `${verb} ${what}`;
