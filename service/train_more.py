@@ -86,7 +86,8 @@ def train_further(
         hold_out=bool(capture.test_names),
     )
     continued = continue_training(scene.gaussians, capture, training, progress, checkpoint_dir, watch=watch)
-    before, after = (continued.trained.quality.get(name) for name in ("psnr_before", "psnr"))
+    name = "psnr_cc" if continued.trained.photometric else "psnr"  # a corrected scene has the photos' mean exposure
+    before, after = (continued.trained.quality.get(figure) for figure in (f"{name}_before", name))
     if before is not None and after is not None and after < before:
         raise TrainingDivergedError(
             f"photos that training does not see are reproduced with {after:.2f} dB in place of {before:.2f} dB, so the "

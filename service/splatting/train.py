@@ -209,7 +209,7 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     weight, bias = start_head(class_codes)
     if run.begin is not None:
         more = {"codes": torch.from_numpy(run.begin.codes), "weight": weight, "bias": bias}
-        return new_state(color_parameters(run.begin) | more, device)
+        return new_state(color_parameters(run.begin) | more | start_corrections(views, settings), device)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
     parameters |= {"codes": codes, "weight": weight, "bias": bias}
