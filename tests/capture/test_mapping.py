@@ -27,7 +27,14 @@ def _dataset(database: Path, images: int) -> pycolmap.Reconstruction:
 
 
 def _mapping(folder: Path, images: int) -> Mapping:
-    return Mapping(folder / "features.db", folder, folder, images, lambda *_: None, lambda *_: None)
+    return Mapping(
+        folder / "features.db",
+        folder,
+        folder,
+        [{"file": str(index)} for index in range(images)],
+        lambda *_: None,
+        lambda *_: None,
+    )
 
 
 def _thin(database: Path, stays: Callable[[int, int, np.ndarray], np.ndarray]) -> None:

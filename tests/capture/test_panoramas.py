@@ -28,6 +28,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import frame_width, upright_photos, video_frames
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.withholding import WithheldPixels
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.capture import made_room
@@ -228,7 +229,9 @@ def test_names_of_faces_are_nobody_elses(upload, photo, settings, refused) -> No
 def test_labels_are_cut_as_the_picture_is(upload, settings, tmp_path: Path) -> None:
     manifest, files, images = _prepared(upload, settings, tmp_path)
     with ImageDecoder(tmp_path / "decoding", (files, images), settings) as decoder:
-        faces = list(upright_photos(manifest, files, images, settings, decoder))
+        faces = list(
+            upright_photos(manifest, files, images, settings, decoder, WithheldPixels(None, tmp_path / "masks"))
+        )
     assert [image.file for image in faces[:2]] == ["front/00000.png", "right/00000.png"]
     assert {image.camera_group for image in faces} == set(FACES)
     assert len({(image.width, image.height) for image in faces}) == 1, "one rig has one size of faces"
@@ -260,11 +263,31 @@ def test_frames_of_a_video_become_faces(tmp_path: Path, settings) -> None:
     request |= {"video_frames": settings.panorama_frames, "max_side": frame_width(settings)}
     result = run_sandboxed("frames", request, tmp_path / "frames", settings, lambda fraction, message: None)
     with ImageDecoder(tmp_path / "decoding", (images,), settings) as decoder:
-        faces = list(video_frames(result["files"], tuple(result["size"]), "walk.avi", images, settings, decoder))
+        faces = list(
+            video_frames(
+                result["files"],
+                tuple(result["size"]),
+                "walk.avi",
+                images,
+                settings,
+                decoder,
+                WithheldPixels(None, tmp_path / "masks"),
+            )
+        )
         assert len(faces) == 18 and faces[0].name == f"{Path(result['files'][0]).stem}.front.png"
         assert {image.width for image in faces} == {96 if frame_width(settings) < 512 else faces[0].width}
         with pytest.raises(InvalidInputError, match="twice as wide"):
-            list(video_frames(result["files"], (320, 240), "walk.avi", images, settings, decoder))
+            list(
+                video_frames(
+                    result["files"],
+                    (320, 240),
+                    "walk.avi",
+                    images,
+                    settings,
+                    decoder,
+                    WithheldPixels(None, tmp_path / "masks"),
+                )
+            )
 
 
 def test_straight_down_is_masked_in_the_down_face_alone() -> None:

@@ -84,6 +84,13 @@ def test_pairs_off_by_a_repeat_are_taken_out(tmp_path: Path) -> None:
     (tmp_path / "usual").mkdir()
     usual = pycolmap.incremental_mapping(database, tmp_path, tmp_path / "usual", options=mapper_options())
     assert _slip(max(usual.values(), key=lambda model: model.num_reg_images())) > 0.3
-    mapping = Mapping(database, tmp_path, tmp_path, _CAMERAS, lambda *_: None, lambda *_: None)
+    mapping = Mapping(
+        database,
+        tmp_path,
+        tmp_path,
+        [{"file": str(index)} for index in range(_CAMERAS)],
+        lambda *_: None,
+        lambda *_: None,
+    )
     best, *_ = mapping.run(global_images=1_000)
     assert best.num_reg_images() == _CAMERAS and _slip(best) < 0.02

@@ -47,7 +47,8 @@ def test_copies_are_small_pictures_of_their_cameras_and_hold_nothing_else(tmp_pa
         assert np.abs(pixels[..., 0].mean(axis=0) - np.linspace(0, 255, size[0])).mean() < 3
         assert pixels[..., 1].mean() == pytest.approx(40 * number, abs=3)
         assert view.image_path.is_file()
-    assert sorted(path.name for path in folder.rglob("*.*")) == ["00000.jpg", "00001.jpg", "00002.jpg"]
+    stored = sorted(path.name for path in folder.rglob("*.*"))
+    assert stored == ["00000.jpg", "00001.jpg", "00002.jpg", "points.npz"]
 
 
 def test_a_lower_quality_is_smaller(tmp_path: Path) -> None:
