@@ -41,7 +41,7 @@ from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
 from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
-from fastsplat_contract.places import KnownLength, Place
+from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import (
