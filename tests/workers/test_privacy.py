@@ -98,9 +98,9 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
                 assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
             assert service.get_scene(operation.scene_id).dictionary == ()
 
-            pictures = [path for path in settings.data_dir.rglob("*") if path.suffix in (".jpg", ".png")]
+            pictures = [path for path in settings.data_dir.rglob("*.jpg")]
             assert len(pictures) == _VIEWS
-            for path in pictures:
+            for path in [*pictures, *settings.data_dir.rglob("*.png")]:
                 pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
                 assert not ((pixels[..., 0] > 200) & (pixels[..., 1] < 80) & (pixels[..., 2] > 200)).any()
             stored = np.asarray(Image.open(sorted(pictures)[_WALKING[0]])).astype(int)
