@@ -98,7 +98,7 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
                 assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
             assert service.get_scene(operation.scene_id).dictionary == ()
 
-            pictures = [path for path in settings.data_dir.rglob("*.jpg")]
+            pictures = list(settings.data_dir.rglob("*.jpg"))
             assert len(pictures) == _VIEWS
             for path in [*pictures, *settings.data_dir.rglob("*.png")]:
                 pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
