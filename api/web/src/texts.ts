@@ -163,7 +163,7 @@ export const texts = {
   },
   trainMore: {
     title: "Train further",
-    help: "The server goes on training this scene with its photos, from where it is. Things and names stay; the version of now can be restored.",
+    help: "More steps for this scene with its photos, on top of what it has learnt. Things and names stay; the present version can be restored.",
     preset: "How thoroughly",
     presets: { draft: "Draft: half a minute", balanced: "Balanced: two minutes", best: "Best: eight minutes" },
     submit: "Train further",
