@@ -48,11 +48,14 @@ _MAY = {
 }
 
 _TUS = {"Tus-Resumable": "1.0.0"}
+_MOTION = {"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
 _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:pick": {"json": {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
+    "POST /v1/scenes/{scene_id}:trainMore": {"json": {}},
+    "POST /v1/scenes/{scene_id}:align": {"json": {"alignment": {"transform": _MOTION}}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
     "POST /v1/scenes/{scene_id}:measure": {"json": {"places": [{"thing": 1}]}},
     "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
@@ -264,6 +267,8 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
     }
     values["places"] = [pb.Place(thing=1)]
     values["pixel"] = pb.Pixel(x=24.0, y=18.0)
+    motion = pb.Pose(position=pb.Vector3(x=1.0), orientation=pb.Quaternion(w=1.0))
+    values["alignment"] = pb.Alignment(transform=motion)
     values["edits"] = [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")]
     return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})
 
