@@ -21,6 +21,7 @@ PAGE_TOKEN = write_page_token(1767225600.0, IDS["scene_id"])
 
 PARAMETERS: Mapping[str, Any] = {
     **IDS,
+    "cell": 0.0,
     "coverage": 0.9,
     "depth_scale": 0.001,
     "encoding": "runs",

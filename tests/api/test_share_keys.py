@@ -32,7 +32,7 @@ __all__ = ["place"]
 _SHOWN = {
     *("GetScene", "ListScenes", "ListLabels", "ListObjects", "ListThings", "PickThing", "ListVersions", "Query"),
     *("StreamQuery", "DownloadCameras", "RenderView", "DownloadScenePly", "DownloadMaskPly", "ExportScene"),
-    *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene"),
+    *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""
 
