@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,13 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, Request, expect
 
+from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.settings import PerceptionSettings
+from tests import color_detector
+from tests.api.made_scene import ENCODER
+from tests.api.served import serving
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.conftest import Place, page_settings
 
 _PIECE = 8 * 2**20  # as in api/web/src/upload/tus.ts
 
@@ -51,7 +57,19 @@ def _choose(page: Page, paths: list[Path]) -> None:
     page.get_by_label("Choose files").set_input_files(paths)
 
 
-def test_people_are_kept_out_where_the_box_says_so(place: Place, browser: Browser, photos: list[Path]) -> None:
+@pytest.fixture
+def watchful(tmp_path: Path) -> Iterator[Place]:
+    """A server with a detector that knows people."""
+    folder = tmp_path / "watchful"
+    perception = PerceptionSettings(text_encoder=ENCODER, closed_set_detector=color_detector.ADAPTER)
+    settings = page_settings(folder, perception=perception)
+    color_detector.write_color_detector(settings.models)
+    with open_service(settings) as service, serving(service, settings) as ports:
+        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, "")
+
+
+def test_people_are_kept_out_where_the_box_says_so(watchful: Place, browser: Browser, photos: list[Path]) -> None:
+    place = watchful
     with visiting(browser, place.url, "#/new") as visit:
         page = visit.page
         _choose(page, photos)
