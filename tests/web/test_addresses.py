@@ -121,6 +121,18 @@ def test_a_question_on_its_way_does_not_bring_back_the_address_that_was_left(pla
         assert page.url == f"{place.url}/#/"
 
 
+def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_back_the_old_one(
+    place: Place, browser: Browser
+) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
+        page = visit.page
+        things = page.get_by_role("region", name="Things")
+        # One script, so that the browser's own event comes after the click.
+        things.get_by_role("button", name="ball").evaluate("thing => { location.hash = '#/'; thing.click(); }")
+        expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
+        assert page.url == f"{place.url}/#/"
+
+
 @pytest.fixture(scope="module")
 def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str, str]]:
     """The address of a server that wants keys, a key, and a scene."""

@@ -15,18 +15,27 @@ export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
 /** The page's address, as it is now. */
 export const route = signal<Route>(parseRoute(location.hash));
 
+// The address that `route` is of. The browser tells of a new one only later: until then `location` is ahead of it.
+let known = location.hash;
+
 window.addEventListener("hashchange", () => {
   const other = shareKeyIn(location.hash);
   if (other && other !== shareKey) location.reload(); // another link, another caller
   takeUploadKey();
-  route.value = parseRoute(location.hash);
+  known = location.hash;
+  route.value = parseRoute(known);
 });
 
 export function go(address: string): void {
   location.hash = address;
 }
 
-/** Puts the address right without a new entry in the history, e.g. while the camera moves. */
+/**
+ * Puts the address right without a new entry in the history, e.g. while the camera moves. Does nothing when another
+ * address has been gone to meanwhile.
+ */
 export function replaceAddress(address: string): void {
+  if (location.hash !== known) return;
   history.replaceState(null, "", address);
+  known = location.hash;
 }
