@@ -7,6 +7,7 @@ import type {
   Operation,
   PickedThing,
   Place,
+  Pose,
   PosedCamera,
   QueryOut,
   RenderIn,
@@ -71,9 +72,18 @@ export async function listThings(sceneId: string, version: string): Promise<Scen
   return things;
 }
 
-/** The answer to one text: ranked labels, the objects that answer, and which Gaussians they are (packed bits). */
-export async function ask(sceneId: string, version: string, text: string, signal?: AbortSignal): Promise<Answer> {
-  const body = { texts: [text], version, outputs: ["objects", "mask3d"], mask3d_encoding: "bits" };
+/**
+ * The answer to one text: ranked labels, the objects that answer, and which Gaussians they are (packed bits). "Left of"
+ * is as seen by `asker`.
+ */
+export async function ask(
+  sceneId: string,
+  version: string,
+  text: string,
+  asker: Pose | null,
+  signal?: AbortSignal,
+): Promise<Answer> {
+  const body = { texts: [text], version, outputs: ["objects", "mask3d"], mask3d_encoding: "bits", asker };
   const { answers } = await postJson<QueryOut>(`v1/scenes/${encodeURIComponent(sceneId)}:query`, body, signal);
   const [answer] = answers;
   if (!answer) throw new Error("an answer to no text");

@@ -19,6 +19,7 @@ export type OperationList = Schemas["OperationList"];
 export type PhotoVerdictList = Schemas["PhotoVerdictList"];
 export type PhotoVerdict = Schemas["PhotoVerdict"];
 export type PickedThing = Schemas["PickedThing"];
+export type Pose = Schemas["Pose"];
 export type PosedCamera = Schemas["PosedCamera"];
 export type Problem = Schemas["Problem"];
 export type QueryOut = Schemas["QueryOut"];

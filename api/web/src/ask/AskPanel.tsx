@@ -1,12 +1,13 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import type { Answer, Match } from "../api/types";
+import type { Match, SceneObject } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../scene/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
+import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "./askParts";
 
 const TYPING_MS = 350;
 const SHOWN_MATCHES = 6;
@@ -28,12 +29,13 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
   const answer = state.answer.value;
 
   useEffect(() => () => window.clearTimeout(timer.current), []);
+  const flyTo = ({ box }: SceneObject) => onFly(centerOf(box), boxSize(box));
   const ask = (text: string) => {
     window.clearTimeout(timer.current);
     void state.ask(text).then(() => {
       onAsk();
       const [best] = state.answer.value?.objects ?? [];
-      if (best && state.answer.value?.text === text.trim()) onFly(centerOf(best.box), boxSize(best.box));
+      if (best && state.answer.value?.text === text.trim()) flyTo(best);
     });
   };
   const type = (text: string) => {
@@ -41,94 +43,24 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
-  const labels = state.scene.value?.dictionary ?? [];
+  const labels = (state.scene.value?.dictionary ?? []).slice(0, SHOWN_LABELS).map((entry) => entry.label);
   return (
     <section class="ask" aria-labelledby="ask-title">
       <h2 id="ask-title">{texts.ask.title}</h2>
-      <form
-        role="search"
-        onSubmit={(event) => {
-          event.preventDefault();
-          ask(typed);
-        }}
-      >
-        <label class="sr-only" for="question">
-          {texts.ask.label}
-        </label>
-        <input
-          id="question"
-          type="search"
-          value={typed}
-          maxLength={1000}
-          placeholder={texts.ask.placeholder}
-          autocomplete="off"
-          onInput={(event) => type(event.currentTarget.value)}
-        />
-        <button class="primary">{texts.ask.title}</button>
-      </form>
+      <QuestionForm text={typed} placeholder={texts.ask.placeholder} onType={type} onAsk={() => ask(typed)} />
       {state.answerError.value !== null && <ErrorNote error={state.answerError.value} />}
       <div aria-live="polite" aria-busy={state.asking.value}>
-        {answer && <Verdict answer={answer} />}
+        {answer && <Verdict answer={answer} unnamed={answer.searched.unnamed_things} />}
       </div>
       {answer && (
         <>
-          <Objects answer={answer} onFly={onFly} />
+          <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
           {answer.verdict !== "absent" && <BestPhotos state={state} text={answer.text} />}
           <Matches matches={answer.matches.slice(0, SHOWN_MATCHES)} onAsk={type} />
         </>
       )}
-      {!answer && labels.length > 0 && (
-        <>
-          <h3>{texts.ask.knownLabels}</h3>
-          <ul class="chips">
-            {labels.slice(0, SHOWN_LABELS).map((entry) => (
-              <li key={entry.label_id}>
-                <button type="button" class="chip" onClick={() => type(entry.label)}>
-                  {entry.label}
-                </button>
-              </li>
-            ))}
-          </ul>
-        </>
-      )}
+      {!answer && labels.length > 0 && <KnownLabels labels={labels} onAsk={type} />}
     </section>
-  );
-}
-
-function Verdict({ answer }: { answer: Answer }) {
-  return (
-    <div class={`verdict ${answer.verdict}`}>
-      <p class="verdict-word">{texts.ask.verdicts[answer.verdict]}</p>
-      <p>{answer.explanation}</p>
-      {answer.probability !== null && <p class="hint">{texts.ask.likely(answer.probability)}</p>}
-      {answer.verdict === "absent" && answer.searched.unnamed_things > 0 && (
-        <p class="hint">{texts.ask.unnamed(answer.searched.unnamed_things)}</p>
-      )}
-    </div>
-  );
-}
-
-function Objects({ answer, onFly }: { answer: Answer; onFly: Properties["onFly"] }) {
-  const objects = answer.objects ?? [];
-  if (objects.length === 0) return null;
-  return (
-    <>
-      <h3>{texts.ask.objects}</h3>
-      <ul class="chips">
-        {objects.map((object, index) => (
-          <li key={object.id}>
-            <button
-              type="button"
-              class="chip"
-              aria-label={texts.ask.flyTo(object.label, index + 1)}
-              onClick={() => onFly(centerOf(object.box), boxSize(object.box))}
-            >
-              {object.label} {index + 1}
-            </button>
-          </li>
-        ))}
-      </ul>
-    </>
   );
 }
 

@@ -1,6 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { SceneObject } from "../api/types";
+import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "../ask/askParts";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { LookAt } from "../viewer/poses";
@@ -50,56 +51,12 @@ export function OfflinePage({ data }: { data: SceneData }) {
         <p class="hint">{texts.offline.about}</p>
         <section class="ask" aria-labelledby="ask-title">
           <h2 id="ask-title">{texts.ask.title}</h2>
-          <form
-            role="search"
-            onSubmit={(event) => {
-              event.preventDefault();
-              ask(typed);
-            }}
-          >
-            <label class="sr-only" for="question">
-              {texts.ask.label}
-            </label>
-            <input
-              id="question"
-              type="search"
-              value={typed}
-              maxLength={1000}
-              autocomplete="off"
-              onInput={(event) => setTyped(event.currentTarget.value)}
-            />
-            <button class="primary">{texts.ask.title}</button>
-          </form>
-          <div aria-live="polite">{reply && <Verdict reply={reply} />}</div>
-          {answer && answer.objects.length > 0 && (
-            <>
-              <h3>{texts.ask.objects}</h3>
-              <ul class="chips">
-                {answer.objects.map((object, index) => (
-                  <li key={object.id}>
-                    <button
-                      type="button"
-                      class="chip"
-                      aria-label={texts.ask.flyTo(object.label, index + 1)}
-                      onClick={() => lookAt(object)}
-                    >
-                      {object.label} {index + 1}
-                    </button>
-                  </li>
-                ))}
-              </ul>
-            </>
-          )}
-          <h3>{texts.ask.knownLabels}</h3>
-          <ul class="chips">
-            {data.labels.map((label) => (
-              <li key={label}>
-                <button type="button" class="chip" onClick={() => ask(label)}>
-                  {label}
-                </button>
-              </li>
-            ))}
-          </ul>
+          <QuestionForm text={typed} onType={setTyped} onAsk={() => ask(typed)} />
+          <div aria-live="polite">
+            {reply && (reply.answer ? <Verdict answer={reply.answer} /> : <Unknown text={reply.text} />)}
+          </div>
+          {answer && <ObjectChips objects={answer.objects} onFly={lookAt} />}
+          <KnownLabels labels={data.labels} onAsk={ask} />
           {data.left_out > 0 && <p class="hint">{texts.offline.leftOut(data.left_out)}</p>}
         </section>
       </aside>
@@ -112,19 +69,11 @@ function replyTo(text: string, data: SceneData): Reply | null {
   return text.trim() ? { text: text.trim(), answer: name ? (data.answers[name.answer] ?? null) : null } : null;
 }
 
-function Verdict({ reply: { text, answer } }: { reply: Reply }) {
-  if (!answer)
-    return (
-      <div class="verdict">
-        <p class="verdict-word">{texts.offline.unknown}</p>
-        <p>{texts.offline.unknownText(text)}</p>
-      </div>
-    );
+function Unknown({ text }: { text: string }) {
   return (
-    <div class={`verdict ${answer.verdict}`}>
-      <p class="verdict-word">{texts.ask.verdicts[answer.verdict]}</p>
-      <p>{answer.explanation}</p>
-      {answer.probability !== null && <p class="hint">{texts.ask.likely(answer.probability)}</p>}
+    <div class="verdict">
+      <p class="verdict-word">{texts.offline.unknown}</p>
+      <p>{texts.offline.unknownText(text)}</p>
     </div>
   );
 }

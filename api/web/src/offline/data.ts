@@ -22,6 +22,8 @@ export interface OfflineName {
 /** What the server said when it was asked for that name. */
 export interface OfflineAnswer {
   verdict: Answer["verdict"];
+  relation: Answer["relation"];
+  relation_subject: Answer["relation_subject"];
   explanation: string;
   probability: number | null;
   objects: SceneObject[];

@@ -15,10 +15,10 @@ import { SharedThing } from "../take/SharedThing";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingPanel } from "../things/ThingPanel";
+import { LookAgain } from "../improve/LookAgain";
 import { NextPhotos } from "../improve/NextPhotos";
 import { TrainMore } from "../improve/TrainMore";
 import { ThingList } from "../things/ThingList";
-import { LookAgainPanel } from "../lookAgain/LookAgainPanel";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
 import { ErrorNote, Loading } from "../ui/parts";
@@ -84,6 +84,9 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   useSignalEffect(() => {
     const version = state.version.value;
     if (!version || !ready.value) return;
+    const start = firstView(state.scene.peek()?.cameras ?? []);
+    // The question of the address is asked from where the 3D view will begin.
+    if (!state.change.view.peek()) state.change.view.value = parseView(first, start.up) ?? start;
     void state.loadThings();
     void state.ask(state.text.peek());
   });
@@ -194,7 +197,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         {!isShared && (
           <>
             <VersionsPanel state={state} />
-            <LookAgainPanel sceneId={sceneId} onDone={() => void state.refresh()} />
+            <LookAgain sceneId={sceneId} onDone={() => void state.refresh()} />
           </>
         )}
         <ScaleFacts state={state} />

@@ -5,6 +5,7 @@ import { isAbort } from "../api/http";
 import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
 import { ChangeState } from "../change/changeState";
 import { LookState } from "../look/lookState";
+import { poseOf } from "../viewer/poses";
 import { fromBase64, unpackBits } from "../viewer/states";
 import { geometryVersion } from "./versions";
 
@@ -121,7 +122,8 @@ export class SceneState {
     }
     this.asking.value = true;
     try {
-      const answer = await calls.ask(this.sceneId, version, trimmed, signal);
+      const view = this.change.view.peek();
+      const answer = await calls.ask(this.sceneId, version, trimmed, view && poseOf(view), signal);
       if (signal.aborted) return;
       batch(() => {
         this.answer.value = answer;

@@ -42,14 +42,18 @@ export function Abilities({ status }: { status: ServerStatus }) {
             <span>{model.name || texts.server.none}</span>
             <span class={`state ${model.state === "missing" ? "failed" : model.state === "ready" ? "ready" : ""}`}>
               {texts.server.modelStates[model.state]}
-              {model.calibrated !== null &&
-                ` · ${model.calibrated ? texts.server.calibrated : texts.server.uncalibrated}`}
+              {model.calibrated !== null && ` · ${calibration(model)}`}
             </span>
           </li>
         ))}
       </ul>
     </section>
   );
+}
+
+function calibration({ role, calibrated }: ServerStatus["models"][number]): string {
+  if (calibrated) return texts.server.calibrated;
+  return role === "lexicon" ? texts.server.lexiconUnused : texts.server.uncalibrated;
 }
 
 function Fact({ name, value }: { name: string; value: string }) {

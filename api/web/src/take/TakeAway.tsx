@@ -29,6 +29,9 @@ const ENDINGS: Record<ExportFormat, string> = {
   glb: "glb",
   mesh: "mesh.glb",
   cameras: "cameras.zip",
+  sog: "sog",
+  mcap: "mcap",
+  map: "map.zip",
 };
 
 interface Properties {
@@ -75,7 +78,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "html", "points", "mesh", "glb"];
+  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "map"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
@@ -96,7 +99,7 @@ export function TakeAway({ state, scene, view }: Properties) {
         <div key={thing.id}>
           <h3>{titleOf(thing)}</h3>
           <ul class="chips">
-            {(["ply", "spz", "points", "mesh", "glb"] as const).map((format) =>
+            {(["ply", "spz", "sog", "points", "mesh", "glb"] as const).map((format) =>
               item(
                 texts.take.alone(titleOf(thing), texts.take.kinds[format]),
                 named(ENDINGS[format], titleOf(thing), "thing"),

@@ -1,4 +1,4 @@
-import type { PosedCamera } from "../api/types";
+import type { Pose, PosedCamera } from "../api/types";
 import { damped, outerSum, solve, times } from "./linear";
 import type { Vec } from "./vectors";
 import { add, cross, dot, length, mix, scale, subtract, unit } from "./vectors";
@@ -44,6 +44,12 @@ export function cameraOf(view: LookAt, width: number, height: number): PosedCame
     frame_id: "world",
     name: "",
   };
+}
+
+/** Where one stands and looks, OpenCV axes. */
+export function poseOf(view: LookAt): Pose {
+  const { position, orientation } = cameraOf(view, 1, 1);
+  return { position, orientation };
 }
 
 /** The unit quaternion of the rotation whose columns are x, y and z (Shepperd's method). */

@@ -1,0 +1,118 @@
+import type { ComponentChildren } from "preact";
+import { useRef, useState } from "preact/hooks";
+
+import { cancelOperation, getOperation, newRequestId } from "../api/calls";
+import { postJson } from "../api/http";
+import type { Operation } from "../api/types";
+import { FinishButton } from "../jobs/FinishButton";
+import { JobPreview } from "../jobs/JobPreview";
+import { texts } from "../texts";
+import { ErrorNote, sentence } from "../ui/parts";
+import { useLoaded } from "../ui/useLoaded";
+import "./improve.css";
+
+const PAUSE_MS = 2_000;
+
+interface FollowProps {
+  words: { title: string; help: string; submit: string; running: string };
+  /** What came of it, once there is something to say. */
+  result: (operation: Operation) => ComponentChildren;
+  onDone: () => void;
+}
+
+interface Props extends FollowProps {
+  sceneId: string;
+  /** The call that queues the job, as in `v1/scenes/{scene_id}:{call}`. */
+  call: string;
+  /** Its body, without the request id. */
+  body: (form: FormData) => object;
+  /** The fields of the form. */
+  children: ComponentChildren;
+}
+
+/** A form that orders a job for a finished scene; the job is followed to its end. */
+export function SceneOrder({ sceneId, call, body, children, ...follow }: Props) {
+  const [started, setStarted] = useState<Operation | null>(null);
+  const [error, setError] = useState<unknown>(null);
+  const [busy, setBusy] = useState(false);
+  const order = async (form: FormData) => {
+    setBusy(true);
+    setError(null);
+    try {
+      const path = `v1/scenes/${encodeURIComponent(sceneId)}:${call}`;
+      setStarted(await postJson<Operation>(path, { ...body(form), request_id: newRequestId() }));
+    } catch (problem) {
+      setError(problem);
+    } finally {
+      setBusy(false);
+    }
+  };
+  return (
+    <details class="improve">
+      <summary>{follow.words.title}</summary>
+      <p class="hint">{follow.words.help}</p>
+      <form
+        onSubmit={(event) => {
+          event.preventDefault();
+          void order(new FormData(event.currentTarget));
+        }}
+      >
+        {children}
+        {error !== null && <ErrorNote error={error} />}
+        <button class="primary" disabled={busy}>
+          {follow.words.submit}
+        </button>
+      </form>
+      {started && <Outcome key={started.id} operationId={started.id} {...follow} />}
+    </details>
+  );
+}
+
+function Outcome({ operationId, words, result, onDone }: FollowProps & { operationId: string }) {
+  const announced = useRef(false);
+  const [busy, setBusy] = useState(false);
+  const [problem, setProblem] = useState<unknown>(null);
+  const { value, error, reload } = useLoaded(
+    async (signal) => {
+      const operation = await getOperation(operationId, signal);
+      if (operation.state === "SUCCEEDED" && !announced.current) {
+        announced.current = true;
+        onDone();
+      }
+      return operation;
+    },
+    [operationId],
+    (operation) => (operation?.done ? null : PAUSE_MS),
+  );
+  const act = (call: (id: string) => Promise<void>) => {
+    setBusy(true);
+    setProblem(null);
+    call(operationId)
+      .then(reload, setProblem)
+      .finally(() => setBusy(false));
+  };
+  if (!value) return error === null ? null : <ErrorNote error={error} />;
+  const stage = value.done ? undefined : value.stages.at(-1);
+  return (
+    <div class="note">
+      <div role="status">
+        <p>{value.state === "RUNNING" ? words.running : texts.order.states[value.state]}</p>
+        {value.error && <p>{sentence(value.error.message)}</p>}
+        {value.error?.details["hint"] && <p class="hint">{value.error.details["hint"]}</p>}
+        {result(value)}
+      </div>
+      {stage && <progress max={1} value={stage.fraction} aria-label={words.title} />}
+      {stage && <p class="hint">{stage.message}</p>}
+      {value.preview && <JobPreview operationId={operationId} info={value.preview} />}
+      {problem !== null && <ErrorNote error={problem} />}
+      {!value.done && (
+        <span class="buttons">
+          <FinishButton operation={value} busy={busy} act={act} />
+          <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
+            {texts.cancel}
+          </button>
+        </span>
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,22 @@
+import { changeTexts } from "./change";
+import { generalTexts } from "./general";
+import { jobsTexts } from "./jobs";
+import { lookTexts } from "./look";
+import { sceneTexts } from "./scene";
+import { serverTexts } from "./server";
+import { takeTexts } from "./take";
+import { thingsTexts } from "./things";
+import { uploadTexts } from "./upload";
+
+/** Every English text of the page. What the server says of an error or an answer is shown as it says it. */
+export const texts = {
+  ...changeTexts,
+  ...generalTexts,
+  ...jobsTexts,
+  ...lookTexts,
+  ...sceneTexts,
+  ...serverTexts,
+  ...takeTexts,
+  ...thingsTexts,
+  ...uploadTexts,
+};

@@ -1,0 +1,80 @@
+import { plural } from "./plural";
+
+/** Jobs: how a scene is made, and how a finished one is made better. */
+export const jobsTexts = {
+  job: {
+    title: "Progress",
+    queued: "Waiting for a worker.",
+    cancel: "Cancel the job",
+    retry: "Try again",
+    failed: (stage: string) => `Failed in the stage “${stage}”.`,
+    cancelled: "The job was cancelled.",
+    stages: {
+      capture: "Photos and cameras",
+      perception: "Recognition",
+      training: "Training",
+      export: "Saving",
+    } as Record<string, string>,
+    left: (time: string) => `about ${time} left in this stage`,
+    spent: (time: string) => `${time} so far`,
+    done: "done",
+    seconds: (count: number) => `${count} s`,
+    minutes: (count: number) => `${count} min`,
+    percent: (share: number) => `${Math.round(100 * share)} %`,
+  },
+  jobWatching: {
+    left: (time: string) => `About ${time} left in all.`,
+    noWorker:
+      "No worker is running on the server, so nothing happens. The job begins, or goes on, when one is started.",
+    silent: "The worker of this job has stopped answering. Another one will go on where it was.",
+    attempt: (number: number) =>
+      `Attempt ${number}: the job went on after its worker, or its training, had stopped without warning.`,
+    pictureAlt: "The scene as it is trained so far",
+    steps: (count: number, time: string) => `${plural(count, "step", "steps")}, ${time}`,
+    camerasAlt: (placed: number, images: number) =>
+      `Drawing of the cameras of ${placed} of ${images} photos, and points`,
+    placed: (placed: number, images: number) => `${placed} of ${images} photos placed`,
+    turnLeft: "Turn left",
+    turnRight: "Turn right",
+    finish: "Stop early and keep it",
+    finishQuestion: "Stop the training now and make the scene of what is there?",
+    finishYes: "Stop and keep",
+    finishNo: "Train on",
+    finishing: "The training is ending; the scene is made of what is there.",
+  },
+  order: {
+    states: {
+      QUEUED: "Waiting for a worker.",
+      SUCCEEDED: "Done.",
+      FAILED: "It failed.",
+      CANCELLED: "It was cancelled.",
+    },
+  },
+  trainMore: {
+    title: "Train further",
+    help: "More steps for this scene with its photos, on top of what it has learnt. Things and names stay; the present version can be restored.",
+    preset: "How thoroughly",
+    presets: { draft: "Draft: half a minute", balanced: "Balanced: two minutes", best: "Best: eight minutes" },
+    submit: "Train further",
+    running: "Training.",
+    better: (before: number, after: number) =>
+      `Photos that training did not see are reproduced with ${after.toFixed(1)} dB in place of ${before.toFixed(1)}.`,
+    beside:
+      "The scene was edited meanwhile in a way that contradicts its photos: the new version stands beside it, see the versions.",
+  },
+  lookAgain: {
+    title: "Look for more names",
+    help: "The server looks at the scene again for what you name, and names the things that it finds. It takes a while.",
+    names: "Names, separated by commas",
+    submit: "Look again",
+    running: "Looking.",
+    named: (names: string) => `Named: ${names}.`,
+    suggested: (names: string) => `Suggested, not sure enough for a name: ${names}.`,
+    nothing: "Nothing here is that.",
+  },
+  nextPhotos: {
+    title: "Where to stand next",
+    none: "No place to stand at would add much.",
+    fly: "Look from there",
+  },
+};

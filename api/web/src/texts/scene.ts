@@ -1,0 +1,69 @@
+import { plural } from "./plural";
+
+/** The list of scenes, and the page of one. */
+export const sceneTexts = {
+  scenes: {
+    title: "Scenes",
+    empty: "No scenes yet.",
+    emptyHint: "Upload photos, a video or a splat, and a scene is made of them.",
+    untitled: "Untitled scene",
+    gaussians: (count: number) => plural(count, "Gaussian", "Gaussians"),
+    states: { TRAINING: "In progress", READY: "Ready", FAILED: "Failed", CANCELLED: "Cancelled" },
+    pictureOf: (name: string) => `Picture of ${name}`,
+  },
+  scene: {
+    back: "All scenes",
+    unavailable: "This scene cannot be shown",
+    loading3d: (percent: number) => `Loading the scene: ${percent} %`,
+    canvas: "3D view of the scene",
+    canvasHelp:
+      "Drag to orbit, drag with the right button or two fingers to move, wheel or pinch to zoom. Keys: arrows orbit, Shift and arrows turn, W A S D move, E and Q rise and sink, plus and minus zoom, Home goes back to the first view.",
+    help: "How to move",
+    home: "First view",
+    registered: (used: unknown, all: unknown) => `${String(used)} of ${String(all)} photos placed`,
+    psnr: (value: number) => `${value.toFixed(1)} dB PSNR`,
+    remove: "Delete scene",
+    removeQuestion: (name: string) => `Delete “${name}”? Its versions and files are removed for good.`,
+    removeYes: "Delete for good",
+    oldVersion: "This is an older version.",
+    toCurrent: "Show the current one",
+    changedElsewhere: "The scene has changed.",
+  },
+  sceneName: { edit: "Rename", label: "Name of the scene", save: "Save" },
+  assessment: {
+    title: "How good this scene is",
+    grades: {
+      good: "A good scene.",
+      fair: "A fair scene: look before you rely on it.",
+      poor: "A poor scene: it should be made anew.",
+    },
+  },
+  serverView: {
+    note: "This browser has no WebGL 2, so the server draws the scene, picture by picture.",
+  },
+  photos: {
+    title: "Photos",
+    placed: (placed: number, all: number) => `${placed} of ${plural(all, "photo", "photos")} placed.`,
+    fine: "Nothing is wrong with any of them.",
+    troubled: (count: number) => `${plural(count, "photo needs", "photos need")} a look.`,
+    showAll: "Show all photos",
+    notAssessed: "What became of its photos was not recorded.",
+    isPlaced: "Placed",
+    notPlaced: {
+      few_features: "Not placed: hardly any texture",
+      no_overlap: "Not placed: no overlap with others",
+      few_matches: "Not placed: too few matches",
+      other_model: "Not placed: belongs to another group",
+      masked: "Not placed: masked entirely",
+      unknown: "Not placed",
+    },
+    defects: { blurred: "Blurred", dark: "Dark", duplicate: "Duplicate" },
+  },
+  privacy: {
+    people: "Keep people out",
+    hint: "Who is seen in the photos, by the detector’s word, is blanked before anything is made of them. The files as sent are deleted.",
+    withheld: (people: boolean, photos: number, share: number) =>
+      `${people ? "People are" : "What moves is"} left out of ${plural(photos, "photo", "photos")}: ${(100 * share).toFixed(1)} % of all pixels.`,
+    ofPhoto: (share: number) => `${(100 * share).toFixed(1)} % withheld`,
+  },
+};

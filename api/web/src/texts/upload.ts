@@ -1,0 +1,56 @@
+import { plural } from "./plural";
+
+/** New scenes, from here and from a phone. */
+export const uploadTexts = {
+  upload: {
+    title: "New scene",
+    intro:
+      "20 to 200 sharp photos in which nothing moves, taken while walking around things; or one video, archive or splat.",
+    drop: "Drop files or a folder here",
+    choose: "Choose files",
+    chooseFolder: "Choose a folder",
+    camera: "Take photos",
+    files: (count: number, size: string) => `${plural(count, "file", "files")}, ${size}`,
+    clear: "Clear",
+    name: "Name",
+    labels: "Names to look for, separated by commas (optional)",
+    preset: "Quality",
+    presets: {
+      "": "The server’s default",
+      draft: "Draft: soonest",
+      balanced: "Balanced",
+      best: "Best: takes longest",
+    },
+    submit: "Upload",
+    pause: "Pause",
+    resume: "Go on",
+    sending: (sent: string, all: string, speed: string) => `${sent} of ${all} sent, ${speed} a second`,
+    resumed: "An earlier upload of these files goes on where it stopped.",
+    interrupted: "The connection broke. What has arrived is kept; go on when the server can be reached.",
+    progress: "Upload",
+    kind: (name: string) => `${name}: not a kind of file that a scene can be made of.`,
+    tooLarge: (size: string, limit: string) => `${size} are more than the server takes (${limit}).`,
+    oneArchive: "Send one archive, video or splat alone, not together with other files.",
+    empty: (name: string) => `${name}: the file is empty.`,
+    left: "Left out",
+    readOnly: "Your key may look, but not upload. Sign in with the key of an editor.",
+  },
+  phone: {
+    title: "Take them with your phone",
+    localhost: (host: string) => `A phone cannot reach this page at ${host}.`,
+    otherAddress: "The server says where it can be reached, by a phone in the same network:",
+    noAddress:
+      "Open it by this machine’s address in your network; for that the server must listen there (FASTSPLAT_HOST) and ask for keys.",
+    make: "Show a QR code",
+    makeFor: (page: string) => `Show a QR code for ${page}`,
+    code: "QR code of the link",
+    scan: "Scan it with the phone’s camera. Whoever opens the link may post one scene, and do nothing else.",
+    valid: (time: string) => `The upload must begin before ${time}.`,
+    link: "The link",
+    another: "Close",
+    invalid: "This link is not valid any more",
+    invalidHelp: "It has expired, or was taken back. Make a new one on the computer, and scan that.",
+    arrived: "Your photos have arrived",
+    arrivedHelp: "The scene is made now. Look at it on the computer; this page may be closed.",
+  },
+};
