@@ -1,6 +1,6 @@
 """Score the product's answers on questions that nothing was fitted to.
 
-    python -m benchmarks.absence --models DIR [--encoder NAME] [--misses] [--dry-run]
+    python -m benchmarks.absence --models DIR [--encoder NAME] [--lexicon NAME] [--misses] [--dry-run]
 
 Every question of `questions.txt` is asked of a scene that has its dictionary, through the product's own ranking. Writes
 benchmarks/results/absence.json:
@@ -15,11 +15,10 @@ Intervals are 95 %, by 2,000 draws of whole dictionaries.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, read_ca
 from benchmarks.calibration.calibrate import auroc, calibration_error
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.lexicon import Lexicon, open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
@@ -45,6 +45,7 @@ class _Answered:
     probability: float
     presence: float
     label_set: tuple[str, ...]  # "" for "nothing here"
+    method: str
 
     @property
     def right(self) -> bool:
@@ -55,15 +56,17 @@ class _Answered:
         return bool(set(self.case.answers or ("",)) & set(self.label_set))
 
 
-def answer_cases(cases: Sequence[Case], encoder: TextEncoder, settings: QuerySettings) -> list[_Answered]:
-    """What the product says to each case, in order.
+def answer_cases(
+    cases: Sequence[Case], encoder: TextEncoder, settings: QuerySettings, lexicon: Lexicon | None = None
+) -> list[_Answered]:
+    """What the product says to each case, in order, with a lexicon beside the encoder or without.
 
     Raises:
         ValueError: the encoder is not calibrated.
     """
     answered = []
     for labels, asked in groupby(cases, key=lambda case: case.labels):
-        index = SceneIndex(_scene_of(labels, encoder, settings), encoder, settings)
+        index = SceneIndex(_scene_of(labels, encoder, settings), encoder, settings, lexicon=lexicon)
         for case in asked:
             (answer,) = index.ask([case.question])
             answered.append(_answered(case, answer))
@@ -93,8 +96,12 @@ def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[f
         figures([each for place in rng.integers(len(by_scene), size=len(by_scene)) for each in by_scene[place]])
         for _ in range(_DRAWS)
     ]
-    bounds: Callable[[str], Any] = lambda name: np.percentile([draw[name] for draw in draws], [2.5, 97.5])  # noqa: E731
-    return {name: (float(bounds(name)[0]), float(bounds(name)[1])) for name in draws[0]}
+
+    def bounds(name: str) -> tuple[float, float]:
+        lower, upper = np.percentile([draw[name] for draw in draws], [2.5, 97.5])
+        return float(lower), float(upper)
+
+    return {name: bounds(name) for name in draws[0]}
 
 
 def _answered(case: Case, answer: Answer) -> _Answered:
@@ -102,7 +109,9 @@ def _answered(case: Case, answer: Answer) -> _Answered:
         raise ValueError("this encoder is not calibrated: run benchmarks.calibration.calibrate first")
     best = answer.matches[0]
     names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)
-    return _Answered(case, answer.verdict == "absent", best.label, best.probability or 0.0, answer.presence, names)
+    return _Answered(
+        case, answer.verdict == "absent", best.label, best.probability or 0.0, answer.presence, names, answer.method
+    )
 
 
 def _scene_of(labels: Sequence[str], encoder: TextEncoder, settings: QuerySettings) -> Scene:
@@ -134,6 +143,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
+    parser.add_argument("--lexicon", default="wordnet", help="lexicon of the model manifest; empty: none")
     parser.add_argument(
         "--misses", action="store_true", help="print every wrong answer; whoever reads them must not fit"
     )
@@ -143,7 +153,11 @@ def main() -> None:
     cases = read_cases()
     if wrong := list(doubles(cases)):
         raise SystemExit("\n".join(wrong))
-    answered = answer_cases(cases, open_text_encoder(arguments.encoder, arguments.models), QuerySettings())
+    encoder = open_text_encoder(arguments.encoder, arguments.models)
+    lexicon = open_lexicon(arguments.lexicon, arguments.models) if arguments.lexicon else None
+    answered = answer_cases(cases, encoder, QuerySettings(), lexicon)
+    if lexicon is not None and any(each.method != "lexicon" for each in answered):
+        raise SystemExit("this encoder was not measured with this lexicon: run benchmarks.calibration.calibrate first")
     values, bounds = figures(answered), intervals(answered)
     for name, value in values.items():
         print(f"{name:20} {value:.3f}  [{bounds[name][0]:.3f}, {bounds[name][1]:.3f}]")
@@ -153,8 +167,12 @@ def main() -> None:
                 said = "absent" if each.absent else each.first
                 print(f"{each.case.scene}, {each.case.list}: {each.case.question!r} -> {said} ({each.probability:.2f})")
     if not arguments.dry_run:
-        document = provenance(start) | {
+        chosen = (
+            "calibration: on benchmarks/calibration, which shares no question with these; nothing was chosen on them"
+        )
+        document = provenance(start, settings=arguments, chosen_on=chosen) | {
             "encoder": arguments.encoder,
+            "lexicon": arguments.lexicon or None,
             "dictionaries": len({case.scene for case in cases}),
             "questions": {kind: sum(case.list == kind for case in cases) for kind in PRESENT + ABSENT},
             "figures": {name: {"value": round(value, 4), "interval": bounds[name]} for name, value in values.items()},

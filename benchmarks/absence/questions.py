@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.calibration.lists import read_pairs, read_scenes
+from benchmarks.calibration.lists import names_of, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import label_key
 
 FILE = Path(__file__).with_name("questions.txt")
@@ -40,28 +40,33 @@ def read_cases(path: Path = FILE) -> list[Case]:
             continue
         if line.startswith("["):
             scene, _, rest = line[1:].partition("]")
-            labels = _names(rest)
+            labels = names_of(rest)
             continue
         kind, _, rest = line.partition(":")
         if kind in PRESENT:
             question, _, answers = rest.partition("->")
-            new = [Case(scene, labels, kind, question.strip(), _names(answers))]
+            new = [Case(scene, labels, kind, question.strip(), names_of(answers))]
             if not new[0].answers or not set(new[0].answers) <= set(labels):
                 raise ValueError(f"line {number}: {answers.strip()!r} is no label of {scene}")
         elif kind in ABSENT:
-            new = [Case(scene, labels, kind, question, ()) for question in _names(rest)]
+            new = [Case(scene, labels, kind, question, ()) for question in names_of(rest)]
         else:
             raise ValueError(f"line {number}: {kind!r} is none of {PRESENT + ABSENT}")
         cases += new
     return cases
 
 
+def calibrating_keys() -> set[str]:
+    """Keys of every question that thresholds or weights are fitted to."""
+    keys = {label_key(pair.query) for pair in read_pairs()}
+    keys |= {label_key(asked.query) for scene in read_scenes() for asked in scene.asked}
+    return keys | {label_key(case.question) for case in read_cases(FITTED)}
+
+
 def doubles(cases: list[Case]) -> Iterator[str]:
     """What is wrong with the lists, a sentence each: questions that stand twice, that bear a name of what is there, or
     that stand in a list that calibrates."""
-    calibrating = {label_key(pair.query) for pair in read_pairs()}
-    calibrating |= {label_key(asked.query) for scene in read_scenes() for asked in scene.asked}
-    calibrating |= {label_key(case.question) for case in read_cases(FITTED)}
+    calibrating = calibrating_keys()
     first: dict[str, Case] = {}
     for case in cases:
         key = label_key(case.question)
@@ -76,7 +81,3 @@ def doubles(cases: list[Case]) -> Iterator[str]:
         )
         if borne:
             yield f"{case.question!r} of {case.scene} bears the name {borne[0]!r}"
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())

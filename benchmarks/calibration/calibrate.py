@@ -1,6 +1,6 @@
 """Measure what a text encoder's scores mean, and write it down for the query room.
 
-    python -m benchmarks.calibration.calibrate --models DIR [--encoder NAME] [--templates] [--dry-run]
+    python -m benchmarks.calibration.calibrate --models DIR [--encoder NAME] [--templates] [--lexicon NAME] [--dry-run]
 
 Thresholds come from `pairs.txt`; every other label sets them, the remaining ones and the dictionaries of `scenes.txt`
 judge them:
@@ -9,7 +9,9 @@ judge them:
     to "toaster" as another name of it.
 Probabilities and label sets come from `scenes.txt`, by scene: of four in a row, the first fits the two logistic models
 (Platt's scaling) and the temperature, the second and third give the conformal scores, the fourth judges.
-`--templates` compares prompt templates and both scores instead of writing anything.
+`--templates` compares prompt templates and both scores instead of writing anything, on the scenes that do not judge, so
+that what is chosen by them is judged by scenes that chose nothing. `--lexicon wordnet` fits what weighs lexicon and
+encoder instead, see `fit_meaning`.
 """
 
 from __future__ import annotations
@@ -27,11 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from benchmarks.calibration.fit_meaning import fit_meaning
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.perception.lexicon import open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query.calibration import FILE, Score, calibration_key
 from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.meaning import FILE as MEANING_FILE
 from fastsplat.service.query.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.probability import (
     Logistic,
@@ -75,31 +80,38 @@ class ScoredQuestion:
 
 
 def measure(
-    encoder: TextEncoder, templates: Sequence[str], negatives: Sequence[str]
+    encoder: TextEncoder, templates: Sequence[str], negatives: Sequence[str], *, choosing: bool = False
 ) -> dict[Score, tuple[ScoreCalibration, dict[str, Any]]]:
-    """By score: what the product needs, and the figures it reaches on what did not set it."""
+    """By score: what the product needs, and the figures it reaches on what did not set it.
+
+    `choosing` leaves the scenes out that judge, and divides the others among the same tasks.
+    """
     cache = TextCache(encoder, templates, 100_000)
     embedded = cache.embed(negatives)
     pairs = read_pairs()
     names: tuple[Score, ...] = ("similarity", "relevancy")
+    scenes = [scene for number, scene in enumerate(read_scenes()) if not (choosing and number % 4 == 3)]
     results: dict[Score, tuple[ScoreCalibration, dict[str, Any]]] = {}
     for name in names:
         values = np.array(
             [_scores(name, cache, [pair.label], [pair.query], [NameMatch()], embedded)[0, 0] for pair in pairs]
         )
         related, exact, figures = _thresholds(pairs, values)
-        questions = ask_scenes(name, cache, embedded)
-        temperature = _temperature(questions if name == "relevancy" else ask_scenes("relevancy", cache, embedded))
+        questions = ask_scenes(name, cache, embedded, scenes)
+        margins = questions if name == "relevancy" else ask_scenes("relevancy", cache, embedded, scenes)
+        temperature = _temperature(margins)
         calibration = fit(questions, related, exact, temperature)
         results[name] = (calibration, figures | judge(questions, calibration))
     return results
 
 
-def ask_scenes(name: Score, cache: TextCache, negatives: NDArray[np.float32]) -> list[ScoredQuestion]:
-    """Every question of `scenes.txt` with its scores; `negatives` are embedded."""
+def ask_scenes(
+    name: Score, cache: TextCache, negatives: NDArray[np.float32], scenes: Sequence[Questions] | None = None
+) -> list[ScoredQuestion]:
+    """Every question of the scenes, by default those of `scenes.txt`, with its scores; `negatives` are embedded."""
     return [
         question
-        for number, scene in enumerate(read_scenes())
+        for number, scene in enumerate(read_scenes() if scenes is None else scenes)
         for question in _ask(name, number, scene, cache, negatives)
     ]
 
@@ -344,13 +356,21 @@ def main() -> None:
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
     parser.add_argument("--templates", action="store_true", help="compare prompt templates, write nothing")
+    parser.add_argument("--lexicon", default="", help="fit the model of this lexicon and the encoder")
     parser.add_argument("--dry-run", action="store_true", help="print, write nothing")
     arguments = parser.parse_args()
     encoder = open_text_encoder(arguments.encoder, arguments.models)
     settings = QuerySettings()
+    if arguments.lexicon:
+        cache = TextCache(encoder, settings.templates, 100_000)
+        model = fit_meaning(open_lexicon(arguments.lexicon, arguments.models), cache, settings.templates, print)
+        print(_written({**model.figures}))
+        if not arguments.dry_run:
+            _write(MEANING_FILE, calibration_key(encoder.name, encoder.sha256), model.model_dump())
+        return
     if arguments.templates:
         for templates in _CANDIDATES:
-            for name, (_, figures) in measure(encoder, templates, settings.negatives).items():
+            for name, (_, figures) in measure(encoder, templates, settings.negatives, choosing=True).items():
                 print(json.dumps({"templates": templates, "score": name, **figures}, ensure_ascii=False))
         return
     results = measure(encoder, settings.templates, settings.negatives)
@@ -363,9 +383,12 @@ def main() -> None:
     }
     print(_written(entry["figures"]))
     if not arguments.dry_run:
-        known = json.loads(FILE.read_text())
-        known[calibration_key(encoder.name, encoder.sha256)] = entry
-        FILE.write_text(_written(known) + "\n")
+        _write(FILE, calibration_key(encoder.name, encoder.sha256), entry)
+
+
+def _write(path: Path, key: str, entry: dict[str, Any]) -> None:
+    known = json.loads(path.read_text()) if path.exists() else {}
+    path.write_text(_written(known | {key: entry}) + "\n")
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def read_pairs(path: Path = HERE / "pairs.txt") -> list[Pair]:
         label, *kinds = (part.strip() for part in line.split("|"))
         for part in kinds:
             kind, queries = part.split(":", 1)
-            pairs += [Pair(label, query, kind.strip(), number % 2 == 0) for query in _names(queries)]
+            pairs += [Pair(label, query, kind.strip(), number % 2 == 0) for query in names_of(queries)]
     return pairs
 
 
@@ -55,14 +55,15 @@ def read_scenes(path: Path = HERE / "scenes.txt") -> list[Questions]:
     for line in path.read_text().splitlines():
         if line.startswith("["):
             name, labels = line[1:].split("]")
-            found.append((name, _names(labels), []))
+            found.append((name, names_of(labels), []))
         elif line and not line.startswith("#"):
             queries, answers = line.split("->")
             first, _, also = answers.partition(";")
-            wanted = () if first.strip() == "nothing" else _names(first)
-            found[-1][2].extend(Question(query, wanted, _names(also)) for query in _names(queries))
+            wanted = () if first.strip() == "nothing" else names_of(first)
+            found[-1][2].extend(Question(query, wanted, names_of(also)) for query in names_of(queries))
     return [Questions(name, labels, tuple(asked)) for name, labels, asked in found]
 
 
-def _names(text: str) -> tuple[str, ...]:
+def names_of(text: str) -> tuple[str, ...]:
+    """The names of a list with commas."""
     return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -18,6 +18,9 @@ class PerceptionSettings(BaseModel):
 
     text_encoder: str = "minilm_l6_int8"
     """Embeds the dictionary and the questions."""
+    lexicon: str = "wordnet"
+    """Stands beside the text encoder in judging what a question and a name have to do with each other. Empty, or where
+    it was never fetched: the encoder judges alone; answers say so in `method`, and the server's status names it."""
     closed_set_detector: str = "picodet_416"
     """Detects objects of a fixed list of classes."""
     open_set_detector: str = ""

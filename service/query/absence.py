@@ -12,11 +12,6 @@ def searched_names(scene: Scene) -> int | None:
     return count if isinstance(count, int) and not isinstance(count, bool) else None
 
 
-def searched_without_things(scene: Scene) -> Searched:
-    """What a scene that stores no things was searched for."""
-    return Searched(None, 0, (), searched_names(scene))
-
-
 def unnamed_probability(searched: Searched, suggested: float) -> float:
     """0..1: that a thing without a name is what was asked for, when no named thing is.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,8 @@ F32 = NDArray[np.float32]
 _DEFAULTS = QuerySettings()
 _BATCH = 16
 """Sentences that are encoded between two looks whether anybody waits for them."""
+_CACHED_DEFINITIONS = 8_192
+"""Those of some 1,600 labels: 13 MB of 384 numbers each."""
 
 
 def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[str]) -> F32:
@@ -79,10 +82,33 @@ class TextCache:
                     embeddings[name] = self._recent[used, name]
         new = [name for name in dict.fromkeys(names) if name not in embeddings]
         if new:
-            embeddings |= dict(zip(new, embed_names(new, self._encoder, used), strict=True))
+            rows = embed_names(new, self._encoder, used)
+            embeddings |= {name: row.copy() for name, row in zip(new, rows, strict=True)}  # a view would keep all rows
             with self._lock:
                 for name in new:
                     self._recent[used, name] = embeddings[name]
                 while len(self._recent) > self._size:
                     self._recent.popitem(last=False)
         return np.stack([embeddings[name] for name in names])
+
+
+@dataclass(frozen=True)
+class TextCaches:
+    """What the scenes of one encoder share. Threads may share it.
+
+    Attributes:
+        texts: embeds questions, in the settings' templates.
+        definitions: embeds the lexicon's definitions of labels, as they are; a place of their own, so that opening a
+            scene displaces no question.
+    """
+
+    texts: TextCache
+    definitions: TextCache
+
+
+def text_caches(encoder: TextEncoder, settings: QuerySettings) -> TextCaches:
+    """Empty ones of an encoder."""
+    return TextCaches(
+        TextCache(encoder, settings.templates, settings.cached_texts),
+        TextCache(encoder, ("{}",), _CACHED_DEFINITIONS),
+    )

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from fastsplat_contract.queries import Answer, Searched
+from fastsplat_contract.queries import Answer, Relation, RelationSubject, Searched
 
 _MAX_LABELS = 3
 _MAX_QUOTED = 60
 _MAX_IDS = 10
+
+_RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
+    ("same", None): "The scene has {label}, which is the same as {text}",
+    ("kind_of", "label"): "The scene has {label}, a kind of {text}",
+    ("kind_of", "question"): "Closest match: {label}, of which {text} is a kind",
+    ("part_of", "label"): "Closest match: {label}, a part of {text}",
+    ("part_of", "question"): "Closest match: {label}, of which {text} is a part",
+    ("related", None): "Closest match: {label}, related to {text}",
+}
+"""How a sentence says a relation."""
 
 
 def explain(answer: Answer, unchecked: str = "", may_be: Sequence[int] = (), suggested: float = 0.0) -> str:
@@ -29,6 +39,9 @@ def explain(answer: Answer, unchecked: str = "", may_be: Sequence[int] = (), sug
     percent = "" if answer.probability in (None, 1.0) else f" ({_percent(answer.probability or 0.0)})"
     labels = [match.label for match in answer.matches if match.relevant]
     remark = f"; {_quoted(unchecked)} was not checked" if unchecked else ""
+    if answer.method == "lexicon" and answer.decided_by == "score" and answer.verdict != "absent":
+        relation = _RELATIONS[answer.relation, answer.relation_subject].format(label=_quoted(labels[0]), text=question)
+        return f"{relation}{percent}{_enumerated(labels[1:], ', then ')}{remark}."
     if answer.verdict == "related":
         return f"Closest match: {_quoted(labels[0])}{percent}{_enumerated(labels[1:], ', then ')}{remark}."
     if answer.verdict == "exact":

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 
 from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.objects import Instance

@@ -151,7 +151,22 @@ def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreC
         coverage: 0..1, of the label set.
     """
     present = float(present_probability(scores, likely, calibration))
-    labels = label_set(candidates(likely, present), nonconformity_bound(calibration.scenes, coverage))
+    return believed(likely, present, confidence, calibration.scenes, coverage)
+
+
+def believed(
+    likely: F64, present: float, confidence: F64, scenes: tuple[tuple[float, ...], ...], coverage: float
+) -> Belief:
+    """Probabilities where no name decides.
+
+    Args:
+        likely: float64 [N], 0..1, that each entry answers, if it is named rightly.
+        present: 0..1, that anything answers, if all are.
+        confidence: float64 [N], 0..1, that each entry is named rightly.
+        scenes: nonconformities of each calibration scene, see `nonconformity_bound`.
+        coverage: 0..1, of the label set.
+    """
+    labels = label_set(candidates(likely, present), nonconformity_bound(scenes, coverage))
     entries = likely * confidence
     best = confidence[entries.argmax()] if len(entries) else 1.0
     return Belief(entries, float(present * best), _doubted(labels, confidence, coverage))

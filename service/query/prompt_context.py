@@ -15,8 +15,8 @@ from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache, embed_labels
 from fastsplat.service.query.probability import ScoreCalibration
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, Entries, entries
+from fastsplat.service.query.scene_labels import SceneLabels
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
@@ -52,7 +52,7 @@ class PromptContexts:
     """The contexts of one scene and one encoder, by negatives and templates. Threads may share it.
 
     Args:
-        scene: only its dictionary and its label embeddings are read.
+        labels: of the scene.
         encoder: embeds negatives, and labels where the scene's came from another encoder or other templates.
         cache: embeds the negatives.
         settings: see `QuerySettings`.
@@ -61,14 +61,19 @@ class PromptContexts:
         ModelUnavailableError: the encoder answers with something else than embeddings, or of another size.
     """
 
-    def __init__(self, scene: Scene, encoder: TextEncoder, cache: TextCache, settings: QuerySettings) -> None:
-        self._scene = scene
+    def __init__(self, labels: SceneLabels, encoder: TextEncoder, cache: TextCache, settings: QuerySettings) -> None:
+        self._labels = labels
         self._encoder = encoder
         self._cache = cache
         self._settings = settings
         self._recent: OrderedDict[tuple[tuple[str, ...], tuple[str, ...]], PromptContext] = OrderedDict()
         self._lock = threading.Lock()
         self.default = self._prepare(settings.negatives, settings.templates, self._embed_labels(settings.templates))
+
+    @property
+    def nbytes(self) -> int:
+        """What the contexts weigh when all places are taken: the same labels in other templates."""
+        return (1 + _CACHED_CONTEXTS) * self.default.entries.labels.nbytes
 
     def get(self, negatives: tuple[str, ...], templates: tuple[str, ...]) -> PromptContext:
         """The context of these prompts; the labels are embedded for templates that were not used lately.
@@ -97,7 +102,7 @@ class PromptContexts:
         return context
 
     def _check_sentences(self, templates: tuple[str, ...]) -> None:
-        labels, limit = len(self._scene.dictionary), self._settings.max_sentences
+        labels, limit = len(self._labels.dictionary), self._settings.max_sentences
         if labels * len(templates) > limit:
             raise LimitExceededError(
                 f"{labels} labels in {len(templates)} templates",
@@ -107,9 +112,9 @@ class PromptContexts:
             )
 
     def _embed_labels(self, templates: tuple[str, ...]) -> NDArray[np.float32]:
-        scene, encoder = self._scene, self._encoder
-        same = scene.text_encoder == (encoder.name, encoder.sha256) and scene.label_templates == templates
-        return scene.label_embeddings if same else embed_labels(scene.dictionary, encoder, templates)
+        labels, encoder = self._labels, self._encoder
+        same = labels.text_encoder == (encoder.name, encoder.sha256) and labels.templates == templates
+        return labels.embeddings if same else embed_labels(labels.dictionary, encoder, templates)
 
     def _prepare(
         self, negatives: tuple[str, ...], templates: tuple[str, ...], labels: NDArray[np.float32]

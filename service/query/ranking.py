@@ -9,25 +9,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.absence import searched_without_things, unnamed_probability
-from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.absence import unnamed_probability
+from fastsplat.service.query.answer_relation import answer_relation
+from fastsplat.service.query.calibration import calibration_key
+from fastsplat.service.query.embeddings import TextCaches, text_caches
 from fastsplat.service.query.explain import explain
+from fastsplat.service.query.label_meanings import Comparison, LabelMeanings
+from fastsplat.service.query.meaning import MeaningModel, model_for, weighs_meanings
 from fastsplat.service.query.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.probability import Belief, entry_probability, named_belief, scored_belief
+from fastsplat.service.query.probability import Belief, believed, entry_probability, named_belief, scored_belief
 from fastsplat.service.query.prompt_context import PromptContext, PromptContexts
 from fastsplat.service.query.query_text import TextQuery
 from fastsplat.service.query.relevancy import F64, Scores, relevancy_scores
+from fastsplat.service.query.scene_labels import SceneLabels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.text_similarity import text_similarity
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.queries import Answer, Match, Verdict
+from fastsplat.service.query.thing_names import ThingNames
+from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
+    from fastsplat.service.perception.lexicon import Lexicon
     from fastsplat.service.perception.text import TextEncoder
-    from fastsplat.service.query.thing_index import SceneThings
 
 Mask = NDArray[np.bool_]
 
+_PER_LABEL = 2_048
+"""Bytes: its names, by which it is looked up, count, confidence."""
 _FARTHEST = -1.0
 """The score of what a question denies: nothing in common."""
 
@@ -49,52 +56,94 @@ class _Judgement:
     named: bool
 
 
+@dataclass(frozen=True)
+class _Meant:
+    """What the model of the meaning says of one question and the entries.
+
+    Attributes:
+        likely: float64 [N], 0..1, that each answers; 0 for those that cannot.
+        presence: 0..1, that any does.
+        comparison: what the model weighed.
+        model: the one that said so.
+    """
+
+    likely: F64
+    presence: float
+    comparison: Comparison
+    model: MeaningModel
+
+
 class Ranker:
     """One dictionary, one text encoder. Threads may share it.
 
     Args:
-        scene: an artefact; only its dictionary and its label embeddings are read.
+        labels: of a scene.
         counts: Gaussians of each dictionary id, 0 first.
         encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
         settings: see `QuerySettings`.
         things: those that the scene stores, or None.
-        before: one with the same encoder and settings, whose embeddings are used again.
+        before: one with the same encoder, settings and lexicon, whose meanings are used again.
+        lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
+        caches: of the encoder and the settings, shared with other scenes; None: those of `before`, or its own.
 
     Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings.
+        ModelUnavailableError: the encoder answers with something else than embeddings, or the lexicon's files
+            contradict each other.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        labels: SceneLabels,
         counts: Sequence[int],
         encoder: TextEncoder,
         settings: QuerySettings,
-        things: SceneThings | None = None,
+        things: ThingNames | None = None,
         before: Ranker | None = None,
+        lexicon: Lexicon | None = None,
+        caches: TextCaches | None = None,
     ) -> None:
         self._things = things
-        self._searched = searched_without_things(scene) if things is None else things.searched
+        self._searched = Searched(None, 0, (), labels.searched) if things is None else things.searched
         self._settings = settings
         self._counts = list(counts)
-        self._labels = [entry.label for entry in scene.dictionary.entries]
-        entries = scene.dictionary.entries
+        entries = labels.dictionary.entries
+        self._labels = [entry.label for entry in entries]
         self._confidence = np.array([entry.confidence for entry in entries], dtype=np.float64)
         self._present = np.ones(len(entries), dtype=np.bool_)
-        if things is not None and scene.label_mode == "things":
-            sure = [things.name_probabilities.get(label_id, 0.0) for label_id in range(1, len(entries) + 1)]
+        if things is not None and labels.mode == "things":
+            sure = [things.probabilities.get(label_id, 0.0) for label_id in range(1, len(entries) + 1)]
             self._confidence = np.array(sure, dtype=np.float64)
             self._present = np.array([label_id in things.by_label for label_id in range(1, len(entries) + 1)], np.bool_)
-        self._names = NameIndex(scene.dictionary)
-        self._cache: TextCache = (
-            TextCache(encoder, settings.templates, settings.cached_texts) if before is None else before._cache
-        )
-        self._contexts = PromptContexts(scene, encoder, self._cache, settings)
+        self._names = NameIndex(labels.dictionary)
+        if caches is None:
+            caches = text_caches(encoder, settings) if before is None else before._caches
+        self._caches: TextCaches = caches
+        self._contexts = PromptContexts(labels, encoder, caches.texts, settings)
+        self._model: MeaningModel | None = None
+        self._meanings: LabelMeanings | None = None
+        if lexicon is not None and weighs_meanings(settings):
+            self._model = model_for(calibration_key(encoder.name, encoder.sha256), lexicon.name, settings.templates)
+        if lexicon is not None and self._model is not None:
+            known = None if before is None else before._meanings
+            if known is None or not known.is_of(labels.dictionary):
+                known = LabelMeanings(labels.dictionary, lexicon, caches)
+            self._meanings = known
 
     @property
     def calibrated(self) -> bool:
         """Whether there are thresholds for this encoder, so that `related` can be said at all."""
-        return self._contexts.default.related is not None
+        return self._meanings is not None or self._contexts.default.related is not None
+
+    @property
+    def nbytes(self) -> int:
+        """What it weighs in memory, estimated, without what it shares."""
+        meanings = 0 if self._meanings is None else self._meanings.nbytes
+        return self._contexts.nbytes + meanings + _PER_LABEL * len(self._labels)
+
+    @property
+    def names(self) -> NameIndex:
+        """The names of the dictionary."""
+        return self._names
 
     def rank(self, query: TextQuery) -> tuple[Answer, ...]:
         """One answer per text, in order; every answer ranks the whole dictionary.
@@ -105,7 +154,7 @@ class Ranker:
         """
         context = self._contexts.get(query.negatives, query.templates)
         matches = [self._names.match(text) for text in query.texts]
-        similarity = text_similarity(query.texts, matches, context.entries.labels, self._cache, query.templates)
+        similarity = text_similarity(query.texts, matches, context.entries.labels, self._caches.texts, query.templates)
         scores = relevancy_scores(similarity, context.entries, context.temperature)
         return tuple(
             self._answer(
@@ -122,26 +171,37 @@ class Ranker:
         """The answer to one text, of scores [N]."""
         by_similarity = self._settings.score == "similarity"
         primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
-        primary = np.where(self._mask(match.negated) | ~self._present, _FARTHEST, primary)
+        excluded = self._mask(match.negated) | ~self._present
+        primary = np.where(excluded, _FARTHEST, primary)
         gone = tuple(label_id for label_id in match.exact if not self._present[label_id - 1])
         if gone:  # a name that nothing here bears (any more) decides nothing
             match = replace(match, exact=tuple(label_id for label_id in match.exact if label_id not in gone))
         calibration = context.calibration
-        likely = None if calibration is None else entry_probability(primary, calibration)
-        judged = self._judge(match, context, primary, likely)
+        meant = self._meant(text, match, context, scores.similarity, excluded)
+        if meant is not None:
+            likely: F64 | None = meant.likely
+            judged = self._judge_meaning(match, context, primary, meant)
+            primary, second = meant.likely, scores.similarity
+        else:
+            likely = None if calibration is None else entry_probability(primary, calibration)
+            judged = self._judge(match, context, primary, likely)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
         belief: Belief | None = None
-        if calibration is not None and likely is not None:
-            belief = (
-                named_belief(likely, match.exact, self._confidence, coverage)
-                if match.exact
-                else scored_belief(primary, likely, self._confidence, calibration, coverage)
-            )
+        if likely is not None and match.exact:
+            belief = named_belief(likely, match.exact, self._confidence, coverage)
+        elif meant is not None:
+            belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
+        elif calibration is not None and likely is not None:
+            belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
         suggested, may_be = (0.0, ()) if self._things is None else self._things.suggested(text)
         if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
             unnamed = unnamed_probability(self._searched, suggested)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
         threshold = context.exact if judged.verdict == "exact" else context.related
+        threshold = threshold if meant is None else meant.model.related
+        comparison = None if meant is None else meant.comparison
+        relation, subject = answer_relation(judged.verdict, int(order[0]) if len(order) else -1, match, comparison)
+        method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",
             text=text,
@@ -151,7 +211,7 @@ class Ranker:
             label_set=() if belief is None else belief.label_set,
             coverage=None if belief is None else coverage,
             decided_by="name" if judged.named else "score",
-            threshold=None if judged.named or context.related is None else threshold,
+            threshold=None if judged.named or (context.related is None and meant is None) else threshold,
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
@@ -159,6 +219,9 @@ class Ranker:
             masks=(),
             presence=None if belief is None else belief.presence,
             searched=self._searched,
+            relation=relation,
+            relation_subject=subject,
+            method=method,
         )
         return replace(answer, explanation=explain(answer, match.unchecked, may_be, suggested))
 
@@ -201,6 +264,50 @@ class Ranker:
         deciding = leading if leading.any() else related
         named = bool(deciding.any()) and not (deciding & passing).any()
         return _Judgement("related" if related.any() else "absent", related, leading, named)
+
+    def _meant(
+        self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
+    ) -> _Meant | None:
+        """What question and entries mean by the lexicon; None where there is none that was measured with these prompts.
+
+        Args:
+            text: the question.
+            match: what it names.
+            context: of the prompts.
+            similarity: float64 [N].
+            excluded: bool [N], entries that cannot answer.
+        """
+        model = self._model
+        if self._meanings is None or model is None or context.templates != model.templates:
+            return None
+        comparison = self._meanings.compare(text, match, similarity, context.entries.labels)
+        logits = model.logits(comparison.columns)
+        likely = np.where(excluded, 0.0, model.likely(logits))
+        return _Meant(likely, model.presence(logits[~excluded], likely[~excluded]), comparison, model)
+
+    def _judge_meaning(self, match: NameMatch, context: PromptContext, scores: F64, meant: _Meant) -> _Judgement:
+        """As `_judge`, by the probabilities of the lexicon's model.
+
+        Entries are exact that share a sense with the whole question and are likely enough to be listed, or that the
+        encoder finds as near as another name. What a question names and says more of is shown first all the same.
+        """
+        if match.exact:
+            exact = self._mask(match.exact)
+            return _Judgement("exact", exact, exact, named=True)
+        comparison, likely = meant.comparison, meant.likely
+        found = meant.presence >= meant.model.related
+        listed = np.zeros(len(likely), dtype=np.bool_)
+        if found and len(likely):
+            listed = (likely > 0) & ((likely >= self._settings.related_probability) | (likely == likely.max()))
+        shared = (comparison.relations.same > 0) & comparison.meaning.whole
+        exact = listed & (shared | (scores >= context.exact))
+        if exact.any() and not match.heads:
+            return _Judgement("exact", exact, exact, named=False)
+        leading = self._mask(match.heads) & self._present & ~self._mask(match.negated)
+        related = listed | leading
+        return _Judgement(
+            "related" if related.any() else "absent", related, leading, named=bool(leading.any()) and not found
+        )
 
     def _mask(self, label_ids: Sequence[int]) -> Mask:
         mask = np.zeros(len(self._labels), dtype=np.bool_)

@@ -54,7 +54,7 @@ class QuerySettings(BaseModel):
     max_poses: int = 64
     """Cameras and named views of one request."""
     cached_texts: Annotated[int, Field(ge=0)] = 4_096
-    """Embeddings of recent texts that are kept, per open scene."""
+    """Embeddings of recent texts that are kept, per encoder; shared by the scenes of a server."""
 
     backend: Literal["reference", "cpu", "cuda"] = "cpu"
     """Rasterizer that draws views; `reference` is the slow one that the others are tested against."""
@@ -70,3 +70,7 @@ class QuerySettings(BaseModel):
     """Points of a point cloud; without a cell that was asked for, cells are as wide as that needs."""
     max_surface_voxels: Annotated[int, Field(ge=8)] = 8_000_000
     """Voxels that a mesh is made of; as with points."""
+    map_height: Annotated[float, Field(gt=0.25, allow_inf_nan=False)] = 1.5
+    """Metres above the floor up to which what stands there is in a robot's way, and where its eye is."""
+    max_map_cells: Annotated[int, Field(ge=1)] = 4_000_000
+    """Cells of the map of a scene's floor."""

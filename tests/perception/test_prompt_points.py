@@ -74,7 +74,7 @@ def test_a_box_that_has_two_things_hides_neither() -> None:
     room = _DollOnBed()
     together = np.where(room.bed | room.doll, 8.0, -8.0).astype(np.float32)[None, None]
     answer = MaskLogits(together, np.array([[0.95]], np.float32), (1.0, 1.0))
-    masks = propose_masks(room, None, answer, (64, 64), PerceptionSettings())  # type: ignore[arg-type]
+    masks = propose_masks(room, None, answer, (64, 64), PerceptionSettings())
     proposals = masks.resized(64, 64)
     for true in (room.bed, room.doll, room.bed | room.doll):
         assert any((mask == true).all() for mask in proposals)

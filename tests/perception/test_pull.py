@@ -180,7 +180,12 @@ def test_hub_files_need_a_commit(tmp_path: Path) -> None:
 
 def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
     entries = load_manifest()
-    assert {entry.name for entry in entries if entry.default} == {"minilm_l6_int8", "picodet_416", "mobile_sam"}
+    assert {entry.name for entry in entries if entry.default} == {
+        "minilm_l6_int8",
+        "picodet_416",
+        "mobile_sam",
+        "wordnet",
+    }
     for entry in entries:
         assert entry.license in PERMISSIVE
         assert find_model(entry.name, entry.role)[0] in ROLES[entry.role]

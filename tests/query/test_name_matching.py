@@ -121,7 +121,7 @@ def ask(
         "wall clock": leaning["wall"],
         "orange juice": leaning["orange"],
         "table lamp": leaning["table"],
-        "blue scissors": leaning["red scissors"],
+        "old scissors": leaning["red scissors"],
     }
     index = SceneIndex(make_scene(LABELS[:15]), drawn_encoder(leaning), plain)
     return lambda text: index.ask([text])[0]
@@ -134,9 +134,9 @@ def ask(
         ("picture of a dog", "related", "picture"),
         ("kettle without a lid", "related", "kettle"),
         ("man with a hat", "related", "man"),
-        ("blue scissors", "related", "red scissors"),
+        ("old scissors", "related", "red scissors"),
         ("machine", "related", "coffee machine"),
-        ("red mug", "exact", "mug"),
+        ("old mug", "exact", "mug"),
         ("scissors", "exact", "red scissors"),
         ("the mugs", "exact", "mug"),
         ("coffee machine", "exact", "coffee machine"),
@@ -159,12 +159,12 @@ def test_answers_follow_the_grammar_whatever_the_encoder_says(
 
 
 def test_what_was_not_checked_is_said(ask: Callable[[str], Any]) -> None:
-    assert ask("man with a hat").explanation == 'Closest match: "man"; "with a hat" was not checked.'
-    assert ask("big red mug").explanation == 'The scene has "mug"; "big red" was not checked.'
+    assert ask("man with a hat").explanation.endswith('Closest match: "man"; "with a hat" was not checked.')
+    assert ask("old broken mug").explanation == 'The scene has "mug"; "old broken" was not checked.'
 
 
 @pytest.mark.parametrize(
-    ("text", "sure"), [("mug", True), ("the red mug", True), ("glass of water", False), ("wall clock", False)]
+    ("text", "sure"), [("mug", True), ("the old mug", True), ("glass of water", False), ("wall clock", False)]
 )
 def test_only_a_name_is_certain(
     make_scene: Callable[..., Scene], calibrated_encoder: Any, text: str, sure: bool

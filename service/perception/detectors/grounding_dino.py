@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit  # type: ignore[import-untyped]
+from scipy.special import expit
 
 from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import imagenet_tensor

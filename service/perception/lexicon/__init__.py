@@ -22,4 +22,16 @@ def open_lexicon(name: str, models: Path) -> Lexicon:
     return Lexicon(models / inside, name=name)
 
 
-__all__ = ["Lexicon", "Sense", "open_lexicon"]
+def find_lexicon(name: str, models: Path) -> Lexicon | None:
+    """The lexicon that a setting names; None where it names none, or one that was never fetched.
+
+    Raises:
+        ModelUnavailableError: unknown name, or a folder with a missing or damaged file.
+    """
+    if not name:
+        return None
+    _, inside = find_model(name, "lexicon")
+    return open_lexicon(name, models) if (models / inside).is_dir() else None
+
+
+__all__ = ["Lexicon", "Sense", "find_lexicon", "open_lexicon"]

@@ -59,14 +59,14 @@ class Lexicon:
 
     Args:
         folder: has the `FILES`.
-        name: the model's name, for errors.
+        name: the model's name in the manifest.
 
     Raises:
         ModelUnavailableError: a file is missing, empty or no file of WordNet.
     """
 
     def __init__(self, folder: Path, *, name: str = "wordnet") -> None:
-        self._name = name
+        self.name = name
         with ExitStack() as opened:
             self._files = {file: opened.enter_context(self._mapped(folder / file)) for file in FILES}
             self._opened = opened.pop_all()
@@ -167,14 +167,14 @@ class Lexicon:
                 return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError) as error:  # mmap refuses empty files by ValueError
             raise ModelUnavailableError(
-                f"model {self._name}: {path.name} is missing or empty",
+                f"model {self.name}: {path.name} is missing or empty",
                 field=path.name,
                 hint="Fetch it with: fastsplat models pull wordnet",
             ) from error
 
     def _damaged(self, file: str) -> ModelUnavailableError:
         return ModelUnavailableError(
-            f"model {self._name}: {file} is not a file of WordNet, or belongs to another release",
+            f"model {self.name}: {file} is not a file of WordNet, or belongs to another release",
             field=file,
             hint="Fetch it again with: fastsplat models pull wordnet",
         )

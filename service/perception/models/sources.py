@@ -78,7 +78,7 @@ def _open(
         except KeyError:
             raise _RefusedError(f"the archive has no {source.path}") from None
     try:
-        bundle = stack.enter_context(tarfile.open(archive))  # noqa: SIM115
+        bundle = stack.enter_context(tarfile.open(archive))  # noqa: SIM115 - the stack closes it
         member = bundle.getmember(source.path)
         stream = bundle.extractfile(member) if member.isfile() else None
     except (tarfile.TarError, KeyError):

@@ -1,0 +1,44 @@
+"""What the leading entry of an answer is to the question: the same, a kind, a part, or something related."""
+
+from __future__ import annotations
+
+from fastsplat.service.query.label_meanings import Comparison
+from fastsplat.service.query.name_matching import NameMatch
+from fastsplat_contract.queries import Relation, RelationSubject, Verdict
+
+Related = tuple[Relation, RelationSubject | None]
+
+
+def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Comparison | None) -> Related:
+    """The relation of the entry in a row to the question, and which of the two is the kind or the part of the other.
+
+    Grammar decides before the lexicon does: "coffee machine" is a kind of machine, and "kitchen chair" a kind of chair,
+    whether a lexicon has them or not.
+
+    Args:
+        verdict: of the answer.
+        row: of the leading entry, label id - 1.
+        match: what the question names.
+        comparison: what the lexicon says of question and entries; None: no lexicon was asked.
+    """
+    if verdict == "absent":
+        return "absent", None
+    if verdict == "exact":
+        return "same", None
+    if row + 1 in match.hyponyms:
+        return "kind_of", "label"
+    if comparison is None:
+        return "related", None
+    relations = comparison.relations
+    if not comparison.meaning.whole:  # only the head is known: what is added to it makes a kind of it
+        below = relations.same[row] > 0 or relations.narrower[row] > 0
+        return ("kind_of", "question") if below else ("related", None)
+    if relations.wider[row] > 0:
+        return "kind_of", "label"
+    if relations.narrower[row] > 0:
+        return "kind_of", "question"
+    if relations.part[row] > 0:
+        return "part_of", "question"
+    if relations.whole[row] > 0:
+        return "part_of", "label"
+    return "related", None

@@ -1,0 +1,365 @@
+"""What a lexicon says of a question and of the labels of one dictionary, as numbers that a model can weigh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.query.embeddings import TextCache, TextCaches
+from fastsplat.service.query.name_matching import NameMatch
+from fastsplat.service.query.noun_phrases import parse_noun_phrase
+from fastsplat.service.query.relevancy import F32, F64
+
+if TYPE_CHECKING:
+    from fastsplat.service.perception.lexicon import Lexicon, Sense
+
+Rows = NDArray[np.intp]
+_Key = TypeVar("_Key", bound=Hashable)
+
+_SENSES = 10
+"""Senses of a text that are looked at, the most frequent first."""
+_LABEL_DEFINITIONS = 4
+_QUESTION_DEFINITIONS = 2
+_RARENESS = 0.5
+"""What a place further down in the order of senses counts, in steps of kind: "stool" is a toilet in its third sense."""
+_LABEL_WORDS, _LABEL_CLAUSES = 26, 3
+_QUESTION_WORDS, _QUESTION_CLAUSES = 14, 1
+"""Of a definition, as far as it is embedded: what a thing is for often stands in its second clause, but every word of
+the question's costs time with the question."""
+_SOLID = frozenset({"artifact", "food", "animal", "plant", "body", "object", "substance", "person", "tops"})
+"""Lexical classes of what can lie in a scene."""
+_CLASSES = ("artifact", "food", "animal", "plant", "person", "act")
+_SPECIFIC_DEPTH = 5
+"""Steps below the top from which a common hypernym says anything: above are entity, object, whole, artifact."""
+_DETERMINERS = frozenset(
+    "a an the my it into in on up from with some for at of to out off through down before who what when where which "
+    "behind under away and".split()
+)
+_PER_KEY = 512
+"""Bytes of a sense or a word by which labels are looked up: two arrays, mostly of one number, and their place."""
+_UNKNOWN = 0.6
+"""Share of a neighboring cosine that stands in for one with a definition that the lexicon lacks."""
+
+BASE = (
+    *("similarity", "definition", "defined", "definitions"),
+    *("same", "wider", "narrower", "kinship", "part", "whole"),
+    *("head_same", "head_wider", "head_narrower", "head_kinship"),
+    *("class_shared", "in_lexicon", "has_sense", "label_has_sense", "label_in_lexicon"),
+    *("last_word", "modifier", "word_shared", "grammar_head", "grammar_kind"),
+    *("verb_phrase", "verb_first", "words"),
+    *(f"is_{name}" for name in _CLASSES),
+    "is_other",
+)
+"""The columns of `Comparison`; `LabelMeanings.compare` says what they are."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """The senses of a text.
+
+    Attributes:
+        ranked: senses of things that can lie in a scene, the most frequent first; each with what its place counts.
+        whole: whether the lexicon has the whole text; else they are the senses of its head.
+    """
+
+    ranked: tuple[tuple[Sense, float], ...]
+    whole: bool
+
+    @property
+    def senses(self) -> tuple[Sense, ...]:
+        """Without what their places count."""
+        return tuple(sense for sense, _ in self.ranked)
+
+
+@dataclass(frozen=True)
+class Relations:
+    """What the lexicon has between one question and N labels, each 0..1 float64 [N].
+
+    Attributes:
+        same: 1 where they share the first sense of both, less where it is a rarer one.
+        wider: 1 / steps from a sense of the label up to one of the question: "fruit" of banana. Steps count here and
+            below with the places of both in the order of senses.
+        narrower: the other way: "armchair" of chair.
+        kinship: Wu and Palmer's similarity (1994, section 3) by the deepest specific sense that both are kinds of.
+        part: 1 where the question is a part or the substance of the label.
+        whole: 1 where the label is one of the question.
+    """
+
+    same: F64
+    wider: F64
+    narrower: F64
+    kinship: F64
+    part: F64
+    whole: F64
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One question and N labels, as lexicon and encoder see them.
+
+    Attributes:
+        columns: float64 [N, F], by `BASE`.
+        meaning: the senses of the question.
+        relations: those of the labels to it.
+    """
+
+    columns: F64
+    meaning: Meaning
+    relations: Relations
+
+
+class LabelMeanings:
+    """The labels of a dictionary in the lexicon: senses, embedded definitions, hypernyms. Computed once for a scene;
+    threads may share it.
+
+    Args:
+        dictionary: aliases give a label further senses.
+        lexicon: see `open_lexicon`.
+        caches: embed the definitions of the labels, and questions.
+
+    Raises:
+        ModelUnavailableError: the lexicon's files contradict each other, or the encoder answers with something else
+            than embeddings.
+    """
+
+    def __init__(self, dictionary: Dictionary, lexicon: Lexicon, caches: TextCaches) -> None:
+        self._lexicon, self._cache = lexicon, caches.texts
+        self._names = names = _names(dictionary)
+        meanings = [_label_meaning(each, lexicon) for each in names]
+        self._count = len(names)
+        self._known = np.array([bool(meaning.senses) for meaning in meanings], dtype=np.bool_)
+        self._whole = np.array([meaning.whole for meaning in meanings], dtype=np.float64)
+        self._classes = np.array(
+            [[float(any(s.lexical_class == name for s in m.senses)) for name in sorted(_SOLID)] for m in meanings]
+        ).reshape(self._count, len(_SOLID))
+        self._definitions, self._starts = self._embed_definitions(
+            [each[0] for each in names], meanings, caches.definitions
+        )
+        self._by_sense = _inverted((row, s.id, rare) for row, m in enumerate(meanings) for s, rare in m.ranked)
+        above = [
+            (row, up, steps, rare)
+            for row, m in enumerate(meanings)
+            for s, rare in m.ranked
+            for up, steps in lexicon.wider(s.id).items()
+        ]
+        self._lines = _inverted((row, up, steps + rare) for row, up, steps, rare in above)
+        self._above = _inverted((row, up, steps + rare) for row, up, steps, rare in above if steps)
+        self._parts = _inverted(
+            (row, part, rare) for row, m in enumerate(meanings) for s, rare in m.ranked for part in s.parts
+        )
+        words = [label_key(each[0]).split(" ") for each in names]
+        self._last = _inverted((row, each[-1], 1.0) for row, each in enumerate(words))
+        self._words = _inverted((row, word, 1.0) for row, each in enumerate(words) for word in each)
+
+    def _embed_definitions(
+        self, labels: Sequence[str], meanings: Sequence[Meaning], cache: TextCache
+    ) -> tuple[F32, Rows]:
+        """The definitions of all labels [M, E], those of a label side by side, and where each label's begin. A label
+        without a sense has its name there, which is masked by `_known`."""
+        texts = [
+            _definitions(label, meaning.senses, self._lexicon) or [label]
+            for label, meaning in zip(labels, meanings, strict=True)
+        ]
+        starts = np.cumsum([0, *(len(each) for each in texts)])[:-1].astype(np.intp)
+        flat = [text for each in texts for text in each]
+        return cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32), starts
+
+    @property
+    def nbytes(self) -> int:
+        """What it weighs, estimated."""
+        keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
+        keys += len(self._last) + len(self._words)
+        return self._definitions.nbytes + _PER_KEY * keys
+
+    def is_of(self, dictionary: Dictionary) -> bool:
+        """Whether these are the labels and aliases of a dictionary, in order."""
+        return self._names == _names(dictionary)
+
+    def meaning(self, text: str) -> Meaning:
+        """The senses of a question: of the whole phrase, or of its head."""
+        phrase = parse_noun_phrase(text)
+        if whole := _ranked(self._lexicon.senses(phrase.text)):
+            return Meaning(whole, True)
+        if self._is_verb_phrase(phrase.text) or len(phrase.heads) != 1:
+            return Meaning((), False)
+        return Meaning(_head_senses(phrase.heads[0], self._lexicon), False)
+
+    def compare(self, text: str, match: NameMatch, similarity: F64, labels: F32) -> Comparison:
+        """What stands in the columns `BASE`, and the relations behind it.
+
+        Cosines: of question and label (`similarity`); of the question with the label's definitions, of the question's
+        definitions with the label, and of definitions. Then the lexicon's relations of the question, or, where it lacks
+        the question, of its head (see `Relations`); what both are; the words that they share; the form of the question.
+
+        Args:
+            text: the question.
+            match: what it names.
+            similarity: float64 [N], see `text_similarity`.
+            labels: float32 [N, E], unit length, by the templates that the question is embedded with.
+        """
+        phrase = parse_noun_phrase(text).text
+        meaning = self.meaning(text)
+        own = meaning.senses[:_QUESTION_DEFINITIONS] if meaning.whole else ()
+        question = self._cache.embed([phrase])[0]
+        glosses = (
+            self._cache.embed(
+                [_shortened(sense.definition, _QUESTION_WORDS, _QUESTION_CLAUSES) for sense in own], ("{}",)
+            )
+            if own
+            else None
+        )
+        count, columns = self._count, np.zeros((len(BASE), self._count))
+        relations = self.relations(meaning)
+        if not count:
+            return Comparison(columns.T, meaning, relations)
+        place = {name: number for number, name in enumerate(BASE)}
+        definition = self._by_label(self._definitions @ question)
+        columns[place["similarity"]] = similarity
+        columns[place["definition"]] = np.where(self._known, definition, _UNKNOWN * similarity)
+        if glosses is None:
+            columns[place["defined"]] = _UNKNOWN * similarity
+            columns[place["definitions"]] = _UNKNOWN * columns[place["definition"]]
+        else:
+            defined = (labels @ glosses.T).max(axis=1)
+            both = self._by_label((self._definitions @ glosses.T).max(axis=1))
+            columns[place["defined"]] = defined
+            columns[place["definitions"]] = np.where(self._known, both, _UNKNOWN * defined)
+        first = place["same"] if meaning.whole else place["head_same"]
+        columns[first : first + 4] = relations.same, relations.wider, relations.narrower, relations.kinship
+        if meaning.whole:
+            columns[place["part"]], columns[place["whole"]] = relations.part, relations.whole
+        classes = {sense.lexical_class for sense in meaning.senses}
+        shared = self._classes @ np.array([float(name in classes) for name in sorted(_SOLID)])
+        columns[place["class_shared"]] = np.where(self._known & bool(classes), shared > 0, 0.5)
+        columns[place["in_lexicon"]] = meaning.whole
+        columns[place["has_sense"]] = bool(meaning.senses)
+        columns[place["label_has_sense"]] = self._known
+        columns[place["label_in_lexicon"]] = self._whole
+        self._compare_words(phrase, match, columns, place)
+        words = phrase.lower().split()
+        columns[place["verb_phrase"]] = self._is_verb_phrase(phrase)
+        columns[place["verb_first"]] = len(words) > 1 and self._lexicon.is_verb(words[0])
+        columns[place["words"]] = min(len(words), 6) / 6
+        for name in _CLASSES:
+            columns[place[f"is_{name}"]] = name in classes
+        columns[place["is_other"]] = bool(classes) and not classes & set(_CLASSES)
+        return Comparison(columns.T, meaning, relations)
+
+    def relations(self, meaning: Meaning) -> Relations:
+        """The lexicon's relations between a question of this meaning and the labels."""
+        same, wider, narrower, kinship, part, whole = np.zeros((6, self._count))
+        for sense, rare in meaning.ranked:
+            _raise(same, self._by_sense.get(sense.id), partial(_nearness, 1.0 + rare))
+            _raise(wider, self._above.get(sense.id), partial(_nearness, rare))
+            _raise(part, self._parts.get(sense.id), partial(_nearness, 1.0 + rare))
+            for own in sense.parts:
+                _raise(whole, self._by_sense.get(own), partial(_nearness, 1.0 + rare))
+            for above, steps in self._lexicon.wider(sense.id).items():
+                if steps:
+                    _raise(narrower, self._by_sense.get(above), partial(_nearness, steps + rare))
+                depth = self._depth(above)
+                if depth >= _SPECIFIC_DEPTH:
+                    _raise(kinship, self._lines.get(above), partial(_kinship, steps + rare, depth))
+        return Relations(same, wider, narrower, kinship, part, whole)
+
+    def _depth(self, sense_id: int) -> int:
+        return max(self._lexicon.wider(sense_id).values())
+
+    def _by_label(self, values: F32) -> F64:
+        return np.asarray(np.maximum.reduceat(values, self._starts), dtype=np.float64)
+
+    def _is_verb_phrase(self, phrase: str) -> bool:
+        """Whether the question says what is done: "sweep the floor"."""
+        words = phrase.lower().split()
+        return len(words) > 1 and not _DETERMINERS.isdisjoint(words[1:]) and self._lexicon.is_verb(words[0])
+
+    def _compare_words(self, phrase: str, match: NameMatch, columns: F64, place: Mapping[str, int]) -> None:
+        words = label_key(phrase).split(" ")
+        last, modifier, shared = np.zeros((3, self._count))
+        _raise(last, self._last.get(words[-1]), np.ones_like)
+        for word in words[:-1]:
+            _raise(modifier, self._last.get(word), np.ones_like)
+        for word in words:
+            _raise(shared, self._words.get(word), np.ones_like)
+        columns[place["last_word"]] = last
+        columns[place["modifier"]] = modifier
+        columns[place["word_shared"]] = (shared > 0) & (last == 0) & (modifier == 0)
+        columns[place["grammar_head"], np.array(match.heads, dtype=np.intp) - 1] = 1.0
+        columns[place["grammar_kind"], np.array(match.hyponyms, dtype=np.intp) - 1] = 1.0
+
+
+def _names(dictionary: Dictionary) -> list[tuple[str, ...]]:
+    return [(entry.label, *entry.aliases) for entry in dictionary.entries]
+
+
+def _label_meaning(names: Sequence[str], lexicon: Lexicon) -> Meaning:
+    """The senses of a label and its aliases."""
+    ranks: dict[Sense, float] = {}
+    whole = False
+    for name in names:
+        own = _ranked(lexicon.senses(name))
+        whole = whole or bool(own)
+        for sense, rare in own or _head_senses(name, lexicon):
+            ranks[sense] = min(rare, ranks.get(sense, rare))
+    return Meaning(tuple(ranks.items()), whole)
+
+
+def _head_senses(phrase: str, lexicon: Lexicon) -> tuple[tuple[Sense, float], ...]:
+    """The senses of the longest end of a phrase that the lexicon has: "tower" of "light tower"."""
+    words = phrase.lower().replace("-", " ").split()
+    for start in range(len(words)):
+        if senses := lexicon.senses(" ".join(words[start:])):
+            return _ranked(senses)
+    return ()
+
+
+def _ranked(senses: Sequence[Sense]) -> tuple[tuple[Sense, float], ...]:
+    """Those of things that can lie in a scene; the most frequent sense where there is none."""
+    solid = [sense for sense in senses if sense.lexical_class in _SOLID][:_SENSES] or senses[:1]
+    return tuple((sense, _RARENESS * place) for place, sense in enumerate(solid))
+
+
+def _definitions(label: str, senses: Sequence[Sense], lexicon: Lexicon) -> list[str]:
+    """Those of a label's senses, each after its name, and that of what it is a kind of in its first sense."""
+    texts = [sense.definition for sense in senses[:_LABEL_DEFINITIONS]]
+    for above in (lexicon.sense(sense_id) for sense in senses[:1] for sense_id in sense.wider[:1]):
+        texts.append(f"{above.words[0]}, {above.definition}")
+    return [f"{label}: {_shortened(text, _LABEL_WORDS, _LABEL_CLAUSES)}" for text in texts]
+
+
+def _shortened(definition: str, words: int, clauses: int) -> str:
+    return " ".join("; ".join(definition.split("; ")[:clauses]).split()[:words])
+
+
+def _raise(values: F64, rows: tuple[Rows, F64] | None, of_steps: Callable[[F64], F64]) -> None:
+    """Lift values at rows to what a function says of the steps there, where that is more."""
+    if rows is not None:
+        values[rows[0]] = np.maximum(values[rows[0]], of_steps(rows[1]))
+
+
+def _nearness(more: float, steps: F64) -> F64:
+    """1 / steps."""
+    return np.asarray(1.0 / (steps + more))
+
+
+def _kinship(up: float, depth: int, down: F64) -> F64:
+    """Wu and Palmer's similarity of senses that are `up` and `down` steps below a common one of this depth."""
+    return np.asarray(2.0 * depth / (up + down + 2.0 * depth))
+
+
+def _inverted(triples: Iterable[tuple[int, _Key, float]]) -> dict[_Key, tuple[Rows, F64]]:
+    """By key, the rows that have it and their smallest value."""
+    by_key: dict[_Key, dict[int, float]] = {}
+    for row, key, value in triples:
+        values = by_key.setdefault(key, {})
+        values[row] = min(value, values.get(row, value))
+    return {
+        key: (np.fromiter(values, dtype=np.intp), np.fromiter(values.values(), dtype=np.float64))
+        for key, values in by_key.items()
+    }
