@@ -1,0 +1,167 @@
+"""Score answers to drawn questions about places, sizes, colors, orders and numbers on rooms whose layout is known.
+
+    python -m benchmarks.relations [--questions N] [--seed N] [--misses] [--dry-run]
+
+Rooms are drawn until there are N questions that the placing decides, and all those that it does not decide come along.
+Writes benchmarks/results/relations.json:
+  right: share of the decided questions whose things (or number) are those of the placing, by kind;
+  rightly_refused: share of the undecided ones that are refused with a reason, by what makes them undecided;
+  wrongly_refused, wrong: of the decided ones; guessed: of the undecided ones, answered without a refusal.
+Intervals are 95 % (Wilson). The truth comes from how things were placed (`questions.py`). Bounds were set on the rooms
+of seeds 1000 and 2000, and left as they were for seed 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.relations.drawing import drawn_frame, scene_of
+from benchmarks.relations.questions import ROOMS, Case
+from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.query_text import check_query
+from fastsplat_contract.queries import Answer
+
+
+class HashEncoder:
+    """A direction drawn from the hash of each text: only names count."""
+
+    name = "drawn"
+    sha256 = "0" * 64
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """float32 [N, 16], unit length."""
+        seeds = [int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little") for text in texts]
+        vectors = np.stack([np.random.default_rng(seed).standard_normal(16) for seed in seeds])
+        return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+
+
+_CHOSEN_ON = "bounds of relations, sizes and colors: on the rooms of seeds 1000 and 2000"
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A case and what the product said.
+
+    Attributes:
+        case: the question.
+        seed: of its room.
+        things: ids that were answered; None for a refusal.
+        count: that was answered.
+        reason: of a refusal, "" without.
+        explanation: the sentence.
+    """
+
+    case: Case
+    seed: int
+    things: frozenset[int] | None
+    count: int | None
+    reason: str
+    explanation: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it is the truth, or a refusal where there is none."""
+        if self.case.truth is None:
+            return self.things is None
+        return self.things == self.case.truth and self.count == self.case.count
+
+
+def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
+    """Answers to at least so many questions that are decided, and to those undecided ones that come with them."""
+    answered: list[Answered] = []
+    room_seed = seed
+    while sum(each.case.truth is not None for each in answered) < decided:
+        rng = np.random.default_rng([seed, room_seed])
+        drawn = ROOMS[room_seed % len(ROOMS)](rng)
+        world = drawn_frame(rng)
+        settings = QuerySettings()
+        indices = {
+            vertical: SceneIndex(scene_of(drawn.room, room_seed, world, vertical), HashEncoder(), settings)
+            for vertical in {case.vertical for case in drawn.cases}
+        }
+        for case in drawn.cases:
+            asker = None if case.asker is None else world @ case.asker
+            (answer,) = indices[case.vertical].answer(check_query((case.text,), settings), asker)
+            answered.append(_judged(case, room_seed, answer))
+        room_seed += 1
+    return answered
+
+
+def figures(answered: Sequence[Answered]) -> dict[str, Any]:
+    """The figures of the module's description."""
+    decided = [each for each in answered if each.case.truth is not None]
+    undecided = [each for each in answered if each.case.truth is None]
+    refused = sum(each.things is None for each in decided)
+    return {
+        "decided": share_right([each.right for each in decided]),
+        "wrongly_refused": refused,
+        "wrong": sum(not each.right for each in decided) - refused,
+        "decided_by_kind": _by_kind(decided),
+        "rightly_refused": share_right([each.right for each in undecided]),
+        "guessed": sum(not each.right for each in undecided),
+        "refused_by_kind": _by_kind(undecided),
+    }
+
+
+def _judged(case: Case, seed: int, answer: Answer) -> Answered:
+    phrase = answer.phrase
+    if phrase is None:  # a name, of which all things are meant
+        return Answered(case, seed, frozenset(answer.things), None, "", answer.explanation)
+    things = None if phrase.refusal is not None else frozenset(phrase.things)
+    reason = "" if phrase.refusal is None else phrase.refusal.reason
+    return Answered(case, seed, things, phrase.count, reason, answer.explanation)
+
+
+def _by_kind(answered: Sequence[Answered]) -> dict[str, Any]:
+    kinds: defaultdict[str, list[bool]] = defaultdict(list)
+    for each in answered:
+        kinds[each.case.kind].append(each.right)
+    return {kind: share_right(kinds[kind]) for kind in sorted(kinds)}
+
+
+def share_right(right: Sequence[bool]) -> dict[str, Any]:
+    """How many are right, with the 95 % interval of their share (Wilson 1927)."""
+    count, share, z = len(right), float(np.mean(right)), 1.96
+    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * float(np.sqrt(share * (1 - share) / count + z * z / (4 * count * count)))
+    return {
+        "questions": count,
+        "right": round(share, 4),
+        "interval": [round(middle - half, 4), round(middle + half, 4)],
+    }
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.relations", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--questions", type=int, default=300, help="decided questions, at least")
+    parser.add_argument("--seed", type=int, default=0, help="of the first room")
+    parser.add_argument("--misses", action="store_true", help="print what was answered otherwise")
+    parser.add_argument("--dry-run", action="store_true", help="print, and leave the committed result as it is")
+    options = parser.parse_args()
+    start = begin()
+    answered = answer_drawn(options.questions, options.seed)
+    for each in answered if options.misses else ():
+        if not each.right:
+            truth = each.case.truth if each.case.count is None else each.case.count
+            said = each.reason or (each.things if each.case.count is None else each.count)
+            print(f"room {each.seed}, {each.case.kind}: {each.case.text!r}: {truth} but {said}: {each.explanation}")
+    document = {"seed": options.seed, **figures(answered), **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
+    for name in ("decided", "rightly_refused"):
+        print(name, document[name])
+    for name in ("decided_by_kind", "refused_by_kind"):
+        for kind, share in document[name].items():
+            print(f"  {kind}: {share['right']} of {share['questions']}")
+    if not options.dry_run:
+        write_json(RESULTS / "relations.json", document)
+
+
+if __name__ == "__main__":
+    _main()

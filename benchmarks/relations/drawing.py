@@ -1,0 +1,210 @@
+"""Scenes of boxes that are placed on, in, under and beside one another: the placing says where everything is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import SH_C0, Thing, Things
+from fastsplat_contract.camera import Camera, PosedCamera
+
+F64 = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+_PER_SQUARE_METER = 2_500
+_FEWEST, _MOST = 250, 4_000
+_NOISE = 0.003
+"""Meters: standard deviation of a Gaussian's place off its surface."""
+_COLOR_NOISE = 0.03
+_WILD = 0.01
+"""Share of a thing's Gaussians that lie a hand's breadth off, as trained scenes have them."""
+_OPACITY = 3.0
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A cuboid of a thing: from its lowest corner to its highest, before the thing is turned.
+
+    Attributes:
+        low, high: meters, relative to the middle of the thing's base.
+    """
+
+    low: Triple
+    high: Triple
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A thing where it was placed.
+
+    Attributes:
+        name: of the thing.
+        slabs: what it is made of.
+        base: meters, the middle of its base, z up.
+        yaw: radians, how it is turned about the vertical.
+        color: sRGB, 0..1.
+    """
+
+    name: str
+    slabs: tuple[Slab, ...]
+    base: Triple
+    yaw: float
+    color: Triple
+
+    @property
+    def height(self) -> float:
+        """Meters."""
+        return max(slab.high[2] for slab in self.slabs)
+
+
+def box(size: Triple) -> tuple[Slab, ...]:
+    """One cuboid."""
+    x, y, z = size
+    return (Slab((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),)
+
+
+def table(size: Triple) -> tuple[Slab, ...]:
+    """A top on four legs."""
+    x, y, z = size
+    inset = 0.08
+    feet = [(sx * (x / 2 - inset), sy * (y / 2 - inset)) for sx in (-1, 1) for sy in (-1, 1)]
+    legs = [Slab((a - 0.03, b - 0.03, 0.0), (a + 0.03, b + 0.03, z - 0.04)) for a, b in feet]
+    return (Slab((-x / 2, -y / 2, z - 0.04), (x / 2, y / 2, z)), *legs)
+
+
+def crate(size: Triple) -> tuple[Slab, ...]:
+    """A box without a lid."""
+    x, y, z = size
+    wall = 0.02
+    return (
+        Slab((-x / 2, -y / 2, 0.0), (x / 2, y / 2, wall)),
+        Slab((-x / 2, -y / 2, 0.0), (-x / 2 + wall, y / 2, z)),
+        Slab((x / 2 - wall, -y / 2, 0.0), (x / 2, y / 2, z)),
+        Slab((-x / 2, -y / 2, 0.0), (x / 2, -y / 2 + wall, z)),
+        Slab((-x / 2, y / 2 - wall, 0.0), (x / 2, y / 2, z)),
+    )
+
+
+@dataclass
+class Room:
+    """Things, in the order of their ids, which count from 1."""
+
+    things: list[Placed] = field(default_factory=list)
+
+    def place(self, name: str, slabs: Sequence[Slab], base: Sequence[float], yaw: float, color: Sequence[float]) -> int:
+        """Put a thing there; its id."""
+        self.things.append(Placed(name, tuple(slabs), (base[0], base[1], base[2]), yaw, (color[0], color[1], color[2])))
+        return len(self.things)
+
+
+def scene_of(room: Room, seed: int, world: F64, cameras: bool = True) -> Scene:
+    """The room as a trained scene would be: noisy surfaces, nothing where things stand on each other.
+
+    Args:
+        room: the things.
+        seed: of the noise.
+        world: float64 [4, 4], rigid: the scene's frame from the room's, so that its vertical is not its z axis.
+        cameras: whether it has cameras, which tell what is up.
+    """
+    rng = np.random.default_rng(seed)
+    means, colors, owners, widths = [], [], [], []
+    for thing_id, thing in enumerate(room.things, start=1):
+        points, width = _surface(thing, rng)
+        points = points[~_covered(points, [other for other in room.things if other is not thing])]
+        wild = rng.random(len(points)) < _WILD
+        points = points + rng.normal(0, 1, points.shape) * np.where(wild, 0.08, _NOISE)[:, None]
+        means.append(points)
+        colors.append(np.clip(np.array(thing.color) + rng.normal(0, _COLOR_NOISE, points.shape), 0, 1))
+        owners.append(np.full(len(points), thing_id, np.int32))
+        widths.append(np.full(len(points), width))
+    return _trained(room, world, *(np.concatenate(each) for each in (means, colors, owners, widths)), cameras=cameras)
+
+
+def pose_at(eye: Sequence[float], target: Sequence[float]) -> F64:
+    """float64 [4, 4], world from camera, of who stands at `eye` and looks at `target`; OpenCV axes, z up."""
+    forward = np.subtract(target, eye).astype(np.float64)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = eye
+    return pose
+
+
+def drawn_frame(rng: np.random.Generator) -> F64:
+    """float64 [4, 4]: any rotation, and a translation of a few meters."""
+    rotation, upper = np.linalg.qr(rng.standard_normal((3, 3)))
+    rotation *= np.sign(np.diag(upper))
+    frame = np.eye(4)
+    frame[:3, :3] = rotation * np.linalg.det(rotation)
+    frame[:3, 3] = rng.normal(0, 2, 3)
+    return frame
+
+
+def _surface(thing: Placed, rng: np.random.Generator) -> tuple[F64, float]:
+    """Points on the slabs' faces, in the room, and how wide a Gaussian is there."""
+    sizes = np.array([np.subtract(slab.high, slab.low) for slab in thing.slabs])
+    areas = np.stack([sizes[:, 1] * sizes[:, 2], sizes[:, 0] * sizes[:, 2], sizes[:, 0] * sizes[:, 1]], axis=1)
+    total = 2 * float(areas.sum())
+    count = int(np.clip(total * _PER_SQUARE_METER, _FEWEST, _MOST))
+    faces = np.repeat(areas, 2, axis=1)
+    choice = rng.choice(faces.size, count, p=(faces / faces.sum()).ravel())
+    slab, face = choice // 6, choice % 6
+    unit = rng.uniform(0, 1, (count, 3))
+    unit[np.arange(count), face // 2] = face % 2
+    points = np.array([each.low for each in thing.slabs])[slab] + unit * sizes[slab]
+    return points @ _turn(thing.yaw).T + np.array(thing.base), 0.4 * float(np.sqrt(total / count))
+
+
+def _covered(points: F64, others: Sequence[Placed]) -> NDArray[np.bool_]:
+    """bool [K]: points in or against another thing, which no camera sees."""
+    hidden = np.zeros(len(points), dtype=np.bool_)
+    for other in others:
+        local = (points - np.array(other.base)) @ _turn(other.yaw)
+        for slab in other.slabs:
+            hidden |= ((local > np.array(slab.low) - 0.004) & (local < np.array(slab.high) + 0.004)).all(axis=1)
+    return hidden
+
+
+def _turn(yaw: float) -> F64:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _trained(
+    room: Room, world: F64, means: F64, colors: F64, owner: NDArray[np.int32], widths: F64, *, cameras: bool
+) -> Scene:
+    dictionary = dictionary_of(list(dict.fromkeys(thing.name for thing in room.things)))
+    count, classes = len(means), len(dictionary) + 1
+    angles = np.arange(8) * np.pi / 4
+    lens = Camera(96, 72, 90.0, 90.0, 48.0, 36.0)
+    views = [pose_at((4 * np.cos(angle), 4 * np.sin(angle), 1.6), (0.0, 0.0, 0.5)) for angle in angles]
+    posed = [PosedCamera(lens, world @ view, f"{number}.jpg") for number, view in enumerate(views)]
+    known = tuple(Thing(number, thing.name, "person", 1.0) for number, thing in enumerate(room.things, start=1))
+    rows = np.arange(count)
+    membership = evidence_of(rows, owner, np.full(count, 16 * UNIT, np.int64), count)
+    return Scene(
+        gaussians=Gaussians(
+            means=(means @ world[:3, :3].T + world[:3, 3]).astype(np.float32),
+            quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+            log_scales=np.log(np.repeat(widths[:, None], 3, axis=1)).astype(np.float32),
+            logit_opacities=np.full(count, _OPACITY, np.float32),
+            sh=((colors - 0.5) / SH_C0).astype(np.float32)[:, None, :],
+            codes=np.zeros((count, 0), np.float32),
+        ),
+        head=SemanticHead(np.zeros((classes, 0), np.float32), np.zeros(classes, np.float32)),
+        dictionary=dictionary,
+        label_embeddings=np.zeros((len(dictionary), 16), np.float32),
+        text_encoder=("drawn", "0" * 64),
+        cameras=tuple(posed if cameras else ()),
+        scale="METRIC",
+        label_mode="things",
+        things=Things(known, membership),
+    )

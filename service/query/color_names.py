@@ -1,0 +1,108 @@
+"""Names of colors by their centers in CIELAB, and whether a measured color is one of a name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+_CENTERS: Mapping[str, str] = {
+    "red": "e50000 840000 ff474c bb3f3f",
+    "orange": "f97306 c65102 fdaa48 d8863b",
+    "yellow": "ffff14 d5b60a fffe7a eedc5b",
+    "green": "15b01a 033500 96f97b 74a662 677a04",
+    "blue": "0343df 00035b 95d0fc 49759c 01153e",
+    "purple": "7e1e9c 35063e bf77f6 84597e",
+    "pink": "ff81c0 cb416b ffd1df d5869d",
+    "brown": "653700 341c02 ad8150 876e4b",
+    "black": "000000 1d1d1d",
+    "white": "ffffff f2f2f2",
+    "gray": "929591 363737 b5b5b5 59656d",
+    "beige": "e6daa6",
+    "turquoise": "06c2ac 045c5a 7ef4cc",
+    "violet": "9a0eea 7e1e9c bf77f6",
+}
+"""sRGB values that people gave these names, their dark, light and dull ones: the color survey of xkcd (Munroe 2010,
+CC0). Black and white have a second center and gray a darker light one, because nothing in a photo is as black or white
+as a screen."""
+_OVERLAPS: Mapping[str, tuple[str, ...]] = {
+    "beige": ("brown", "white", "yellow"),
+    "turquoise": ("green", "blue"),
+    "violet": ("purple",),
+}
+"""Names beside the eleven basic color terms (Berlin and Kay 1969), and the basic ones that share their colors."""
+_SPELLINGS: Mapping[str, str] = {"grey": "gray", "teal": "turquoise"}
+
+UNMEASURED = frozenset({"golden", "gold", "silver"})
+"""Names of sheens, of which a mean color says nothing."""
+SHADES: Mapping[str, str] = {"light": "light", "pale": "light", "dark": "dark"}
+NAMES = frozenset({*_CENTERS, *_SPELLINGS, *UNMEASURED} - {"gold"})
+
+_MARGIN = 5.0
+"""CIE94 units by which a color is nearer to one name than to all others, or it is between them."""
+_FARTHEST = 30.0
+_MOST_SPREAD = 25.0
+_LIGHT, _DARK, _SHADE_MARGIN = 62.0, 42.0, 6.0
+_KL = 2.0
+_WHITE = np.array([0.95047, 1.0, 1.08883])
+_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+
+
+def lab_of(rgb: F64) -> F64:
+    """CIELAB (D65, 2°) [..., 3] of sRGB [..., 3] in 0..1 (IEC 61966-2-1)."""
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0.04045) + 0.055) / 1.055) ** 2.4)
+    ratio = linear @ _TO_XYZ.T / _WHITE
+    f = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
+    lightness = 116 * f[..., 1] - 16
+    return np.stack([lightness, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+
+
+def color_distance(one: F64, other: F64) -> F64:
+    """CIE94 color difference [...] of CIELAB [..., 3] (CIE 116-1995), symmetric by the geometric mean of the chromas.
+    Lightness counts half (k_L = 2), because light and shadow change it more than the color of a thing does."""
+    chroma_1, chroma_2 = np.hypot(one[..., 1], one[..., 2]), np.hypot(other[..., 1], other[..., 2])
+    mean = np.sqrt(chroma_1 * chroma_2)
+    chroma = chroma_1 - chroma_2
+    hue = np.maximum(((one - other)[..., 1:] ** 2).sum(axis=-1) - chroma**2, 0.0)
+    lightness = (one - other)[..., 0] / _KL
+    return np.asarray(np.sqrt(lightness**2 + (chroma / (1 + 0.045 * mean)) ** 2 + hue / (1 + 0.015 * mean) ** 2))
+
+
+def color_clearness(lab: F64, spread: float, name: str, shade: str = "") -> tuple[float, float]:
+    """How far a measured color is from a name (CIE94), and how clearly it is of that name: from 1 on it is, from -1 on
+    it is not, between nothing is decided.
+
+    Args:
+        lab: float64 [3], CIELAB.
+        spread: how far the thing's colors are from that one, CIE94; those of many colors have none.
+        name: of `NAMES`, but not of `UNMEASURED`.
+        shade: "", "light" or "dark".
+    """
+    name = _SPELLINGS.get(name, name)
+    distances = {other: float(color_distance(lab, centers).min()) for other, centers in _LAB.items()}
+    own = distances[name]
+    rivals = [
+        distance
+        for other, distance in distances.items()
+        if other != name and other not in _OVERLAPS and other not in _OVERLAPS.get(name, ())
+    ]
+    clearness = (min(rivals) - own) / _MARGIN
+    if own > _FARTHEST:
+        clearness = min(clearness, 0.0)
+    if shade and clearness > 0:
+        lighter = (lab[0] - _LIGHT) if shade == "light" else (_DARK - lab[0])
+        clearness = min(clearness, float(lighter) / _SHADE_MARGIN + 1.0)
+    if spread > _MOST_SPREAD:
+        clearness = float(np.clip(clearness, -0.99, 0.99))
+    return own, clearness
+
+
+_LAB: Mapping[str, F64] = {
+    name: lab_of(np.array([list(bytes.fromhex(center)) for center in centers.split()], dtype=np.float64) / 255)
+    for name, centers in _CENTERS.items()
+}
