@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
-from scipy.stats import t as student  # type: ignore[import-untyped]
+from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 
+from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.common.similarity import Similarity, fit_similarity
 from fastsplat.service.query.edits import moved_gaussians
 from fastsplat.service.scene.alignment import Alignment as SceneAlignment
-from fastsplat.service.scene.alignment import Similarity, frame_of
-from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, combined
+from fastsplat.service.scene.alignment import frame_of
+from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
@@ -128,7 +130,7 @@ def fit_pairs(scene: F64, world: F64, *, scaled: bool) -> PairFit:
     counting = _agreeing(scene, world, scaled) if count >= _ROBUST_FROM else np.ones(count, np.bool_)
     _check_spread(scene[counting], "scene")
     _check_handedness(scene[counting], world[counting])
-    change = _umeyama(scene[counting], world[counting], scaled)
+    change = fit_similarity(scene[counting], world[counting], scaled=scaled)
     residuals = np.linalg.norm(change.points(scene) - world, axis=1)
     offsets = scene[counting] - scene[counting].mean(axis=0)
     spread, used = float(np.sqrt((offsets**2).sum(axis=1).mean())), int(counting.sum())
@@ -139,15 +141,6 @@ def fit_pairs(scene: F64, world: F64, *, scaled: bool) -> PairFit:
     if fit.rms > _WORST * change.scale * spread:
         raise _disagreeing()
     return fit
-
-
-def _umeyama(scene: F64, world: F64, scaled: bool) -> Similarity:
-    middle, target = scene.mean(axis=0), world.mean(axis=0)
-    left, values, right = np.linalg.svd((world - target).T @ (scene - middle))
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = left @ np.diag(signs) @ right
-    scale = float(values @ signs / ((scene - middle) ** 2).sum()) if scaled else 1.0
-    return Similarity(scale, rotation, target - scale * rotation @ middle)
 
 
 def _agreeing(scene: F64, world: F64, scaled: bool) -> NDArray[np.bool_]:
@@ -163,7 +156,9 @@ def _agreeing(scene: F64, world: F64, scaled: bool) -> NDArray[np.bool_]:
         rows = list(triple)
         if _flatness(scene[rows]) < _LINE or _flatness(world[rows]) < _LINE:
             continue
-        residuals = np.linalg.norm(_umeyama(scene[rows], world[rows], scaled).points(scene) - world, axis=1)
+        residuals = np.linalg.norm(
+            fit_similarity(scene[rows], world[rows], scaled=scaled).points(scene) - world, axis=1
+        )
         value = float(np.sort(residuals)[min(half, count) - 1])
         if value < least:
             best, least = residuals, value

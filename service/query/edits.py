@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
-from scipy.special import expit  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from fastsplat.service.query.objects import MIN_OPACITY, masses
 from fastsplat.service.scene.changes import with_change

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.scaling import NORMAL_95
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -121,10 +121,7 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
     if weights[:, 0].sum() < max(index.settings.alpha_min, _LEAST_WEIGHT):
         raise nothing
     origin, rotation = posed.world_from_camera[:3, 3], posed.world_from_camera[:3, :3]
-    rays = [
-        rotation @ np.array([(pixel.x + x - camera.cx) / camera.fx, (pixel.y + y - camera.cy) / camera.fy, 1.0])
-        for x, y in _AROUND
-    ]
+    rays = [rotation @ camera.rays(pixel.x + x, pixel.y + y) for x, y in _AROUND]
     met = [_surface_depth(*_depths_along(index, rows, origin, ray), weights[:, n]) for n, ray in enumerate(rays)]
     if met[0] is None:
         raise nothing

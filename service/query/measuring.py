@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 
+from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.boxes import BOX_TRIM, vertical_axis
-from fastsplat.service.scene.scaling import NORMAL_95, ScaledLength, capture_scaling, combined, scaled
+from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement

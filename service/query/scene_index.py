@@ -6,17 +6,18 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.query.embeddings import embed_labels, embed_names
+from fastsplat.service.query.embeddings import TextCaches, embed_labels, embed_names
 from fastsplat.service.query.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
 from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.ranking import Ranker
+from fastsplat.service.query.scene_labels import labels_of
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
@@ -26,6 +27,7 @@ from fastsplat_contract.queries import Answer
 from fastsplat_contract.scenes import SceneObject
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
+    from fastsplat.service.perception.lexicon import Lexicon
     from fastsplat.service.perception.text import TextEncoder
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
@@ -39,18 +41,23 @@ _MAX_NAMED = 20
 class SceneIndex:
     """One scene, one text encoder. Threads may share it; asking touches no renderer.
 
-    An entry is *exact* when the question is its name (see `NameIndex.match`), or when its score reaches the encoder's
-    exact threshold. Otherwise entries from the encoder's related threshold on are *related*: the leading one, and those
-    that are likely enough to be an answer beside it; so are entries that the question names and says more of. An
-    encoder that was never calibrated (and no thresholds in the settings) knows names only; its answers say so.
+    An entry is *exact* when the question is its name (see `NameIndex.match`), when its score reaches the encoder's
+    exact threshold, or, with a lexicon, when both share a sense. Otherwise entries from the encoder's related threshold
+    on, or where a lexicon's model finds it likely that anything answers, are *related*: the leading one, and those that
+    are likely enough to be an answer beside it; so are entries that the question names and says more of. An encoder
+    that was never calibrated (and no thresholds in the settings) knows names only; its answers say so.
 
     Args:
         scene: an artefact.
         encoder: embeds queries; the labels are embedded anew if the scene's came from another encoder or other
             templates.
         settings: see `QuerySettings`.
-        before: of the scene that this one was edited from, with the same encoder and settings; what the edit did not
-            change is used again.
+        before: of the scene that this one was edited from, with the same encoder, settings and lexicon, to use again.
+        lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
+        caches: see `Ranker`.
+
+    Attributes:
+        ranked: what is answered without the Gaussians; it keeps none of them.
 
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
@@ -62,11 +69,14 @@ class SceneIndex:
         encoder: TextEncoder,
         settings: QuerySettings = _DEFAULTS,
         before: SceneIndex | None = None,
+        lexicon: Lexicon | None = None,
+        caches: TextCaches | None = None,
     ) -> None:
         self.scene = scene
         self.settings = settings
         self._before = before
         self._encoder = encoder
+        self._lexicon = lexicon
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._instances: tuple[Instance, ...] | None = None
@@ -78,22 +88,22 @@ class SceneIndex:
             self._labels = label_by_things(semantics, self.things.belief)
         else:
             self._labels = label_gaussians(scene)
-        things = None if scene.things is None else self.things
-        self._ranker: Ranker = Ranker(
-            scene, self.label_counts, encoder, settings, things, None if before is None else before._ranker
-        )
+        names = None if scene.things is None else self.things.names
+        known = None if before is None else before.ranked.ranker
+        ranker = Ranker(labels_of(scene), self.label_counts, encoder, settings, names, known, lexicon, caches)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
 
     def after(self, scene: Scene) -> SceneIndex:
         """The index of a scene that this one's was edited to."""
-        return SceneIndex(scene, self._encoder, self.settings, self)
+        return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon)
 
     @property
     def calibrated(self) -> bool:
         """Whether there are thresholds for this encoder, so that `related` can be said at all."""
-        return self._ranker.calibrated
+        return self.ranked.ranker.calibrated
 
     @property
     def gaussian_labels(self) -> GaussianLabels:
@@ -156,16 +166,9 @@ class SceneIndex:
             check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
         )
 
-    def answer(self, query: TextQuery) -> tuple[Answer, ...]:
-        """One answer per text of a question that was checked already, in order; see `ask`."""
-        answers = self._ranker.rank(query)
-        if self.scene.things is None:
-            return answers
-        ids = self.things.by_label
-        return tuple(
-            replace(answer, things=tuple(chain.from_iterable(ids.get(label, ()) for label in answer.relevant_ids)))
-            for answer in answers
-        )
+    def answer(self, query: TextQuery, asker: NDArray[np.float64] | None = None) -> tuple[Answer, ...]:
+        """One answer per text of a checked question, see `ask`; `asker`: float64 [4, 4], world from who asks."""
+        return self.ranked.answer(query, lambda: self.things, asker)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """bool [G]: Gaussians whose most probable class is a relevant entry, or that are of a part that bears one; row
@@ -174,7 +177,9 @@ class SceneIndex:
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
-        return self.labeled(self._relevant_ids(answer))
+        relevant = self._relevant_ids(answer)
+        meant = answer.meant_things
+        return self.labeled(relevant) if meant is None else self.things.rows(meant)
 
     @property
     def instances(self) -> tuple[Instance, ...]:
@@ -244,7 +249,12 @@ class SceneIndex:
             InvalidInputError: the answer names entries that this scene does not have.
         """
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
-        named = [instance for instance in self.objects if instance.label_id in place]
+        meant = answer.meant_things
+        named = [
+            instance
+            for instance in self.objects
+            if instance.label_id in place and (meant is None or instance.thing_id in meant)
+        ]
         return tuple(sorted(named, key=lambda instance: place[instance.label_id]))
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
@@ -264,6 +274,9 @@ class SceneIndex:
                 inside = np.isin(self.things.part_map(posed), parts)
                 label_ids = np.where(inside, np.uint16(label_id), drawn.label_ids)
                 drawn = replace(drawn, mask=drawn.mask | inside, label_ids=label_ids)
+        if (meant := answer.meant_things) is not None:
+            inside = self.things.mask(posed, meant)
+            drawn = replace(drawn, mask=inside, label_ids=np.where(inside, drawn.label_ids, np.uint16(0)))
         return drawn
 
     def mask(self, answer: Answer, posed: PosedCamera) -> NDArray[np.bool_]:
@@ -274,6 +287,9 @@ class SceneIndex:
             InvalidInputError, LimitExceededError: as `mask2d`.
         """
         relevant = self._relevant_ids(answer)
+        if (meant := answer.meant_things) is not None:
+            self.check_view(posed)
+            return self.things.mask(posed, meant)
         if self.scene.label_mode == "things":
             self.check_view(posed)
             ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]

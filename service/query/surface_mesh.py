@@ -12,8 +12,8 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array  # type: ignore[import-untyped]
-from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.surface_points import BAND, REACH, cell_keys, surface_points

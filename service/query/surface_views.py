@@ -128,12 +128,10 @@ def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
 
 def back_projected(view: SurfaceView) -> F32:
     """float32 [K, 3]: the world points of the pixels that have a depth."""
-    camera = view.posed.camera
     rows, columns = np.nonzero(view.depth)
-    z = view.depth[rows, columns].astype(np.float64)
-    x, y = (columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z
+    local = view.posed.camera.rays(columns + 0.5, rows + 0.5) * view.depth[rows, columns, None].astype(np.float64)
     pose = view.posed.world_from_camera
-    return np.asarray(np.stack([x, y, z], axis=1) @ pose[:3, :3].T + pose[:3, 3], np.float32)
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float32)
 
 
 def projected(view: SurfaceView, points: F32) -> tuple[NDArray[np.intp], NDArray[np.intp], F32]:

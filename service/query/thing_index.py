@@ -5,23 +5,23 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 
-from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.absence import searched_names
-from fastsplat.service.query.objects import Instance, grouped_rows, masses, solid_rows
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.query.objects import Instance, solid_rows
+from fastsplat.service.query.thing_measures import ThingMeasures, boxes_of
+from fastsplat.service.query.thing_names import ThingNames
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
 from fastsplat.service.scene.types import Parts, Scene, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.queries import Searched
 from fastsplat_contract.scenes import Box
 from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
 
@@ -31,8 +31,6 @@ _KEPT_MAPS = 8
 _NEAREST = 8
 _REACH = 3.0
 """Standard deviations of a Gaussian within which a point is at it."""
-_MAX_UNNAMED = 100
-
 
 _OF_MEMBERSHIP = (
     "belief",
@@ -44,6 +42,7 @@ _OF_MEMBERSHIP = (
     "_part_boxes",
     "_solid",
     "drawn_maps",
+    "measures",
 )
 """What depends on the Gaussians and on which thing they belong to, and on no name."""
 
@@ -122,41 +121,23 @@ class SceneThings:
         return tuple(thing for thing in self.table.table if self.counts[thing.id])
 
     @cached_property
-    def by_label(self) -> Mapping[int, tuple[int, ...]]:
-        """The ids of the things and parts that bear each label, things first; of labels that one bears."""
-        ids: dict[int, tuple[int, ...]] = {}
-        for thing in (*self.present, *self.present_parts):
-            if thing.name and (label_id := self.scene.dictionary.id_of(thing.name)):
-                ids[label_id] = (*ids.get(label_id, ()), thing.id)
-        return ids
+    def measures(self) -> ThingMeasures:
+        """Places, sizes and colors of things and parts, each measured when it is first asked for."""
+        return ThingMeasures(self.scene, (self.owner, self.part_owner))
 
     @cached_property
-    def name_probabilities(self) -> Mapping[int, float]:
-        """For each label that a thing or a part bears the largest probability of their names."""
-        sure = {thing.id: thing.probability for thing in (*self.present, *self.present_parts)}
-        return {label_id: max(sure[thing_id] for thing_id in ids) for label_id, ids in self.by_label.items()}
-
-    def suggested(self, name: str) -> tuple[float, tuple[int, ...]]:
-        """The largest probability with which this name is suggested for things without one, and these things; 0 for
-        none."""
-        return self._suggested.get(label_key(name), (0.0, ()))
-
-    @cached_property
-    def _suggested(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
-        names: dict[str, tuple[float, tuple[int, ...]]] = {}
-        for thing in self.present:
-            for name, probability in () if thing.name else thing.suggestions:
-                most, ids = names.get(label_key(name), (0.0, ()))
-                names[label_key(name)] = (max(most, probability), (*ids, thing.id))
-        return names
-
-    @cached_property
-    def searched(self) -> Searched:
-        """What this scene was searched for."""
-        unnamed = [thing.id for thing in self.present if not thing.name]
-        return Searched(
-            len(self.present) - len(unnamed), len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), searched_names(self.scene)
+    def names(self) -> ThingNames:
+        """Their names, without anything that has a row for each Gaussian, and without pictures."""
+        present, parts = (
+            tuple(replace(thing, appearance=b"", picture=b"") for thing in things)
+            for things in (self.present, self.present_parts)
         )
+        return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
+
+    @property
+    def by_label(self) -> Mapping[int, tuple[int, ...]]:
+        """See `ThingNames`."""
+        return self.names.by_label
 
     @cached_property
     def listed(self) -> tuple[SceneThing, ...]:
@@ -224,6 +205,11 @@ class SceneThings:
         if any(part.id in thing_ids for part in self.present_parts):
             inside |= np.isin(self.part_map(posed), thing_ids)
         return np.asarray(inside)
+
+    def rows(self, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
+        """bool [G]: Gaussians of one of these things or parts."""
+        inside = np.isin(self.owner, thing_ids)
+        return np.asarray(inside | np.isin(self.part_owner, thing_ids) if self.present_parts else inside)
 
     @cached_property
     def drawn_maps(self) -> dict[tuple[Camera, bytes, bool], ThingMap]:
@@ -349,21 +335,11 @@ class SceneThings:
 
     @cached_property
     def _boxes(self) -> dict[int, Box]:
-        return self._boxes_of(self.owner)
+        return boxes_of(self.scene, self.owner)
 
     @cached_property
     def _part_boxes(self) -> dict[int, Box]:
-        return self._boxes_of(self.part_owner) if self.present_parts else {}
-
-    def _boxes_of(self, owner: NDArray[np.int32]) -> dict[int, Box]:
-        gaussians = self.scene.gaussians
-        weights = masses(gaussians.log_scales, gaussians.logit_opacities)
-        up = vertical_axis(self.scene.cameras)
-        means = gaussians.means.astype(np.float64)
-        return {
-            thing_id: oriented_box(means[rows], np.minimum(weights[rows], 4 * np.median(weights[rows])), up)
-            for thing_id, rows in grouped_rows(owner, solid_rows(gaussians))
-        }
+        return boxes_of(self.scene, self.part_owner) if self.present_parts else {}
 
     def _described(
         self, thing: Thing, counts: NDArray[np.int64], box: Box | None, parts: tuple[int, ...]

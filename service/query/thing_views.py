@@ -50,7 +50,7 @@ def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) ->
         count: at most so many.
     """
     scene, things = index.scene, index.things
-    rows = np.flatnonzero(np.isin(things.owner, thing_ids) | np.isin(things.part_owner, thing_ids))
+    rows = np.flatnonzero(things.rows(thing_ids))
     if not len(rows):
         return ()
     views, scores = view_scores(scene, [rows], masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities))

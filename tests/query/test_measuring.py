@@ -17,7 +17,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Measurement
-from fastsplat_contract.places import KnownLength, KnownSize, Place
+from fastsplat_contract.places import KnownLength, KnownSize, Place, ThingSide
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_prompts import Pixel
 from tests.query.box_scenes import BoxShell, orbit, scene_of
@@ -91,8 +91,8 @@ def test_known_lengths_make_a_scene_metric(index: SceneIndex) -> None:
         assert (side.high - side.low) / side.value > (old.high - old.low) / old.value
     assert scene.scaling.low == pytest.approx(0.25 * 0.98, rel=1e-2)
     # In meters now: another length, that says a little more, is combined with the first.
-    points = [Place(point=Vector3(*(0.25 * value for value in place.point or ()))) for place in (_HERE, _THERE)]
-    more = apply_edit(after, Edit("scale", known_lengths=(KnownLength(*points, 0.26, 0.005),)))
+    first, second = (Place(point=Vector3(*(0.25 * value for value in place.point or ()))) for place in (_HERE, _THERE))
+    more = apply_edit(after, Edit("scale", known_lengths=(KnownLength(first, second, 0.26, 0.005),)))
     assert more.scaling is not None and len(more.scaling.lengths) == 2
     assert more.scaling.meters_per_unit == pytest.approx(0.255, rel=2e-3)
     np.testing.assert_allclose(
@@ -154,9 +154,9 @@ def test_a_scale_that_is_none_is_refused(index: SceneIndex, edit: Edit, field: s
 
 
 @pytest.mark.parametrize(("side", "true"), [("longest", 0.4), ("height", 0.3)])
-def test_a_thing_of_known_size_makes_the_scene_metric(index: SceneIndex, side: str, true: float) -> None:
+def test_a_thing_of_known_size_makes_the_scene_metric(index: SceneIndex, side: ThingSide, true: float) -> None:
     """The world is two and a half times as large as the scene."""
-    known = KnownSize(1, 2.5 * true, side=side)  # type: ignore[arg-type]
+    known = KnownSize(1, 2.5 * true, side=side)
     scaled = apply_edit(index, Edit("scale", known_sizes=(known,)))
     assert scaled.scale == "METRIC" and scaled.scaling is not None
     assert scaled.scaling.low <= 2.5 <= scaled.scaling.high
@@ -174,3 +174,13 @@ def test_sizes_of_nothing_are_refused(index: SceneIndex) -> None:
     assert "known_sizes[0]" in caught.value.field
     with pytest.raises(InvalidInputError):
         apply_edit(index, Edit("recolor", color=(0, 0, 0), things=(1,), known_sizes=(KnownSize(1, 1.0),)))
+
+
+@pytest.mark.parametrize("places", [(Place(thing=1),), (Place(thing=1), _THERE), (Place(thing=2), Place(thing=1))])
+def test_a_thing_too_faint_to_be_seen_is_refused(index: SceneIndex, places: tuple[Place, ...]) -> None:
+    gaussians = index.scene.gaussians
+    logits = np.where(index.things.owner == 1, np.float32(-12), gaussians.logit_opacities)
+    faint = replace(index.things.scene, gaussians=replace(gaussians, logit_opacities=logits))
+    with pytest.raises(NotFoundError, match="too faint") as caught:
+        _measured(index.after(faint), *places)
+    assert caught.value.field == f"places[{places.index(Place(thing=1))}].thing"

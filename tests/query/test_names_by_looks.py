@@ -45,7 +45,10 @@ def test_a_known_thing_suggests_its_name_once_for_the_one_that_is_most_like_it()
 
 def test_a_rival_of_another_name_lowers_the_probability_until_nothing_is_suggested() -> None:
     thing = Thing(1, appearance=_looks((0, 1)))
-    rival = lambda share: _known("bowl", (0, share), (1, np.sqrt(1 - share**2)))  # noqa: E731
+
+    def rival(share: float) -> KnownThing:
+        return _known("bowl", (0, share), (1, np.sqrt(1 - share**2)))
+
     shares = [0.0, 0.5, 0.8, 0.99]
     suggested = [names_by_looks([thing], [_known("mug", (0, 0.9), (2, 0.436)), rival(share)]) for share in shares]
     assert [bool(names) for names in suggested[:2]] == [True, True]

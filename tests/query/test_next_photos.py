@@ -10,20 +10,15 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.next_photo_messages import NextPhoto
+from tests.query.conftest import DrawnEncoder
 from tests.scenes import labelled_scene
 
 _CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 
 
-class _NoEncoder:
-    name, sha256 = "another", "1" * 64
-
-    def encode(self, texts):  # type: ignore[no-untyped-def]
-        return np.zeros((len(texts), 16), np.float32)
-
-
 def _index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, _NoEncoder(), QuerySettings())
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings())
 
 
 def _ring(degrees: list[float], radius: float = 3.0) -> list[PosedCamera]:
@@ -48,7 +43,7 @@ def _scene(cameras: list[PosedCamera], extra: np.ndarray | None = None) -> Scene
     return labelled_scene(means, np.ones(len(means), int), ["table"], scales=0.05, cameras=cameras)
 
 
-def _angle(photo) -> float:  # type: ignore[no-untyped-def]
+def _angle(photo: NextPhoto) -> float:
     x, y = photo.camera.world_from_camera[:2, 3]
     return float(np.degrees(np.arctan2(y, x)) % 360)
 

@@ -85,7 +85,7 @@ def test_lists_are_of_things_and_have_the_parts_on_request(opened: Open, scene: 
         assert part.box is not None and things.get(part.id) == part
         whole = things.get(part.parent).box
         assert whole is not None and min(part.box.size) < min(whole.size)
-    assert things.searched.unnamed_things == 2  # parts are nothing that a search could have missed
+    assert things.names.searched.unnamed_things == 2  # parts are nothing that a search could have missed
 
 
 def test_a_click_says_which_part_it_hit(opened: Open, scene: Scene) -> None:

@@ -92,7 +92,7 @@ def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(open
     assert all(thing.source == "detected" and thing.probability == 1 for thing in index.things.listed)
     given = opened(replace(labeled, quality={"label_source": "given"}))
     assert {thing.source for thing in given.things.listed} == {"given"}
-    assert index.things.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
+    assert index.things.names.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
 
 
 def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, labeled: Scene, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import SurfaceView, back_projected, observed, projected, surface_views
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from tests.query.wall import DISTANCE, wall_index
+from tests.query.wall import DISTANCE, picture_of, wall_index
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,20 @@ def test_a_wall_has_its_normals_and_depth_and_confidence(index: SceneIndex) -> N
     np.testing.assert_allclose(seen.normals[there], np.tile([0, 0, -1.0], (there.sum(), 1)), atol=0.02)
     assert (seen.spread[there] < 0.02).all() and (seen.confidence[there] > 0.4).all()
     assert not seen.normals[~there].any() and not seen.confidence[~there].any()
+
+
+def test_confidence_falls_where_light_comes_from_several_depths() -> None:
+    index = wall_index()
+    scene = index.scene
+    means = scene.gaussians.means.copy()
+    before = (means[:, 0] < 0) & (np.indices((len(means),))[0] % 2 == 0)
+    means[before, 2] -= 0.5  # half of the left half stands before the other
+    torn = index.after(dataclasses.replace(scene, gaussians=dataclasses.replace(scene.gaussians, means=means)))
+    seen = torn.geometry(scene.cameras[1])
+    left, right = (slice(12, 36), slice(14, 26)), (slice(12, 36), slice(40, 52))
+    shares = seen.spread / np.maximum(seen.depth, 1e-9)
+    assert np.median(seen.confidence[left]) < 0.5 * np.median(seen.confidence[right])
+    assert np.median(shares[left]) > 0.05 > np.median(shares[right])
 
 
 def test_back_projection_and_projection_are_inverse(views: tuple[SurfaceView, ...]) -> None:
@@ -65,6 +79,16 @@ def test_what_other_views_see_through_is_no_surface(views: tuple[SurfaceView, ..
     samples = observed(floating, views, 0.05)
     assert samples.views[0] == 0 and samples.confidence[0] == 0
     assert samples.views[1] == len(views) and samples.confidence[1] > 0.4
+
+
+def test_what_one_view_sees_or_more_see_through_than_see_is_left_out() -> None:
+    depths = np.full((5, 8, 8), 2.0)
+    depths[:2, 5, 5] = 1.0  # seen by two of five, the others look through it
+    depths[1:, 1, 1] = 0.0  # seen by one, the others show nothing there
+    samples, _ = surface_points([picture_of(depth) for depth in depths], cell=0.05, most=1_000, limit="")
+    np.testing.assert_array_equal(samples.points[:, 2], 2.0)
+    pixels = np.floor(samples.points[:, :2] / 2 * 8 + 4).astype(int)
+    assert len(pixels) == 63 and [5, 5] in pixels.tolist() and [1, 1] not in pixels.tolist()
 
 
 def test_coarser_cells_where_there_are_too_many_points_but_not_by_silence(views: tuple[SurfaceView, ...]) -> None:

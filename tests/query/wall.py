@@ -8,6 +8,7 @@ import numpy as np
 
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.surface_views import SurfaceView
 from fastsplat.service.scene.types import SH_C0
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.query.conftest import DrawnEncoder
@@ -41,3 +42,19 @@ def _camera(number: int, offset: float) -> PosedCamera:
     pose = np.eye(4)
     pose[:2, 3] = offset, offset / 2
     return PosedCamera(_CAMERA, pose, f"{number}.png")
+
+
+def picture_of(depth: np.ndarray) -> SurfaceView:
+    """What a camera at the origin that looks along z shows, by its depth [H, W]; fx = fy = W."""
+    height, width = depth.shape
+    camera = Camera(width, height, float(width), float(width), width / 2, height / 2)
+    shape = (height, width)
+    return SurfaceView(
+        posed=PosedCamera(camera, np.eye(4), "a.png"),
+        depth=depth.astype(np.float32),
+        normals=np.broadcast_to(np.array([0, 0, -1], np.float16), (*shape, 3)),
+        confidence=np.ones(shape, np.float16),
+        colors=np.zeros((*shape, 3), np.uint8),
+        things=np.zeros(shape, np.uint16),
+        labels=np.zeros(shape, np.uint16),
+    )
