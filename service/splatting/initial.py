@@ -140,8 +140,7 @@ def _random_points(views: tuple[TrainingView, ...], count: int, random: np.rando
         frame, viewmat = view.frames[-1], view.viewmat.numpy().astype(np.float64)
         camera = frame.camera
         x, y = uv[rows, 0] * camera.width, uv[rows, 1] * camera.height
-        ray = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
-        points[rows] = (ray / inverse_depth[rows, None] - viewmat[:3, 3]) @ viewmat[:3, :3]
+        points[rows] = (camera.rays(x, y) / inverse_depth[rows, None] - viewmat[:3, 3]) @ viewmat[:3, :3]
         shade[rows] = frame.rgb.numpy()[y.astype(np.int64), x.astype(np.int64)].astype(np.float32) / 255
     cameras = np.sum([project(points, view)[1] for view in views], axis=0)
     best = np.sort(np.argsort(-np.minimum(cameras, 1 + len(views) // 3), kind="stable")[:count])

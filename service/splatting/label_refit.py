@@ -4,6 +4,10 @@ Pixels blend codes, and many blends look right whose parts are not: codes that a
 the label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps
 lead. Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label,
 and then a few looks at every view fit all codes to pixels and to those labels at once.
+
+The more pixels a Gaussian fills, the less it is held to one label: pixels say enough of it. What few views show has no
+Gaussians of its own; large ones draw it that other views show as something else, and held to that they would lose it,
+the more the longer the run was (`docs/trade.md`, "Long runs").
 """
 
 from __future__ import annotations
@@ -15,9 +19,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.label_evidence import posterior
+from fastsplat.service.scene.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import activate_opacities, current_gaussians, splats_of
-from fastsplat.service.splatting.losses import semantic_loss
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster import Backend, rasterize
 from fastsplat.service.splatting.semantics import label_loss
@@ -30,6 +33,8 @@ _HEAD_RATE = 0.05
 _FINAL_SHARE = 0.1
 _CONSENSUS_WEIGHT = 0.3
 """Of the mean cross-entropy of Gaussians' own labels, beside that of pixels."""
+_HALF_HELD, _LEFT = 1.65, 3.3
+"""Times the pixels of the mean Gaussian at which one's own label weighs half, and from which its code stays."""
 _SEED = 7
 
 
@@ -47,8 +52,9 @@ def refit_codes(
     """Replaces codes, weight and bias of `state` by ones fitted to the views' label maps; nothing else changes.
 
     A Gaussian's label is the most probable one by evidence (`views_evidence`). Where its code says another, it starts
-    on the mean code of those that agree (`consensus_codes`). Then every labeled view is looked at `epochs` times, in an
-    order drawn from `seed`, at the training size: Adam on the cross-entropy of its pixels and, weighted by 0.3, of the
+    on the mean code of those that agree (`consensus_codes`), unless it fills 3.3 times as many pixels as the mean
+    Gaussian. Then every labeled view is looked at `epochs` times, in an order drawn from `seed`, at the training size:
+    Adam on the cross-entropy of its pixels and, weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the
     Gaussians.
 
     Args:
@@ -72,7 +78,11 @@ def refit_codes(
     classes = classes.to(state.parameters["codes"].device)
     starts = {name: state.parameters[name].detach() for name in ("codes", "weight", "bias")}
     opacities = activate_opacities(state.parameters["logit_opacities"].detach())
-    starts["codes"] = consensus_codes(**starts, classes=classes, opacities=opacities, class_codes=class_codes)
+    pixels = torch.from_numpy(seen_pixels(evidence)).to(classes.device)
+    filled = pixels / pixels.mean().clamp_min(1e-9)
+    agreed = consensus_codes(**starts, classes=classes, opacities=opacities, class_codes=class_codes)
+    starts["codes"] = torch.where((filled < _LEFT)[:, None], agreed, starts["codes"])
+    shares = _HALF_HELD / (_HALF_HELD + filled)
     fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
     moments = {name: (torch.zeros_like(value), torch.zeros_like(value)) for name, value in fitted.items()}
     with torch.no_grad():
@@ -86,8 +96,8 @@ def refit_codes(
         assert frame.labels is not None
         image = rasterize(replace(splats, features=fitted["codes"]), view.viewmat, frame.camera, backend=backend).image
         loss = label_loss(image, fitted, frame.labels, frame.valid, class_weights)
-        loss = loss + _CONSENSUS_WEIGHT * gaussian_label_loss(fitted, classes)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss = loss + _CONSENSUS_WEIGHT * gaussian_label_loss(fitted, classes, shares)
+        loss.backward()
         decay = _FINAL_SHARE ** (step / steps)
         for name, param in fitted.items():
             rate = decay * (_CODE_RATE if name == "codes" else _HEAD_RATE)
@@ -117,12 +127,14 @@ def consensus_codes(
     return torch.where(agree[:, None], codes, means[classes])
 
 
-def gaussian_label_loss(parameters: Mapping[str, Tensor], classes: Tensor) -> Tensor:
-    """Mean cross-entropy of the Gaussians' own codes.
+def gaussian_label_loss(parameters: Mapping[str, Tensor], classes: Tensor, weights: Tensor) -> Tensor:
+    """Mean of the weighted cross-entropies of the Gaussians' own codes.
 
     Args:
         parameters: codes [G, D], weight [N + 1, D] and bias [N + 1].
         classes: int64 [G], 0..N.
+        weights: float32 [G].
     """
-    codes, weight, bias = parameters["codes"], parameters["weight"], parameters["bias"]
-    return semantic_loss(codes[:, None], weight, bias, classes[:, None], torch.ones_like(bias))
+    logits = torch.addmm(parameters["bias"], parameters["codes"], parameters["weight"].T)
+    entropies = torch.nn.functional.cross_entropy(logits, classes, reduction="none")
+    return (weights * entropies).mean()

@@ -21,7 +21,7 @@ from torch import Tensor
 
 _TOE = 0.04045  # of the sRGB curve, stored values
 _SLOPE, _OFFSET, _EXPONENT = 12.92, 0.055, 2.4
-_SATURATED = 254 / 255
+SATURATED = 254 / 255
 """A photo says of a channel from here on only that it is at least as bright."""
 _DARK = 12 / 255
 """Below, the steps of 8 bits are coarse in light."""
@@ -61,7 +61,7 @@ def corrected_for(image: Tensor, correction: Tensor, target: Tensor) -> Tensor:
     """`correct`, but no brighter than the photo `target` [..., 3] where that is saturated: what is brighter than white
     is no error."""
     corrected = correct(image, correction)
-    return torch.where((target >= _SATURATED) & (corrected > target), target, corrected)
+    return torch.where((target >= SATURATED) & (corrected > target), target, corrected)
 
 
 def zero_mean(corrections: Tensor) -> Tensor:
@@ -85,7 +85,7 @@ def fitted_correction(image: Tensor, target: Tensor, alpha: Tensor, valid: Tenso
     """
     rows = slice(None, None, _STRIDE)
     image, target, alpha = image[rows, rows], target[rows, rows], alpha[rows, rows]
-    usable = ((target > _DARK) & (target < _SATURATED) & (image > _DARK)).all(dim=2) & (alpha > 0.5)
+    usable = ((target > _DARK) & (target < SATURATED) & (image > _DARK)).all(dim=2) & (alpha > 0.5)
     if valid is not None:
         usable &= valid[rows, rows]
     if int(usable.sum()) < _MIN_PIXELS:

@@ -30,12 +30,18 @@ from fastsplat.service.splatting.initial import StartPoints, scene_extent, start
 from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
-from fastsplat.service.splatting.photometric_training import photo_corrections, start_corrections
+from fastsplat.service.splatting.photometric_training import (
+    CORRECTIONS,
+    continued_corrections,
+    photo_corrections,
+    start_corrections,
+)
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
 from fastsplat.service.splatting.raster import Backend, device_of
 from fastsplat.service.splatting.recorder import Recorder
+from fastsplat.service.splatting.scene_exposure import scene_exposure
 from fastsplat.service.splatting.schedule import image_scales
 from fastsplat.service.splatting.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -208,8 +214,9 @@ def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSetting
     class_codes = run.supervision.class_codes
     weight, bias = start_head(class_codes)
     if run.begin is not None:
-        more = {"codes": torch.from_numpy(run.begin.codes), "weight": weight, "bias": bias}
-        return new_state(color_parameters(run.begin) | more | start_corrections(views, settings), device)
+        begin, corrections = continued_corrections(run.begin, views, settings)
+        more = {"codes": torch.from_numpy(begin.codes), "weight": weight, "bias": bias}
+        return new_state(color_parameters(begin) | more | corrections, device)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
     parameters |= {"codes": codes, "weight": weight, "bias": bias}
@@ -242,6 +249,10 @@ def _finished(
     supervision, backend = run.supervision, settings.backend
     trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
     corrections = photo_corrections(trainer.state, trainer.views)
+    exposure: dict[str, float] = {}
+    if corrections:
+        rows = trainer.state.parameters[CORRECTIONS].detach()
+        trained, exposure["exposure_ev"] = scene_exposure(trained, trainer.views, rows, backend)
     gaussians = _pruned(trained, trainer.views, run.held_out, settings, "psnr_cc" if corrections else "psnr")
     quality = {
         "iterations": float(trainer.state.iteration),
@@ -251,6 +262,7 @@ def _finished(
         "random_points": float(run.start.random),
         "pruned_gaussians": float(len(trained) - len(gaussians)),
         "sh_degree": float(gaussians.sh_degree),
+        **exposure,
     }
     if settings.time_budget_s is not None:
         quality["time_budget_s"] = settings.time_budget_s

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from fastsplat.service import train_more
 from fastsplat.service.capture.kept_capture import kept_capture
 from fastsplat.service.capture.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
@@ -22,6 +24,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.continuation import Continued, continuation_settings, continue_training
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.train_more import capture_of, merged_scene, train_further
 from fastsplat_contract.errors import CancelledError, ConflictError, NotReadyError, TrainingDivergedError
 from tests.splatting.train.conftest import MakeWorld
@@ -76,7 +79,7 @@ def test_a_scene_trained_further_is_better_and_has_its_things(finished: tuple[Sc
     assert set(continued.trained.held_out) == set(scene.quality["held_out_views"])
     renamed = rename_thing(scene, 2, "football")  # somebody did so meanwhile
     merged = merged_scene(renamed, scene, continued)
-    assert merged is not None and merged.things is not None
+    assert merged is not None and merged.things is not None and scene.things is not None
     assert [(thing.id, thing.name) for thing in merged.things.table] == [(1, "floor"), (2, "football"), (3, "block")]
     assert np.array_equal(thing_rows(merged.things), thing_rows(scene.things)[continued.origins])
     assert np.array_equal(merged.gaussians.codes, scene.gaussians.codes[continued.origins])
@@ -90,7 +93,7 @@ def test_a_scene_trained_further_is_better_and_has_its_things(finished: tuple[Sc
 
 def test_what_shows_something_else_is_not_merged(finished: tuple[Scene, Path]) -> None:
     scene, _ = finished
-    same = Continued(train_result(scene), np.arange(len(scene.gaussians)))
+    same = Continued(_train_result(scene), np.arange(len(scene.gaussians)))
     assert merged_scene(scene, scene, same) is not None
     moved = replace(scene.gaussians, means=scene.gaussians.means + np.float32(0.1))
     assert merged_scene(replace(scene, gaussians=moved), scene, same) is None
@@ -98,9 +101,7 @@ def test_what_shows_something_else_is_not_merged(finished: tuple[Scene, Path]) -
     assert merged_scene(replace(scene, gaussians=recolored), scene, same) is None
 
 
-def train_result(scene: Scene):  # type: ignore[no-untyped-def]
-    from fastsplat.service.splatting.types import TrainedSplats
-
+def _train_result(scene: Scene) -> TrainedSplats:
     return TrainedSplats(scene.gaussians, scene.head, {"iterations": 0.0, "train_seconds": 0.0}, ())
 
 
@@ -110,12 +111,39 @@ def test_a_training_that_makes_it_worse_changes_nothing(
     scene, folder = finished
     for path in photo_folder(folder).glob("*.jpg"):  # trained on other pictures than it is judged by
         if scene.cameras[int(path.stem)].name not in scene.quality["held_out_views"]:
-            from PIL import Image
-
             with Image.open(path) as image:
                 Image.new("RGB", image.size, (250, 40, 250)).save(path)
     with pytest.raises(TrainingDivergedError, match="stays as it is"):
         _further(scene, folder, tmp_path, 60)
+
+
+@pytest.mark.parametrize("photometric", [{}, {"a.png": (0.5, 0.0, 0.0)}], ids=["as they are", "corrected"])
+def test_it_is_judged_after_the_correction_of_colors_where_photos_were_corrected(
+    finished: tuple[Scene, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, photometric: dict[str, tuple]
+) -> None:
+    scene, folder = finished
+    own, other = ("psnr_cc", "psnr") if photometric else ("psnr", "psnr_cc")
+
+    def ended(change: float) -> Continued:
+        quality = {own: 25.0 + change, f"{own}_before": 25.0, other: 25.0 - change, f"{other}_before": 25.0}
+        trained = replace(_train_result(scene), quality=quality, photometric=photometric)
+        result = Continued(trained, np.arange(len(scene.gaussians)))
+        monkeypatch.setattr(train_more, "continue_training", lambda *_, **__: result)
+        return _further(scene, folder, tmp_path, 60)
+
+    assert ended(1.0).trained.quality[own] == 26.0
+    with pytest.raises(TrainingDivergedError, match="stays as it is"):
+        ended(-1.0)
+
+
+def test_no_setting_takes_from_a_scene_what_it_has(finished: tuple[Scene, Path]) -> None:
+    gaussians = finished[0].gaussians
+    small = _SETTINGS.model_copy(update={"max_gaussians": 10, "max_sh_degree": 0, "max_psnr_drop_db": 1.0})
+    settings = continuation_settings(small, gaussians, seconds=5.0)
+    assert settings.max_gaussians == len(gaussians) and settings.max_sh_degree == gaussians.sh_degree == 3
+    assert settings.max_psnr_drop_db == 0 and settings.time_budget_s == 5.0
+    large = continuation_settings(_SETTINGS.model_copy(update={"max_gaussians": 10**6}), gaussians, steps=10)
+    assert large.max_gaussians == 10**6 and (large.iterations, large.time_budget_s) == (10, None)
 
 
 def test_a_further_training_continues_from_its_checkpoint_to_the_bit(
@@ -146,8 +174,6 @@ def test_a_further_training_continues_from_its_checkpoint_to_the_bit(
 
 
 def test_masks_and_points_are_kept_with_the_photos(make_world: MakeWorld, tmp_path: Path) -> None:
-    from PIL import Image
-
     capture, _ = make_world(4)
     mask = np.full((48, 64), 255, np.uint8)
     mask[:, :10] = 0
@@ -168,8 +194,6 @@ def test_masks_and_points_are_kept_with_the_photos(make_world: MakeWorld, tmp_pa
 
 
 def test_older_scenes_have_their_empty_borders_seen(make_world: MakeWorld, tmp_path: Path) -> None:
-    from PIL import Image
-
     folder, scratch = tmp_path / "photos", tmp_path / "scratch"
     folder.mkdir()
     scratch.mkdir()

@@ -17,11 +17,13 @@ from fastsplat.service.splatting.depth_regularization import (
     depth_anchors,
     depth_roughness,
     depth_spread,
+    depth_terms,
     squared_depths,
 )
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
 from fastsplat.service.splatting.schedule import depth_regularized
+from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.camera import Camera
@@ -29,7 +31,7 @@ from fastsplat_contract.camera import Camera
 
 def _blend(weights: Tensor, depths: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """alpha, depth and squared depth [1, 1] of a pixel that blends these."""
-    return tuple((weights * depths**power).sum().reshape(1, 1) for power in (0, 1, 2))  # type: ignore[return-value]
+    return tuple((weights * depths**power).sum().reshape(1, 1) for power in (0, 1, 2))
 
 
 def test_spread_is_that_of_all_pairs_and_none_where_all_lie_at_one_depth() -> None:
@@ -85,7 +87,7 @@ def test_an_anchor_pulls_a_surface_near_it_and_leaves_what_hides_it_alone() -> N
     depth = torch.tensor([[2.2, 1.0]], requires_grad=True)
     error = anchor_error(torch.ones(1, 2), depth, anchors)
     assert torch.allclose(error, torch.tensor(0.05))  # 0.1 of one of two
-    error.backward()  # type: ignore[no-untyped-call]
+    error.backward()
     assert depth.grad is not None and depth.grad[0, 0] > 0 and depth.grad[0, 1] == 0
     nothing = DepthAnchors(torch.zeros(0, dtype=torch.int64), torch.zeros(0, dtype=torch.int64), torch.zeros(0))
     assert anchor_error(torch.ones(1, 2), depth, nothing) == 0
@@ -125,11 +127,11 @@ def test_gradients_of_all_terms_agree_with_the_reference_in_float64(backend: str
         leaves = [value.to(dtype).requires_grad_() for value in values]
         pose = viewmat.to(dtype)
         splats = Splats(*leaves, squared_depths(leaves[0], pose))
-        out = rasterize(splats, pose, camera, backend=name)  # type: ignore[arg-type]
+        out = rasterize(splats, pose, camera, backend=name)
         loss = depth_spread(out.alpha, out.depth, out.image[..., 0])
         loss = loss + depth_roughness(out.alpha, out.depth, target.to(dtype))
         exact = replace(anchors, depths=anchors.depths.to(dtype))
-        (loss + anchor_error(out.alpha, out.depth, exact)).backward()  # type: ignore[no-untyped-call]
+        (loss + anchor_error(out.alpha, out.depth, exact)).backward()
         return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
 
     exact = gradients("reference", torch.float64)
@@ -144,6 +146,30 @@ def test_the_terms_enter_between_the_steps_of_the_labels(quick) -> None:
     assert not depth_regularized(1, 0.4, settings)
     off = quick(depth_spread_weight=0, depth_smoothness_weight=0, depth_anchor_weight=0)
     assert not depth_regularized(1, 1.0, off)
+
+
+def test_each_term_has_its_weight_times_how_seldom_it_enters_and_none_is_off_by_default() -> None:
+    random = torch.Generator().manual_seed(5)
+    alpha, depth, squared = (torch.rand(24, 32, generator=random) + start for start in (0.5, 2.0, 9.0))
+    rendering = Rendering(torch.zeros(24, 32, 3), alpha, depth, None, torch.zeros(1, dtype=torch.int32), 0)
+    target = torch.rand(24, 32, 3, generator=random)
+    anchors = DepthAnchors(torch.tensor([4, 9]), torch.tensor([6, 12]), torch.tensor([2.4, 2.6]))
+
+    def terms(settings: TrainingSettings) -> dict[str, Tensor]:
+        return depth_terms(rendering, squared, anchors, target, None, settings)
+
+    values = {
+        "depth_spread": depth_spread(alpha, depth, squared),
+        "depth_smoothness": depth_roughness(alpha, depth, target),
+        "depth_anchors": anchor_error(alpha, depth, anchors),
+    }
+    assert all(value > 0 for value in values.values())
+    assert terms(TrainingSettings()).keys() == values.keys()
+    weighted = terms(
+        TrainingSettings(depth_spread_weight=2, depth_smoothness_weight=3, depth_anchor_weight=5, depth_every=7)
+    )
+    for (name, value), weight in zip(values.items(), (2, 3, 5), strict=True):
+        assert torch.allclose(weighted[name], 7 * weight * value), name
 
 
 def _spread_of(capture, labelling, trained) -> float:

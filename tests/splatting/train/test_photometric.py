@@ -15,6 +15,9 @@ from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.splatting import optimization
+from fastsplat.service.splatting import train as train_module
+from fastsplat.service.splatting.depth_regularization import AnchorPoints, DepthAnchors, depth_anchors
 from fastsplat.service.splatting.photometric import (
     channel_evs,
     correct,
@@ -25,10 +28,13 @@ from fastsplat.service.splatting.photometric import (
     zero_mean,
 )
 from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, PhotometricTraining, start_corrections
+from fastsplat.service.splatting.pruning import PruneResult
 from fastsplat.service.splatting.quality import color_corrected
+from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import new_state
 from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError
 
@@ -172,8 +178,6 @@ def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
 
 
 def test_exif_is_where_corrections_start(world, quick) -> None:
-    from fastsplat.service.splatting.training_views import load_views
-
     evs = (4.0, 6.0, None, 5.0)
     some = [dataclasses.replace(view, exposure_ev=ev) for view, ev in zip(world[0].views, evs, strict=False)]
     capture = dataclasses.replace(world[0], views=tuple(some))
@@ -183,6 +187,54 @@ def test_exif_is_where_corrections_start(world, quick) -> None:
     equal = [dataclasses.replace(view, exposure_ev=5.0) for view in views]
     assert FITS in start_corrections(equal, quick()), "a locked exposure says nothing of the white balance"
     assert start_corrections(views, quick(photometric="off")) == {}
+
+
+def _exposed(world, evs: tuple[float, ...]) -> Capture:
+    """The world's capture with these exposures in the photos' EXIF, over and over."""
+    views = world[0].views
+    exposed = (dataclasses.replace(view, exposure_ev=evs[i % len(evs)]) for i, view in enumerate(views))
+    return dataclasses.replace(world[0], views=tuple(exposed))
+
+
+def test_points_are_looked_for_in_the_colors_that_the_photo_gives_them(world, quick, monkeypatch) -> None:
+    brightness: dict[float | None, list[float]] = {-1.0: [], 1.0: []}
+
+    def noted(points: AnchorPoints, view: TrainingView, frame: Frame) -> DepthAnchors:
+        brightness[view.exposure_ev].append(float(points.colors.mean()))
+        return depth_anchors(points, view, frame)
+
+    monkeypatch.setattr(optimization, "depth_anchors", noted)
+    settings = quick(iterations=12, depth_from=0.0, depth_every=1, held_out_every=0)
+    train(_exposed(world, (-1.0, 1.0)), world[1], settings, silent)
+    assert len(brightness[-1.0]) == len(brightness[1.0]) == 6
+    assert max(brightness[-1.0]) < 0.8 * min(brightness[1.0])
+
+
+def test_a_picture_is_judged_by_what_its_photo_would_show_of_it(world, quick) -> None:
+    frame = load_views(*world, (0,), 64, (1.0,))[0].frames[-1]
+    correction, events = torch.tensor([0.8, 0.0, 0.0]), []
+    image = 0.3 + 0.3 * frame.target()
+    recorder = Recorder(quick(), events.append, (), 0, None)
+    recorder.observe_image(0, image, correct(image, correction), frame, correction)
+    recorder.report(new_state({"means": torch.zeros(1, 3)}), 0.0, 0.0)
+    assert "psnr" not in events[0].metrics  # equal pictures have no finite one
+    recorder.observe_image(0, image, image, frame, correction)
+    recorder.report(new_state({"means": torch.zeros(1, 3)}), 0.0, 0.0)
+    assert events[1].metrics["psnr"] < 20
+
+
+def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure(world, quick, monkeypatch) -> None:
+    measured = []
+
+    def unpruned(gaussians, contribution, measure, max_drop_db) -> PruneResult:
+        measured.append(measure(gaussians))
+        return PruneResult(gaussians, np.arange(len(gaussians)), 0.0)
+
+    monkeypatch.setattr(train_module, "prune_to_psnr", unpruned)
+    for photometric, figure, other in (("on", "psnr_cc", "psnr"), ("off", "psnr", "psnr_cc")):
+        settings = quick(photometric=photometric, held_out_every=4, max_psnr_drop_db=1.0)
+        quality = train(*world, settings, silent).quality
+        assert measured.pop() == pytest.approx(quality[figure]) != pytest.approx(quality[other])
 
 
 def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:

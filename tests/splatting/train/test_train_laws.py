@@ -15,7 +15,7 @@ from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.evaluation import evaluate_views
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene import Scene, read_scene, write_scene
-from fastsplat.service.splatting.morton import morton_order
+from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.splatting.settings import LearningRates
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.scene.types import SH_C0
 from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, relocate_and_grow, rotate, split_in_place
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
-from fastsplat.service.splatting.morton import morton_order
 from fastsplat.service.splatting.quality import psnr, ssim
 from fastsplat.service.splatting.schedule import (
     event_due,

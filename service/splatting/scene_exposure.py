@@ -1,0 +1,115 @@
+"""The exposure that a scene is shown with whose photos differ in exposure.
+
+The corrections have a mean of zero, so that the scene has the photos' mean exposure: what only the darker photos show
+below white would be burnt out in it. A finished scene is therefore darkened as far as it has something to show; a run
+that goes on from it begins with the photos' mean exposure again (`photometric_training.continued_corrections`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fastsplat.service.scene.types import SH_C0, Gaussians
+from fastsplat.service.splatting.gaussians import color_parameters, splats_of
+from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, fitted_correction, to_light
+from fastsplat.service.splatting.raster import Backend, Rendering, device_of
+from fastsplat.service.splatting.training_views import Frame, TrainingView
+
+_COVERED = 0.5
+_BURNT_SHARE = 0.01
+"""Of the pixels that photos show below white: how many the scene may show as white."""
+_STOP = math.log(2) / 2.4
+"""An EV of the light multiplies a stored value, offset by 0.055, by e to this (`service.splatting.photometric`)."""
+
+
+@torch.no_grad()
+def display_ev(
+    parameters: Mapping[str, Tensor], views: Sequence[TrainingView], corrections: Tensor, backend: Backend
+) -> float:
+    """EV by which a scene of the photos' mean exposure must be darkened so that at most 1 % of what the photos show
+    below white is white in it; 0 where it is so already.
+
+    A pixel counts as bright as both the scene and the photo, of its own exposure, have it: so neither a photo whose
+    correction is wrong nor a stray Gaussian darkens the scene, nor what is white in every photo.
+
+    Args:
+        parameters: colors of a finished scene, see `SplatState`; all harmonics are used.
+        views: training views; they are compared at their smallest size.
+        corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
+        backend: which rasterizer.
+    """
+    shown = []
+    for view, correction in zip(views, corrections, strict=True):
+        frame = view.frames[0]
+        rendering, target = _render(parameters, view, frame, backend), frame.target()
+        both = torch.minimum(rendering.image, correct(target, -correction)).amax(dim=2)
+        shown.append(both[_measured(rendering, target, frame)])
+    values = torch.cat(shown)
+    if not len(values):
+        return 0.0
+    brightest = values.kthvalue(max(1, math.ceil((1 - _BURNT_SHARE) * len(values)))).values
+    return math.log2(min(1.0, 1.0 / max(float(to_light(brightest)), 1e-9)))
+
+
+def exposed(gaussians: Gaussians, correction: Tensor) -> Gaussians:
+    """The Gaussians as a photo of that exposure and white balance shows them.
+
+    The constant part of the colors is corrected as light; what depends on the direction is multiplied as stored values
+    above the toe of the curve of sRGB are (`service.splatting.photometric`).
+
+    Args:
+        gaussians: of a scene.
+        correction: [3] exposure, red, blue in EV; zeros change nothing.
+    """
+    if not bool(correction.any()):
+        return gaussians
+    correction = correction.detach().cpu().double()
+    base = torch.from_numpy(0.5 + SH_C0 * gaussians.sh[:, 0].astype(np.float64))
+    constant = (correct(base, correction).numpy() - 0.5) / SH_C0
+    sh = gaussians.sh * torch.exp(_STOP * channel_evs(correction)).numpy()
+    sh[:, 0] = constant
+    return replace(gaussians, sh=sh.astype(np.float32))
+
+
+def scene_exposure(
+    gaussians: Gaussians, views: Sequence[TrainingView], corrections: Tensor, backend: Backend
+) -> tuple[Gaussians, float]:
+    """A finished scene with the exposure that it is shown with, and the EV by which that is below the photos' mean."""
+    ev = display_ev(_parameters(gaussians, device_of(backend)), views, corrections, backend)
+    return exposed(gaussians, torch.tensor([ev, 0.0, 0.0])), ev
+
+
+@torch.no_grad()
+def fits_to_photos(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> Tensor:
+    """[V, 3]: the correction that fits a finished scene to each photo (`fitted_correction`); NaN where none can be
+    told. On the CPU."""
+    parameters = _parameters(gaussians, device_of(backend))
+    rows = []
+    for view in (view.to(device_of(backend)) for view in views):
+        frame = view.frames[-1]
+        rendering = _render(parameters, view, frame, backend)
+        fit = fitted_correction(rendering.image, frame.target(), rendering.alpha, frame.valid)
+        rows.append(torch.full((3,), math.nan) if fit is None else fit.cpu())
+    return torch.stack(rows)
+
+
+def _parameters(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
+    return {name: value.to(device) for name, value in color_parameters(gaussians).items()}
+
+
+def _render(parameters: Mapping[str, Tensor], view: TrainingView, frame: Frame, backend: Backend) -> Rendering:
+    degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
+    return render_frame(parameters, splats_of(parameters), view, frame, degree=degree, backend=backend)
+
+
+def _measured(rendering: Rendering, target: Tensor, frame: Frame) -> Tensor:
+    """bool [H, W]: pixels of the photo below white in every channel, of something that the scene has."""
+    counts = (target < SATURATED).all(dim=2) & (rendering.alpha > _COVERED)
+    return counts if frame.valid is None else counts & frame.valid

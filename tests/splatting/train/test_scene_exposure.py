@@ -1,0 +1,159 @@
+"""A scene whose photos differ in exposure is shown with one in which it is not burnt out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch import Tensor
+
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.progress import silent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splatting.gaussians import color_parameters, splats_of
+from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.photometric import correct, to_light, zero_mean
+from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, continued_corrections
+from fastsplat.service.splatting.scene_exposure import display_ev, exposed
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.training_views import TrainingView, load_views
+
+
+def _ev(exposure: float) -> Tensor:
+    return torch.tensor([exposure, 0.0, 0.0])
+
+
+def _corrections(evs: Tensor) -> Tensor:
+    return torch.stack([evs, 0.05 * evs, -0.05 * evs], dim=1)
+
+
+@pytest.fixture(scope="module")
+def scene(world) -> Gaussians:
+    settings = TrainingSettings(iterations=150, time_budget_s=None, max_gaussians=250, evaluations=0, held_out_every=0)
+    return train(*world, settings, silent).gaussians
+
+
+@pytest.fixture(scope="module")
+def views(world) -> tuple[TrainingView, ...]:
+    capture, truth = world
+    return load_views(capture, truth, tuple(range(len(capture.views))), 64, (1.0,))
+
+
+def _image(parameters: Mapping[str, Tensor], view: TrainingView) -> Tensor:
+    degree = int((1 + parameters["sh_rest"].shape[1]) ** 0.5) - 1
+    return render_frame(parameters, splats_of(parameters), view, view.frames[-1], degree=degree, backend="cpu").image
+
+
+def _photographed(
+    parameters: Mapping[str, Tensor], views: tuple[TrainingView, ...], corrections: Tensor
+) -> tuple[TrainingView, ...]:
+    """The views with photos of the scene itself, by those corrections, cut off at white and of 8 bits."""
+    made = []
+    for view, correction in zip(views, corrections, strict=True):
+        shown = correct(_image(parameters, view), correction).clamp(0, 1)
+        rgb = (shown * 255).round().to(torch.uint8)
+        made.append(dataclasses.replace(view, frames=(dataclasses.replace(view.frames[-1], rgb=rgb),)))
+    return tuple(made)
+
+
+def test_an_exposed_scene_has_the_light_of_its_pictures_multiplied(scene, views) -> None:
+    for ev in (-0.8, 0.4):
+        darker = color_parameters(exposed(scene, _ev(ev)))
+        for view in views[:3]:
+            image = _image(color_parameters(scene), view)
+            expected = correct(image, _ev(ev))
+            difference = (_image(darker, view) - expected).abs()[image.amin(dim=2) > 0.1]
+            assert difference.mean() < 0.004
+    assert exposed(scene, _ev(0.0)) is scene
+
+
+def test_a_scene_is_darkened_as_far_as_photos_show_it_below_white_and_no_further(scene, views) -> None:
+    bright = exposed(scene, _ev(1.5))
+    parameters = color_parameters(bright)
+    burnt = torch.stack([_image(parameters, view) for view in views]).amax(dim=3)
+    assert (burnt > 1).float().mean() > 0.05, "the case: much of it is brighter than white"
+    dark = _corrections(torch.full((12,), -2.0))
+    photos = _photographed(parameters, views, dark)
+    ev = display_ev(parameters, photos, dark, "cpu")
+    assert -2 < ev < -0.2
+    shown = color_parameters(exposed(bright, _ev(ev)))
+    share = float((torch.stack([_image(shown, view) for view in views]).amax(dim=3) > 1.002).float().mean())
+    assert share < 0.03
+    # In photos of the scene's own exposure the same surfaces are white: nothing is known that could be shown.
+    unknown = torch.zeros(12, 3)
+    assert display_ev(parameters, _photographed(parameters, views, unknown), unknown, "cpu") == 0
+    # A photo that is taken to be far darker than it is makes the scene no darker.
+    plain = color_parameters(exposed(scene, _ev(-0.5)))
+    photos = _photographed(plain, views, torch.zeros(12, 3))
+    mistaken = torch.zeros(12, 3)
+    mistaken[4, 0] = -5.0
+    assert display_ev(plain, photos, mistaken, "cpu") == display_ev(plain, photos, torch.zeros(12, 3), "cpu")
+
+
+def test_a_run_goes_on_with_the_mean_exposure_of_photos_that_differ(scene, views) -> None:
+    """However dark the scene was shown; one of photos that agree is left as it is."""
+    settings = TrainingSettings(iterations=300, time_budget_s=None)
+    corrections = zero_mean(_corrections(torch.linspace(-0.6, 0.6, 12)))
+    photos = _photographed(color_parameters(exposed(scene, _ev(-0.5))), views, corrections)
+    begin, start = continued_corrections(exposed(scene, _ev(-0.9)), photos, settings)
+    assert (start[CORRECTIONS] - corrections).abs().max() < 0.05
+    mean = exposed(scene, _ev(-0.5))
+    for view in views[:3]:
+        pictures = _image(color_parameters(begin), view), _image(color_parameters(mean), view)
+        assert (pictures[0] - pictures[1]).abs().mean() < 0.01
+    alike = _photographed(color_parameters(scene), views, torch.zeros(12, 3))
+    for darkened in (scene, exposed(scene, _ev(-0.9))):
+        begin, start = continued_corrections(darkened, alike, settings)
+        assert begin is darkened and FITS in start
+
+
+def _bright(capture: Capture, folder: Path) -> Capture:
+    """Two photos of three overexposed by 1.2 EV, the others dark."""
+    made = []
+    for index, view in enumerate(capture.views):
+        pixels = torch.tensor(np.asarray(Image.open(view.image_path).convert("RGB"))).double() / 255
+        correction = torch.tensor([1.2 if index % 3 else -0.6, 0.0, 0.0])
+        path = folder / view.posed.name
+        Image.fromarray((correct(pixels, correction).clamp(0, 1) * 255).round().byte().numpy()).save(path)
+        made.append(dataclasses.replace(view, image_path=path))
+    return dataclasses.replace(capture, views=tuple(made))
+
+
+def test_photos_that_differ_are_corrected_from_the_first_step_of_more_training(
+    world, scene, quick: Callable[..., TrainingSettings], tmp_path: Path
+) -> None:
+    settings = quick(iterations=1, held_out_every=0)
+    trained = train(_bright(world[0], tmp_path), Labelling(Dictionary(()), ()), settings, silent, begin=scene)
+    exposures = torch.tensor([row[0] for row in trained.photometric.values()])
+    bright = torch.arange(12) % 3 > 0
+    assert float((exposures[bright].mean() - exposures[~bright].mean() - 1.8).abs()) < 0.2
+    alike = train(world[0], Labelling(Dictionary(()), ()), settings, silent, begin=scene)
+    assert not alike.photometric
+
+
+def test_a_trained_scene_is_not_burnt_out_by_the_exposure_of_most_of_its_photos(
+    world, views, quick: Callable[..., TrainingSettings], tmp_path: Path
+) -> None:
+    capture = _bright(world[0], tmp_path)
+    trained = train(capture, world[1], quick(iterations=300, held_out_every=0), silent)
+    corrections = torch.tensor(list(trained.photometric.values()))
+    assert torch.allclose(corrections, zero_mean(corrections), atol=1e-6)
+    ev = trained.quality["exposure_ev"]
+    assert -1.2 < ev < -0.1
+    parameters = color_parameters(trained.gaussians)
+    above = torch.stack([_image(parameters, view) for view in views]).amax(dim=3)
+    assert float((above > 1).float().mean()) < 0.05
+    raised = color_parameters(exposed(trained.gaussians, _ev(-ev)))
+    burnt = torch.stack([_image(raised, view) for view in views]).amax(dim=3)
+    assert float((burnt > 1).float().mean()) > 0.05, "without it, much would be"
+    assert to_light(above.quantile(0.9)) > 0.3, "nor is it dark"
+    plain = train(*world, quick(iterations=20, held_out_every=0, photometric="off"), silent)
+    assert "exposure_ev" not in plain.quality
