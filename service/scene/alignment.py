@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.common.similarity import Similarity
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Scene
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,45 +37,6 @@ class Alignment:
     rms: float | None = None
     outliers: tuple[int, ...] = ()
     scaled: bool = False
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """x' = scale · R x + t.
-
-    Attributes:
-        scale: positive.
-        rotation: float64 [3, 3].
-        translation: float64 [3].
-    """
-
-    scale: float
-    rotation: F64
-    translation: F64
-
-    def points(self, points: NDArray[np.floating[Any]]) -> F64:
-        """float64 [K, 3]: where points [K, 3] go."""
-        return np.asarray(self.scale * points.astype(np.float64) @ self.rotation.T + self.translation)
-
-    def inverse(self) -> Similarity:
-        """The way back."""
-        turn = self.rotation.T
-        return Similarity(1 / self.scale, turn, -(turn @ self.translation) / self.scale)
-
-    def after(self, first: Similarity) -> Similarity:
-        """The similarity that does `first`, then this one."""
-        return Similarity(
-            self.scale * first.scale,
-            self.rotation @ first.rotation,
-            self.scale * self.rotation @ first.translation + self.translation,
-        )
-
-    def camera(self, posed: PosedCamera) -> PosedCamera:
-        """A camera that sees the same in the other frame."""
-        pose = posed.world_from_camera.copy()
-        pose[:3, 3] = self.points(pose[None, :3, 3])[0]
-        pose[:3, :3] = self.rotation @ pose[:3, :3]
-        return replace(posed, world_from_camera=pose)
 
 
 def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None) -> Similarity:

@@ -128,7 +128,8 @@ def upright(up: NDArray[np.float64] | None) -> list[float] | None:
     if y < -1 + 1e-9:
         return [1.0, 0.0, 0.0, 0.0]
     half = np.array([-z, 0.0, x, 1.0 + y])  # (up × y, 1 + up · y)
-    return (half / np.linalg.norm(half)).tolist()  # type: ignore[no-any-return]
+    quaternion: list[float] = (half / np.linalg.norm(half)).tolist()
+    return quaternion
 
 
 def add_camera_nodes(builder: GlbBuilder, cameras: Sequence[PosedCamera]) -> list[int]:

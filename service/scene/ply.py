@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +47,10 @@ def write_ply(
     """
     ids = _rows(rows, len(gaussians))
     names = _property_names(gaussians.sh.shape[1], gaussians.codes.shape[1] if codes else 0)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(ids)}"]
-    header += [f"property float {name}" for name in names] + ["end_header", ""]
     beside = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     try:
         with beside.open("wb") as file:
-            file.write("\n".join(header).encode("ascii"))
+            file.write(ply_header(len(ids), [("float", name) for name in names]))
             for start in range(0, len(ids), _CHUNK_ROWS):
                 file.write(_table(gaussians, ids[start : start + _CHUNK_ROWS], codes).tobytes())
             file.flush()
@@ -59,6 +58,19 @@ def write_ply(
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def ply_header(rows: int, properties: Iterable[tuple[str, str]], comments: Iterable[str] = ()) -> bytes:
+    """The header of a binary little-endian PLY of one element, vertex, up to its first row.
+
+    Args:
+        rows: how many vertices follow.
+        properties: type and name of each, in their order.
+        comments: lines of ASCII.
+    """
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
+    lines += [f"element vertex {rows}", *(f"property {kind} {name}" for kind, name in properties), "end_header", ""]
+    return "\n".join(lines).encode("ascii")
 
 
 def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:

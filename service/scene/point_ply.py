@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.scene.ply import ply_header
 from fastsplat.service.scene.types import F32
 
 _ROW = np.dtype(
@@ -51,16 +52,14 @@ def point_ply(
         for axis, name in enumerate(names):
             rows[name] = columns[:, axis]
     rows["label"], rows["thing"], rows["confidence"] = labels, things, confidence
-    header = ["ply", "format binary_little_endian 1.0"]
+    lines: list[str] = []
     for word, value in comments.items():
         if isinstance(value, Mapping):
-            header += [f"comment {word} {number} {json.dumps(name)}" for number, name in value.items()]
+            lines += [f"{word} {number} {json.dumps(name)}" for number, name in value.items()]
         else:
-            header.append(f"comment {word} {json.dumps(value)}")
-    header.append(f"element vertex {len(rows)}")
-    header += [f"property {_TYPES[_ROW[name].str[1:]]} {name}" for name in _ROW.names or ()]
-    header.append("end_header\n")
-    return "\n".join(header).encode("ascii") + rows.tobytes()
+            lines.append(f"{word} {json.dumps(value)}")
+    properties = [(_TYPES[_ROW[name].str[1:]], name) for name in _ROW.names or ()]
+    return ply_header(len(rows), properties, lines) + rows.tobytes()
 
 
 def point_rows(content: bytes) -> NDArray[np.void]:

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
+from fastsplat.service.common.similarity import scaled_camera
 from fastsplat.service.scene.alignment import Alignment
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import ScaleSource
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Scene
 
-NORMAL_95 = 1.959964
-"""Of a normal distribution 95 % is within so many standard deviations."""
 _LEAST_DEVIATION = 1e-3
 """Relative, of a length between two places: nobody picks a place better."""
 
@@ -63,26 +62,19 @@ class Scaling:
 def combined(lengths: Sequence[ScaledLength]) -> Scaling:
     """The scale that fits several known lengths best.
 
-    Weighted least squares of ln(meters_i / units_i) = ln s, by relative variances v_i = (σ_units / units)² +
-    (σ_meters / meters)², each at least 0.001²: ln s = Σ ln(meters_i / units_i) / v_i · V with V = 1 / Σ 1/v_i, its
-    variance. Where the lengths contradict each other, V is multiplied by χ² / (n - 1) (Birge 1932). The interval is
-    s · exp(±1.96 √V).
+    `combined_ratio` of meters_i / units_i, with the variances (σ_units / units)², at least 0.001², + (σ_meters /
+    meters)². The interval is s · exp(±1.96 σ).
 
     Args:
         lengths: at least one, all positive.
     """
-    logs = np.log([each.meters / each.units for each in lengths])
-    variances = np.array([
+    variances = [
         max((each.deviation / each.units) ** 2, _LEAST_DEVIATION**2) + (each.meters_deviation / each.meters) ** 2
         for each in lengths
-    ])  # fmt: skip
-    weights = 1 / variances
-    log_scale = float(weights @ logs / weights.sum())
-    variance = 1 / float(weights.sum())
-    if len(lengths) > 1:
-        variance *= max(1.0, float(weights @ (logs - log_scale) ** 2) / (len(lengths) - 1))
-    spread = NORMAL_95 * math.sqrt(variance)
-    return Scaling(math.exp(log_scale), math.exp(log_scale - spread), math.exp(log_scale + spread), tuple(lengths))
+    ]
+    scale, deviation = combined_ratio([each.meters / each.units for each in lengths], variances)
+    spread = math.exp(NORMAL_95 * deviation)
+    return Scaling(scale, scale / spread, scale * spread, tuple(lengths))
 
 
 def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
@@ -118,7 +110,7 @@ def scaled(scene: Scene, scaling: Scaling) -> Scene:
     return replace(
         scene,
         gaussians=replace(gaussians, means=means, log_scales=log_scales),
-        cameras=tuple(_scaled_camera(posed, factor) for posed in scene.cameras),
+        cameras=tuple(scaled_camera(posed, factor) for posed in scene.cameras),
         scale="METRIC",
         scaling=scaling,
         alignment=_scaled_alignment(scene.alignment, factor),
@@ -136,12 +128,6 @@ def _scaled_alignment(alignment: Alignment | None, factor: float) -> Alignment |
         residuals=tuple(each * factor for each in alignment.residuals),
         rms=None if alignment.rms is None else alignment.rms * factor,
     )
-
-
-def _scaled_camera(posed: PosedCamera, factor: float) -> PosedCamera:
-    pose = posed.world_from_camera.copy()
-    pose[:3, 3] *= factor
-    return replace(posed, world_from_camera=pose)
 
 
 def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:

@@ -61,5 +61,5 @@ def test_there_is_an_end_to_ids() -> None:
 
 
 def _shares(mean: object, row: int) -> dict[int, float]:
-    start, end = mean.starts[row], mean.starts[row + 1]  # type: ignore[attr-defined]
-    return dict(zip(mean.labels[start:end].tolist(), mean.probability[start:end].tolist(), strict=True))  # type: ignore[attr-defined]
+    start, end = mean.starts[row], mean.starts[row + 1]
+    return dict(zip(mean.labels[start:end].tolist(), mean.probability[start:end].tolist(), strict=True))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.scene import read_scene, write_scene
 from fastsplat.service.scene.scaling import (
-    NORMAL_95,
     ScaledLength,
     capture_scale_source,
     combined,
