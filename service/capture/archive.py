@@ -217,9 +217,9 @@ def _unpack_tar(archive: Path, writer: _Writer, settings: CaptureSettings) -> No
     with archive.open("rb") as raw:
         compressed = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)
-        source: BinaryIO = gzip.GzipFile(fileobj=raw) if compressed else raw  # type: ignore[assignment]
+        source: BinaryIO = gzip.GzipFile(fileobj=raw) if compressed else raw  # type: ignore[assignment]  # it can read
         forward = _Forward(source, archive.name, writer.count_bytes)
-        with tarfile.TarFile(fileobj=forward, mode="r") as reader:  # type: ignore[arg-type]
+        with tarfile.TarFile(fileobj=forward, mode="r") as reader:  # type: ignore[arg-type]  # it only reads
             for member in reader:
                 writer.count_entry()
                 if member.isdir():

@@ -96,6 +96,8 @@ def build_capture(
             field="upload",
             hint="Build its capture by fastsplat.service.pipeline.build_views, which renders them.",
         )
+    if manifest.spherical and settings.lens == "auto":
+        settings = settings.model_copy(update={"lens": "panorama"})
     if out_dir.exists() and any(out_dir.iterdir()) and not holds_capture(out_dir):
         raise InvalidInputError(f"{out_dir} is in use", field="out_dir", hint="Name an empty or a new folder.")
     with atomic_directory(out_dir) as partial:
@@ -248,6 +250,7 @@ class _Build:
             **self.settings.model_dump(),
             "max_side": frame_width(self.settings),
             "video_frames": self.settings.panorama_frames if panorama else self.settings.video_frames,
+            "by_place": self.held.promised,  # which frame is the sharpest, people in it would decide, too
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
         width, height = (int(number) for number in result["size"])

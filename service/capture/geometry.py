@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.common.vertical import vertical_of_poses
+from fastsplat.service.common.vertical import mean_up, vertical_of_poses
 from fastsplat_contract.errors import ReconstructionError
 
 _MIN_ANGLE_DEG = 1.5
@@ -20,7 +20,6 @@ _CONTRADICTION_PX = 8.0
 _REPEATING_SHARE = 0.15
 _WRONG_POSES_SHARE = 0.5
 _FEW_REGISTERED = 0.8
-_MIN_UP_AGREEMENT = 0.5
 _MEDIAN_DISTANCE = 3.0
 _PHOTO_HINT = (
     "Walk around the scene while photographing: neighboring photos should overlap by two thirds and be taken from "
@@ -121,9 +120,7 @@ def normalize_world(
     """Cameras [N, 4, 4] and points [P, 3] in a centered, upright world of the order of one; float64 of the same shapes.
 
     One similarity moves all of them: the points' median becomes the origin, and the median distance from a camera to it
-    becomes 3. +z becomes the vertical: `up` [3] or, without, by the cameras' level x axes (`vertical_of_poses`) or,
-    where these do not tell, the mean of the photos' upward directions, if they agree; that leans to where cameras that
-    look down stand closest.
+    becomes 3. +z becomes the vertical: `up` [3] or, without, that of `vertical_of_poses` or else of `mean_up`.
     """
     rotation = _upright(world_from_camera, up)
     center = np.median(points, axis=0)
@@ -137,12 +134,10 @@ def normalize_world(
 
 def _upright(world_from_camera: NDArray[np.float64], up: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """The smallest rotation that takes the vertical to +z; identity if the poses [N, 4, 4] do not tell it."""
-    up = vertical_of_poses(world_from_camera) if up is None else up
+    for estimate in (vertical_of_poses, mean_up):
+        up = estimate(world_from_camera) if up is None else up
     if up is None:
-        mean = -world_from_camera[:, :3, 1].mean(axis=0)
-        if np.linalg.norm(mean) < _MIN_UP_AGREEMENT:
-            return np.eye(3)
-        up = mean / np.linalg.norm(mean)
+        return np.eye(3)
     if up[2] < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
     quaternion = np.array([*np.cross(up, [0.0, 0.0, 1.0]), 1.0 + up[2]])  # x y z w, up to scale

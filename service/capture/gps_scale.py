@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.photo_metadata import PhotoPlace
-from fastsplat.service.capture.scale_tags import scaled_capture
+from fastsplat.service.capture.scale_estimates import metric_capture
 from fastsplat.service.capture.types import Capture, ScaleEstimate
 
 F64 = NDArray[np.float64]
@@ -100,7 +100,7 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
         used = kept
     count, scale = int(used.sum()), abs(factor)
     # 40 MB that captures without places do without
-    from scipy.stats import t as student_t  # type: ignore[import-untyped]
+    from scipy.stats import t as student_t
 
     freedom = 2 * count - 4
     variance = max(float((np.abs(residual[used]) ** 2).sum()) / freedom, deviation**2)
@@ -112,20 +112,6 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
             "do not tell how long a unit is."
         )
     return ScaleEstimate("gps", scale, half), ""
-
-
-def combined_scale(first: ScaleEstimate | None, second: ScaleEstimate) -> ScaleEstimate:
-    """One estimate of two in the same units, by the inverse of their variances; the source is the surer one. Where they
-    contradict each other, the interval is wider: by √χ² (Birge 1932)."""
-    if first is None:
-        return second
-    errors = np.array([first.relative_error_95, second.relative_error_95])
-    logs, weights = np.log([first.meters_per_unit, second.meters_per_unit]), 1 / errors**2
-    log_scale = float(weights @ logs / weights.sum())
-    chi_squared = float((1.96**2 * weights) @ (logs - log_scale) ** 2)
-    error = float(np.sqrt(max(1.0, chi_squared) / weights.sum()))
-    surer = first if errors[0] <= errors[1] else second
-    return ScaleEstimate(surer.source, float(np.exp(log_scale)), error)
 
 
 def with_gps(capture: Capture, places: Sequence[PhotoPlace | None]) -> Capture:
@@ -148,13 +134,7 @@ def with_gps(capture: Capture, places: Sequence[PhotoPlace | None]) -> Capture:
     if estimate is None:
         warnings = (*capture.report.warnings, *([reason] if reason else []))
         return replace(capture, report=replace(capture.report, warnings=warnings))
-    tags = capture.report.scale
-    if tags is None:
-        return scaled_capture(capture, estimate)
-    both = combined_scale(replace(tags, meters_per_unit=1.0), estimate)
-    scaled = scaled_capture(capture, both)
-    whole = replace(both, meters_per_unit=both.meters_per_unit * tags.meters_per_unit)
-    return replace(scaled, report=replace(scaled.report, scale=whole))
+    return metric_capture(capture, estimate)
 
 
 def _alike(residual: NDArray[np.complex128]) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.types import VerticalEstimate
-from fastsplat.service.common.vertical import level_deviation, vertical_of_poses
+from fastsplat.service.common.vertical import level_deviation, mean_up, vertical_of_poses
 from fastsplat_contract.scenes import VerticalSource
 
 F64 = NDArray[np.float64]
@@ -98,9 +98,8 @@ def _of_cameras(world_from_camera: F64) -> Vertical | None:
     up = vertical_of_poses(world_from_camera)
     if up is not None:
         return _vertical(up, "horizon", level_deviation(world_from_camera, up))
-    mean = -world_from_camera[:, :3, 1].mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    return None if length < _LEAST_AGREEMENT else _vertical(mean / length, "cameras", _MEAN_UP_DEG)
+    up = mean_up(world_from_camera)
+    return None if up is None else _vertical(up, "cameras", _MEAN_UP_DEG)
 
 
 def _of_planes(points: F64, first: Vertical) -> Vertical | None:

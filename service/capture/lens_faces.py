@@ -103,7 +103,7 @@ def face_camera(side: int) -> Camera:
 def face_rays(camera: Camera) -> F64:
     """float64 [H, W, 3]: directions of a pinhole's pixels, z = 1."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    return np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
+    return camera.rays(x, y)
 
 
 def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideLens:

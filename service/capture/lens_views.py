@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel, compute_undistortion, rotate90, rotate90_pose
-from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo
-from fastsplat.service.capture.lens_faces import LensFace, WideLens, face_name, fisheye_faces, is_fisheye
+from fastsplat.service.capture.lens_faces import FACES, LensFace, WideLens, face_name, fisheye_faces, is_fisheye
 from fastsplat.service.capture.photo_metadata import PhotoPlace
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import SfmImage
-from fastsplat.service.capture.view_writer import SourceImage, ViewGeometry
+from fastsplat.service.capture.view_writer import SourceImage, ViewGeometry, reduced_camera
 
 F64 = NDArray[np.float64]
 
@@ -88,21 +87,16 @@ def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens
 def posed_lens(image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> tuple[WideLens, list[ViewGeometry]]:
     """The lens of a posed image and, of each of its faces, how it becomes a view.
 
-    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
-
     Raises:
         InvalidInputError: the distortion cannot be undone.
     """
-    stored = image.camera_model
-    quarter_turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
-    size = reduced_size(*photo.upright_size, settings.max_side)
-    width, height = size if quarter_turns % 2 == 0 else size[::-1]
-    lens = lens_of(stored.scaled_to(width, height), settings.max_side, field=image.name)
+    stored, turns, size = reduced_camera(image, photo, settings)
+    lens = lens_of(stored, settings.max_side, field=image.name)
     geometries = [
         ViewGeometry(
             size=size,
-            undistortion=rotate90(face.undistortion, quarter_turns, width, height),
-            world_from_camera=rotate90_pose(face.pose(image.world_from_camera), quarter_turns),
+            undistortion=rotate90(face.undistortion, turns, stored.width, stored.height),
+            world_from_camera=rotate90_pose(face.pose(image.world_from_camera), turns),
         )
         for face in lens.faces
     ]
@@ -124,10 +118,7 @@ def views_of(source: SourceImage, lens: WideLens) -> list[SourceImage]:
 
 def test_views(names: Sequence[str], views: Sequence[str]) -> tuple[str, ...]:
     """The views of images that are set apart for testing: of a fisheye photo all its faces."""
-    faces: Mapping[str, list[str]] = {
-        name: [name, *(face_name(name, face) for face in ("front", "right", "back", "left", "up", "down"))]
-        for name in names
-    }
+    faces: Mapping[str, list[str]] = {name: [name, *(face_name(name, face) for face in FACES)] for name in names}
     present = set(views)
     return tuple(face for name in names for face in faces[name] if face in present)
 

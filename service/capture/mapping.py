@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,9 @@ import pycolmap
 from fastsplat.service.capture import geometry, mapping_snapshots, match_cycles, rigs
 from fastsplat.service.capture.model_agreement import (
     PairMatches,
+    VerifiedMatches,
     choose_held_out,
-    contradictions,
-    explained,
     give_back,
-    verified_matches,
     withhold,
 )
 
@@ -71,6 +70,34 @@ def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOption
 
 
 @dataclass(frozen=True)
+class Mapped:
+    """What one mapping made of the images.
+
+    Attributes:
+        models: see `Models`.
+        verified: matches of the images.
+    """
+
+    models: Models
+    verified: VerifiedMatches
+
+    @cached_property
+    def contradictions(self) -> tuple[int, int]:
+        """Of the largest model, see `VerifiedMatches.contradictions`; (0, 0) without models."""
+        return self.verified.contradictions(self.models[0]) if self.models else (0, 0)
+
+    @property
+    def placed(self) -> int:
+        """Images of the largest model."""
+        return self.models[0].num_reg_images() if self.models else 0
+
+    @property
+    def repeats(self) -> bool:
+        """Whether so many pairs contradict the largest model as where things repeat."""
+        return bool(geometry.repetition_warning(*self.contradictions))
+
+
+@dataclass(frozen=True)
 class Mapping:
     """One capture that is mapped.
 
@@ -95,25 +122,26 @@ class Mapping:
         """Of images."""
         return len(self.entries)
 
-    def run(self, global_images: int) -> Models:
+    @cached_property
+    def _verified(self) -> VerifiedMatches:
+        return VerifiedMatches(self.database)
+
+    def run(self, global_images: int) -> Mapped:
         """The best models that were reached; by the global mapper first where there are more than `global_images`,
         and none of them the faces of panoramas."""
-        models: Models = []
+        best = Mapped([], self._verified)
         if self.count > global_images and not rigs.has_rigs(self.entries):
             self.report(0.0, f"registering {self.count} images at once")
-            models = self._globally()
-            if self._is_fine(models, _GLOBAL_PLACED):
-                return models
-        incremental = self._first()
-        models = self._better(models, incremental, verified_matches(self.database))
-        return models if self._is_fine(models, 1.0) else self._again(models)
+            best = self._globally()
+            if self._is_fine(best, _GLOBAL_PLACED):
+                return best
+        best = self._better(best, self._first(), self._verified.pairs)
+        return best if self._is_fine(best, 1.0) else self._again(best)
 
-    def _is_fine(self, models: Models, share: float) -> bool:
-        if not models or models[0].num_reg_images() < share * self.count:
-            return False
-        return not geometry.repetition_warning(*contradictions(models[0], self.database))
+    def _is_fine(self, mapped: Mapped, share: float) -> bool:
+        return mapped.placed > 0 and mapped.placed >= share * self.count and not mapped.repeats
 
-    def _first(self) -> Models:
+    def _first(self) -> Mapped:
         registered = 2
 
         def report_next_image() -> None:
@@ -130,7 +158,7 @@ class Mapping:
         options.snapshot_frames_freq = mapping_snapshots.frames_between(self.count)
         return self._map(self.database, "models", options, report_next_image)
 
-    def _globally(self) -> Models:
+    def _globally(self) -> Mapped:
         """By rotation averaging and global positioning (Pan et al., "Global structure-from-motion revisited", ECCV
         2024), whose time grows with the matches and not with the square of the images."""
         options = pycolmap.GlobalPipelineOptions()
@@ -139,45 +167,55 @@ class Mapping:
         options.min_model_size = 2
         output = self.folder / "global"
         output.mkdir()
-        return _largest_first(pycolmap.global_mapping(self.database, self.images, output, options=options))
+        return self._largest_first(pycolmap.global_mapping(self.database, self.images, output, options=options))
 
-    def _again(self, models: Models) -> Models:
-        copy = self.folder / "again.db"
-        shutil.copyfile(self.database, copy)
-        if models and geometry.repetition_warning(*contradictions(models[0], self.database)):
-            models = self._consistent(models, copy)
-        held_out = choose_held_out(verified_matches(copy), _FEWEST_TO_HOLD_OUT)
+    def _again(self, best: Mapped) -> Mapped:
+        pairs, wrong = self._verified.pairs, set[tuple[int, int]]()
+        if best.repeats:
+            best, wrong = self._consistent(best)
+        if not self._left_out(best):
+            return best
+        copy = self._copy("again", wrong)
+        pairs = {pair: rows for pair, rows in pairs.items() if pair not in wrong}
+        held_out = choose_held_out(pairs, _FEWEST_TO_HOLD_OUT)
         withhold(copy, held_out)
         for name, guided in (("lower", False), ("guided", True), ("complete", False)):
-            left = self._left_out(models)
+            left = self._left_out(best)
             if not left:
                 break
             self.report(1.0, f"registering {len(left)} images that have no place yet")
             if guided:
-                self.rematch(copy, _strongest_pairs(copy, left))
+                self.rematch(copy, _strongest_pairs(pairs, held_out, left))
                 withhold(copy, held_out)
             if name == "complete":
                 give_back(copy, held_out)
             few = len(left) > (1 - _FEW_PLACED) * self.count and name != "complete"
-            start = None if few or not models else models[0]
+            start = None if few or not best.models else best.models[0]
             again = self._map(copy, name, mapper_options(lower=True), start=start)
-            models = self._better(models, again, held_out)
-        return models
+            best = self._better(best, again, held_out)
+        return best
 
-    def _consistent(self, models: Models, copy: Path) -> Models:
-        """The better of `models` and those without contradicting pairs, which in the latter case leave the copy too."""
+    def _consistent(self, best: Mapped) -> tuple[Mapped, set[tuple[int, int]]]:
+        """The better of `best` and what is mapped without contradicting pairs, and in the latter case these pairs."""
         self.report(1.0, "registering images without contradicting pairs")
-        if not _drop_contradicting(copy):
-            return models
-        trial = self.folder / "consistent.db"
-        shutil.copyfile(copy, trial)
+        wrong = set(match_cycles.contradicting_pairs(self._verified.pairs, self._verified.pixels))
+        if not wrong:
+            return best, wrong
+        trial = self._copy("consistent", wrong)
         # Right pairs may have few matches beside wrong ones that look the same: all of them have a say.
-        held_out = choose_held_out(verified_matches(self.database), _FEWEST_OF_REPEATS)
+        held_out = choose_held_out(self._verified.pairs, _FEWEST_OF_REPEATS)
         withhold(trial, held_out)
-        better = self._better(models, self._map(trial, "consistent", mapper_options()), held_out)
-        if better is models:
-            shutil.copyfile(self.database, copy)
-        return better
+        better = self._better(best, self._map(trial, "consistent", mapper_options()), held_out)
+        return (best, set()) if better is best else (better, wrong)
+
+    def _copy(self, name: str, without: Collection[tuple[int, int]]) -> Path:
+        """A copy of the database, in which these pairs are not verified."""
+        copy = self.folder / f"{name}.db"
+        shutil.copyfile(self.database, copy)
+        with pycolmap.Database.open(copy) as editor:
+            for pair in without:
+                editor.delete_two_view_geometry(*pair)
+        return copy
 
     def _map(
         self,
@@ -186,7 +224,7 @@ class Mapping:
         options: pycolmap.IncrementalPipelineOptions,
         on_image: Callable[[], None] = lambda: None,
         start: pycolmap.Reconstruction | None = None,
-    ) -> Models:
+    ) -> Mapped:
         """Models from nothing, or `start` with more images."""
         output = self.folder / name
         output.mkdir()
@@ -196,51 +234,38 @@ class Mapping:
             (output / "start").mkdir()
             start.write(output / "start")
             before = str(output / "start")
-        return _largest_first(
+        return self._largest_first(
             pycolmap.incremental_mapping(
                 database, self.images, output, options=options, input_path=before, next_image_callback=on_image
             )
         )
 
-    def _better(self, models: Models, later: Models, held_out: PairMatches) -> Models:
-        """`later` if it places more images and explains no fewer matches, or explains more; else `models`."""
-        if not models or not later:
-            return models or later
-        placed, placed_later = models[0].num_reg_images(), later[0].num_reg_images()
-        matches, matches_later = (explained(some[0], self.database, held_out) for some in (models, later))
-        if placed_later > placed:
-            return later if matches_later >= _AS_GOOD * matches else models
-        return later if matches_later * _AS_GOOD > matches else models
+    def _largest_first(self, models: dict[int, pycolmap.Reconstruction]) -> Mapped:
+        ordered = sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+        return Mapped(ordered, self._verified)
 
-    def _left_out(self, models: Models) -> set[int]:
+    def _better(self, best: Mapped, later: Mapped, held_out: PairMatches) -> Mapped:
+        """`later` if it places more images and explains no fewer matches, or explains more; else `best`."""
+        if not best.models or not later.models:
+            return best if best.models else later
+        matches, matches_later = (self._verified.explained(some.models[0], held_out) for some in (best, later))
+        if later.placed > best.placed:
+            return later if matches_later >= _AS_GOOD * matches else best
+        return later if matches_later * _AS_GOOD > matches else best
+
+    def _left_out(self, best: Mapped) -> set[int]:
         """Ids of the images without a place."""
-        placed = {image.image_id for image in models[0].images.values() if image.has_pose} if models else set()
+        model = best.models[0] if best.models else None
+        placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
         with pycolmap.Database.open(self.database) as reader:
             return {image.image_id for image in reader.read_all_images()} - placed
 
 
-def _largest_first(models: dict[int, pycolmap.Reconstruction]) -> Models:
-    return sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
-
-
-def _strongest_pairs(database: Path, images: set[int]) -> list[tuple[int, int]]:
-    """The few verified pairs with most matches of each of these images, sorted."""
+def _strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:
+    """The few pairs with most matches, without those that are held out, of each of these images, sorted."""
     of_image = defaultdict(list)
-    for pair, rows in verified_matches(database).items():
+    for pair, rows in matches.items():
         for image_id in set(pair) & images:
-            of_image[image_id].append((-len(rows), pair))
+            of_image[image_id].append((len(held_out.get(pair, ())) - len(rows), pair))
     strongest = {row for rows in of_image.values() for row in sorted(rows)[:_GUIDED_PAIRS_PER_IMAGE]}
     return sorted(pair for _, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])
-
-
-def _drop_contradicting(database: Path) -> int:
-    """Take pairs that contradict others out of a database; how many."""
-    with pycolmap.Database.open(database) as editor:
-        matches = verified_matches(database)
-        pixels = {
-            image: editor.read_keypoints(image) for image in sorted({image for pair in matches for image in pair})
-        }
-        wrong = match_cycles.contradicting_pairs(matches, {image: rows[:, :2] for image, rows in pixels.items()})
-        for pair in wrong:
-            editor.delete_two_view_geometry(*pair)
-    return len(wrong)

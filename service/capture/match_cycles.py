@@ -8,13 +8,15 @@ matches themselves are composed, as the pattern of a wall moves by a tile withou
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.model_agreement import PairMatches
+
+_Pairs = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 
 _SAME_PX = 6.0
 _FEWEST = 8
@@ -26,35 +28,48 @@ def contradicting_pairs(matches: PairMatches, pixels: Mapping[int, NDArray[np.fl
     contradicting loops more than in agreeing ones; of equals the one with fewest matches.
 
     Args:
-        matches: verified, of image pairs (i, j).
+        matches: verified, of image pairs (i, j), i < j.
         pixels: [F, 2] of each image's features.
     """
-    followed = {}
-    for (i, j), rows in matches.items():
-        for key, source, target in (((i, j), rows[:, 0], rows[:, 1]), ((j, i), rows[:, 1], rows[:, 0])):
-            followed[key] = np.full(len(pixels[key[0]]), -1, np.int64)
-            followed[key][source] = target
-    loops: list[tuple[tuple[tuple[int, int], ...], bool]] = []
-    for i, j, k in combinations(sorted({image for pair in matches for image in pair}), 3):
-        if (i, j) in followed and (j, k) in followed and (i, k) in followed:
-            agrees = _agrees(followed[i, j], followed[j, k], followed[i, k], pixels[k])
-            if agrees is not None:
-                loops.append((tuple(_stored(pair, matches) for pair in ((i, j), (j, k), (i, k))), agrees))
+    loops = _loops(matches, pixels)
+    of_pair: dict[tuple[int, int], set[int]] = {pair: set() for pair in matches}
+    votes, wrong_loops = dict.fromkeys(matches, 0), dict.fromkeys(matches, 0)
+    for number, (pairs, agrees) in enumerate(loops):
+        for pair in pairs:
+            of_pair[pair].add(number)
+            votes[pair] += -1 if agrees else 1
+            wrong_loops[pair] += not agrees
     wrong = []
-    while any(not agrees for _, agrees in loops):
-        votes = dict.fromkeys(matches, 0)
-        for pairs, agrees in loops:
-            for pair in pairs:
-                votes[pair] += -1 if agrees else 1
-        suspects = {pair for pairs, agrees in loops if not agrees for pair in pairs}
+    while suspects := [pair for pair, count in wrong_loops.items() if count]:
         worst = max(suspects, key=lambda pair: (votes[pair], -len(matches[pair]), pair))
         wrong.append(worst)
-        loops = [(pairs, agrees) for pairs, agrees in loops if worst not in pairs]
+        for number in of_pair[worst].copy():
+            pairs, agrees = loops[number]
+            for pair in pairs:
+                of_pair[pair].remove(number)
+                votes[pair] -= -1 if agrees else 1
+                wrong_loops[pair] -= not agrees
     return sorted(wrong)
 
 
+def _loops(matches: PairMatches, pixels: Mapping[int, NDArray[np.float32]]) -> list[tuple[_Pairs, bool]]:
+    """Every loop of three images as its pairs, and whether it agrees; those that tell nothing are left out."""
+    followed, neighbors = {}, defaultdict(set)
+    for (i, j), rows in matches.items():
+        followed[i, j] = np.full(len(pixels[i]), -1, np.int32)
+        followed[i, j][rows[:, 0]] = rows[:, 1]
+        neighbors[i].add(j)
+    loops = []
+    for i, j in sorted(matches):
+        for k in sorted(neighbors[i] & neighbors[j]):
+            agrees = _agrees(followed[i, j], followed[j, k], followed[i, k], pixels[k])
+            if agrees is not None:
+                loops.append((((i, j), (j, k), (i, k)), agrees))
+    return loops
+
+
 def _agrees(
-    first: NDArray[np.int64], second: NDArray[np.int64], direct: NDArray[np.int64], pixels: NDArray[np.float32]
+    first: NDArray[np.int32], second: NDArray[np.int32], direct: NDArray[np.int32], pixels: NDArray[np.float32]
 ) -> bool | None:
     """Whether most features come to the same place in the third image both ways; None where too few tell."""
     rows = np.flatnonzero((first >= 0) & (direct >= 0))
@@ -63,7 +78,3 @@ def _agrees(
         return None
     apart = np.linalg.norm(pixels[second[first[rows]]] - pixels[direct[rows]], axis=1)
     return bool((apart <= _SAME_PX).mean() >= 0.5)
-
-
-def _stored(pair: tuple[int, int], matches: PairMatches) -> tuple[int, int]:
-    return pair if pair in matches else (pair[1], pair[0])

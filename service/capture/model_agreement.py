@@ -19,8 +19,66 @@ _EXPLAINED_PX = 4.0
 """As far from its epipolar line as COLMAP lets a verified match be."""
 
 
+class VerifiedMatches:
+    """The verified matches of a database and where their features lie, read once however many models are compared.
+
+    Args:
+        database: features and verified matches; what is written to it later is not noticed.
+    """
+
+    def __init__(self, database: Path) -> None:
+        self.pairs = verified_matches(database)
+        """Of every pair that has some, in the order of the ids."""
+        with pycolmap.Database.open(database) as reader:
+            self.pixels: dict[int, NDArray[np.float32]] = {
+                image: np.array(reader.read_keypoints(image)[:, :2], np.float32)
+                for image in sorted({image for pair in self.pairs for image in pair})
+            }
+            """[F, 2], where the features of each of their images lie."""
+
+    def contradictions(self, model: pycolmap.Reconstruction) -> tuple[int, int]:
+        """Compare every pair of images with a model's poses: see `geometry.contradictions`.
+
+        A pair of which only one image was registered contradicts too: matching well should have registered the other.
+        """
+        placed = _placed(model)
+        some = {pair: rows for pair, rows in self.pairs.items() if placed & set(pair)}
+        errors = self._errors(model, some)
+        medians = [float("inf") if pair not in errors else float(np.nanmedian(errors[pair])) for pair in some]
+        return geometry.contradictions([len(rows) for rows in some.values()], medians)
+
+    def explained(self, model: pycolmap.Reconstruction, matches: PairMatches) -> int:
+        """How many of these matches lie within 4 px of the epipolar lines of a model's poses; none of a pair that has
+        an image without a pose."""
+        return sum(int((values <= _EXPLAINED_PX).sum()) for values in self._errors(model, matches).values())
+
+    def _errors(
+        self, model: pycolmap.Reconstruction, matches: PairMatches
+    ) -> dict[tuple[int, int], NDArray[np.float64]]:
+        """Pixels, [M], by the pairs of which both images have a pose."""
+        placed = _placed(model)
+        rays: dict[int, NDArray[np.float64]] = {}
+        errors = {}
+        for pair, rows in matches.items():
+            if not placed >= set(pair):
+                continue
+            first, second = (model.images[image_id] for image_id in pair)
+            for image in (first, second):
+                if image.image_id not in rays:
+                    pixels = self.pixels[image.image_id].astype(np.float64)
+                    rays[image.image_id] = np.asarray(model.cameras[image.camera_id].cam_from_img(pixels))
+            relative = second.cam_from_world() * first.cam_from_world().inverse()
+            pose = np.eye(4)
+            pose[:3] = relative.matrix()
+            rays1, rays2 = rays[pair[0]][rows[:, 0]], rays[pair[1]][rows[:, 1]]
+            errors[pair] = geometry.epipolar_error_px(
+                rays1, rays2, pose, model.cameras[first.camera_id].mean_focal_length()
+            )
+        return errors
+
+
 def verified_matches(database: Path) -> dict[tuple[int, int], NDArray[np.uint32]]:
-    """The verified matches of every pair that has some, in the order of the ids."""
+    """The verified matches of every pair (i, j), i < j, that has some, in the order of the ids."""
     with pycolmap.Database.open(database) as reader:
         pair_ids, pairs = reader.read_two_view_geometries()
     rows = sorted(zip(pair_ids, pairs, strict=True), key=lambda row: row[0])
@@ -29,18 +87,6 @@ def verified_matches(database: Path) -> dict[tuple[int, int], NDArray[np.uint32]
         for pair_id, pair in rows
         if len(pair.inlier_matches)
     }
-
-
-def contradictions(model: pycolmap.Reconstruction, database: Path) -> tuple[int, int]:
-    """Compare every verified pair of images with the poses: see `geometry.contradictions`.
-
-    A pair of which only one image was registered contradicts too: matching well should have registered the other.
-    """
-    placed = _placed(model)
-    matches = {pair: rows for pair, rows in verified_matches(database).items() if placed & set(pair)}
-    errors = _pair_errors(model, database, matches)
-    medians = [float("inf") if pair not in errors else float(np.nanmedian(errors[pair])) for pair in matches]
-    return geometry.contradictions([len(rows) for rows in matches.values()], medians)
 
 
 def choose_held_out(matches: PairMatches, fewest: int) -> dict[tuple[int, int], NDArray[np.uint32]]:
@@ -56,9 +102,7 @@ def withhold(database: Path, held_out: PairMatches) -> None:
                 continue
             pair_geometry = editor.read_two_view_geometry(*pair)
             rows = np.asarray(pair_geometry.inlier_matches)
-            known = {(int(first), int(second)) for first, second in withheld}
-            stays = [(int(first), int(second)) not in known for first, second in rows]
-            pair_geometry.inlier_matches = rows[np.array(stays, bool)]
+            pair_geometry.inlier_matches = rows[~np.isin(_keys(rows), _keys(withheld))]
             editor.update_two_view_geometry(*pair, pair_geometry)
 
 
@@ -73,37 +117,9 @@ def give_back(database: Path, held_out: PairMatches) -> None:
                 editor.update_two_view_geometry(*pair, pair_geometry)
 
 
-def explained(model: pycolmap.Reconstruction, database: Path, matches: PairMatches) -> int:
-    """How many of these matches lie within 4 px of the epipolar lines of the model's poses; none of a pair that has an
-    image without a pose."""
-    errors = _pair_errors(model, database, matches)
-    return sum(int((values <= _EXPLAINED_PX).sum()) for values in errors.values())
-
-
-def _pair_errors(
-    model: pycolmap.Reconstruction, database: Path, matches: PairMatches
-) -> dict[tuple[int, int], NDArray[np.float64]]:
-    """Pixels, [M], by the pairs of which both images have a pose."""
-    placed = _placed(model)
-    rays: dict[int, NDArray[np.float64]] = {}
-    errors = {}
-    with pycolmap.Database.open(database) as reader:
-        for pair, rows in matches.items():
-            if not placed >= set(pair):
-                continue
-            first, second = (model.images[image_id] for image_id in pair)
-            for image in (first, second):
-                if image.image_id not in rays:
-                    pixels = np.asarray(reader.read_keypoints(image.image_id))[:, :2].astype(np.float64)
-                    rays[image.image_id] = np.asarray(model.cameras[image.camera_id].cam_from_img(pixels))
-            relative = second.cam_from_world() * first.cam_from_world().inverse()
-            pose = np.eye(4)
-            pose[:3] = relative.matrix()
-            rays1, rays2 = rays[pair[0]][rows[:, 0]], rays[pair[1]][rows[:, 1]]
-            errors[pair] = geometry.epipolar_error_px(
-                rays1, rays2, pose, model.cameras[first.camera_id].mean_focal_length()
-            )
-    return errors
+def _keys(rows: NDArray[np.uint32]) -> NDArray[np.uint64]:
+    """[M], one number a match."""
+    return np.asarray(rows[:, 0].astype(np.uint64) << np.uint64(32) | rows[:, 1].astype(np.uint64))
 
 
 def _placed(model: pycolmap.Reconstruction) -> set[int]:

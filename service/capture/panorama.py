@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ def full_frame(name: str, width: int, height: int) -> PanoramaFrame:
             f"{name} has {width}×{height} pixels, a 360° panorama is twice as wide as high",
             field=name,
             limit="an aspect of 2:1",
-            hint="Export the photos or the video as equirectangular 360° × 180°, or leave lens=panorama away.",
+            hint="Export the photos or the video as equirectangular 360° × 180°, for one eye, or leave the lens away.",
         )
     return PanoramaFrame(width, height, 0, 0, width, height)
 
@@ -104,13 +105,13 @@ def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
         width, height: of the stored picture.
     """
     text = xmp[:_MAX_XMP_BYTES].decode("utf-8", "replace")
-    if _value(text, "ProjectionType") != "equirectangular":
+    if metadata_value(text, "GPano:ProjectionType") != "equirectangular":
         return None
     names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels")
     cropped = _number(text, "CroppedAreaImageWidthPixels")
     stated = [number for name in names if (number := _number(text, name)) is not None]
     pitch, roll = _number(text, "PosePitchDegrees"), _number(text, "PoseRollDegrees")
-    whole = not any(_value(text, name) for name in names)
+    whole = not any(metadata_value(text, f"GPano:{name}") for name in names)
     if not whole and len(stated) < len(names):
         return None
     full_width, full_height, left, top = (width, height, 0.0, 0.0) if whole else stated
@@ -151,12 +152,33 @@ def panorama_faces(frame: PanoramaFrame, size: tuple[int, int], side: int) -> It
             yield LensFace(name, rotation, Undistortion(camera, map_xy.astype(np.float32)))
 
 
+def shown_by_any(masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
+    """bool [S, S] by face: its own mask, and where it shows what the mask of a face beside it covers; they overlap."""
+    whole = {face: mask.copy() for face, mask in masks.items()}
+    for source, mask in masks.items():
+        if not mask.any():
+            continue
+        camera = face_camera(len(mask))
+        rays = face_rays(camera)
+        for face, union in whole.items():
+            local = rays @ (FACES[face].T @ FACES[source])
+            ahead = local[..., 2] > 1e-6
+            columns, rows = (
+                np.floor(local[ahead, axis] / local[ahead, 2] * camera.fx + camera.cx).astype(np.int64)
+                for axis in range(2)
+            )
+            inside = (np.minimum(columns, rows) >= 0) & (np.maximum(columns, rows) < len(mask))
+            ahead[ahead] = inside
+            union[ahead] |= mask[rows[inside], columns[inside]]
+    return whole
+
+
 def wrapped(pixels: NDArray[np.uint8] | NDArray[np.uint16], frame: PanoramaFrame) -> NDArray[np.uint8]:
     """A panorama's pixels or ids [H, W, ...] with a border of one pixel, which goes around where the picture does."""
-    beside = "wrap" if frame.around else "edge"
+    beside: Literal["wrap", "edge"] = "wrap" if frame.around else "edge"
     rest = [(0, 0)] * (pixels.ndim - 2)
     tall = np.pad(pixels, [(1, 1), (0, 0), *rest], mode="edge")
-    return np.asarray(np.pad(tall, [(0, 0), (1, 1), *rest], mode=beside))  # type: ignore[call-overload]
+    return np.asarray(np.pad(tall, [(0, 0), (1, 1), *rest], mode=beside))
 
 
 def decoded_size(frame: PanoramaFrame, side: int) -> tuple[int, int]:
@@ -180,15 +202,16 @@ def nadir_mask(camera_side: int, face: str, nadir_deg: float) -> NDArray[np.bool
     return None if nadir_deg <= 0 or kept.all() else np.asarray(kept)
 
 
-def _value(text: str, name: str) -> str:
-    """Of a GPano property, written as an attribute or as an element; "" if it is not there."""
-    match = re.search(rf'GPano:{name}\s{{0,8}}(?:=\s{{0,8}}["\']|>)\s{{0,8}}([^"\'<]{{1,40}})', text)
+def metadata_value(text: str, name: str) -> str:
+    """The value of a property as "GPano:ProjectionType" in XMP, written as an attribute or as an element; "" if it is
+    not there. The text is searched, not parsed."""
+    match = re.search(rf'{name}\s{{0,8}}(?:=\s{{0,8}}["\']|>)\s{{0,8}}([^"\'<]{{1,40}})', text)
     return match.group(1).strip() if match else ""
 
 
 def _number(text: str, name: str) -> float | None:
     try:
-        value = float(_value(text, name))
+        value = float(metadata_value(text, f"GPano:{name}"))
     except ValueError:
         return None
     return value if math.isfinite(value) and abs(value) <= _MAX_SIDE else None

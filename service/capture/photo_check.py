@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from fastsplat.service.capture.photo_quality import MIN_MATCHES, advice_of, judg
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.common.atomic import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photo_verdicts import NotPlaced, PhotoVerdict
 
@@ -72,7 +72,7 @@ def check_photos(
     if not folder.is_dir():
         raise InvalidInputError(f"{folder} is no folder", field="photos", hint="Name a folder of photos.")
     raw = scratch / "photos"
-    shutil.copytree(folder, raw, copy_function=_link_or_copy, symlinks=False)
+    shutil.copytree(folder, raw, copy_function=link_or_copy, symlinks=False)
     manifest, files = read_manifest(validate_upload(raw, settings).folder)
     if manifest.source != "images":
         raise InvalidInputError(
@@ -166,10 +166,3 @@ def _shared(one: Features, other: Features) -> int:
     cv2.setRNGSeed(0)
     _, inliers = cv2.findFundamentalMat(first, second, cv2.FM_RANSAC, _ERROR_PX, 0.99)
     return 0 if inliers is None else int(inliers.sum())
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)

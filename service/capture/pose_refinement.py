@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, sfm
 from fastsplat.service.capture.mapping import SEED, mapper_options
-from fastsplat.service.capture.model_agreement import contradictions as contradictions_of
+from fastsplat.service.capture.model_agreement import VerifiedMatches
+from fastsplat.service.common.similarity import fit_similarity
 
 Report = Callable[[float, str], None]
 F64 = NDArray[np.float64]
@@ -59,7 +60,8 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
     sfm.extract_and_match(database, images, files, request, folder, report)
     report(sfm.MATCHING_DONE, "refining poses")
     before = {image.name: sfm.world_from_camera(image) for image in tracked.images.values()}
-    contradictions, model = contradictions_of(tracked, database), tracked
+    verified, model = VerifiedMatches(database), tracked
+    contradictions = verified.contradictions(tracked)
     for index, error_px in enumerate(_ROUNDS_PX):
         model = _triangulated(model, database, images, folder / f"round{index}", error_px)
         _adjust(model, before)
@@ -70,7 +72,7 @@ def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, A
         if image.num_points3D >= _LEAST_FEATURES
     }
     shift, turn = _moves(before, after)
-    left = contradictions_of(model, database)
+    left = verified.contradictions(model)
     geometry.refuse_wrong_poses(*min(contradictions, left))
     refused = refusal(np.array([pose[:3, 3] for pose in before.values()]), shift, turn, contradictions, left)
     if refused:
@@ -134,7 +136,7 @@ def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
     """Move the whole model rigidly so that its cameras are as near as can be to where they were tracked.
 
     Of every camera the position counts, and the ends of its three axes, so long that an error of a rotation's standard
-    deviation moves them by that of a position (Procrustes, Kabsch 1976).
+    deviation moves them by that of a position.
     """
     length = _POSITION_M / _ROTATION
     ends = np.concatenate([np.zeros((3, 1)), length * np.eye(3)], axis=1)
@@ -147,10 +149,8 @@ def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
 
     ours = np.concatenate([corners(sfm.world_from_camera(image)) for image in images])
     theirs = np.concatenate([corners(before[image.name]) for image in images])
-    left, _, right = np.linalg.svd((theirs - theirs.mean(0)).T @ (ours - ours.mean(0)))
-    rotation = left @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(left @ right)))]) @ right
-    translation = theirs.mean(0) - rotation @ ours.mean(0)
-    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(rotation), translation))
+    back = fit_similarity(ours, theirs, scaled=False)
+    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(back.rotation), back.translation))
 
 
 def _moves(before: Mapping[str, F64], after: Mapping[str, F64]) -> tuple[F64, F64]:

@@ -20,9 +20,9 @@ from fastsplat.service.capture.scale_estimates import (
     MOST_DISAGREEMENT,
     TRACKING_ERROR_95,
     depth_ratio,
+    scaled_view,
     sensor_estimate,
 )
-from fastsplat.service.capture.scale_tags import scaled_view
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ScaleEstimate, View
 from fastsplat.service.capture.view_depths import depth_points

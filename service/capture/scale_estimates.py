@@ -1,17 +1,19 @@
-"""Metres by what a phone measured: its tracking and its depth sensor, and how several estimates of a scale combine."""
+"""Metres by what a phone measured: its tracking and its depth sensor; captures in metres by one or more estimates."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.depth_maps import inner_pixels, load_depth
-from fastsplat.service.capture.types import ScaleEstimate, View
+from fastsplat.service.capture.types import Capture, ScaleEstimate, View
+from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
+from fastsplat.service.common.similarity import scaled_camera
 
-NORMAL_95 = 1.959964
 TRACKING_ERROR_95 = 0.05
 """Of ARKit's lengths, as a share: it drifts by 0.02 m a second (Kim et al. 2022, Sensors 22, 9873, the best of four
 trackers), at 0.8 m a second of a slow walk a standard deviation of 2.5 %."""
@@ -22,6 +24,7 @@ it smaller."""
 MOST_DISAGREEMENT = 0.1
 """Metric poses and metric depths that differ by a larger share contradict each other."""
 _LEAST_POINTS, _LEAST_VIEWS = 10, 3
+_LEAST_DEVIATION = 1e-6
 _SAME_SURFACE = 0.25
 """A measurement that differs from the median by a larger share is of something before or behind the point."""
 
@@ -67,22 +70,33 @@ def sensor_estimate(ratio: float, standard_error: float) -> ScaleEstimate:
     return ScaleEstimate("sensor_depth", ratio, math.hypot(SENSOR_ERROR_95, NORMAL_95 * standard_error))
 
 
-def combined_estimate(first: ScaleEstimate | None, second: ScaleEstimate) -> ScaleEstimate:
-    """The scale that fits two independent estimates best, for the world as it is once the first was applied.
-
-    The logarithms are averaged by inverse variances; where the two contradict each other, the variance is multiplied by
-    χ² (Birge 1932), as for known lengths (`service.scene.scaling`).
-
-    Args:
-        first: of which the world is in metres already; None for none.
-        second: of that world.
-    """
-    if first is None:
-        return second
-    variances = [(estimate.relative_error_95 / NORMAL_95) ** 2 for estimate in (first, second)]
-    weights = [1 / max(variance, 1e-12) for variance in variances]
-    log_scale = math.log(second.meters_per_unit) * weights[1] / sum(weights)
-    birge = max(1.0, math.log(second.meters_per_unit) ** 2 / max(sum(variances), 1e-12))
-    half = NORMAL_95 * math.sqrt(birge / sum(weights))
+def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstimate:
+    """The scale that fits two independent estimates in the same units best, by `combined_ratio`."""
     surest = sorted((first, second), key=lambda estimate: estimate.relative_error_95)
-    return ScaleEstimate("+".join(estimate.source for estimate in surest), math.exp(log_scale), half)
+    variances = [max(estimate.relative_error_95 / NORMAL_95, _LEAST_DEVIATION) ** 2 for estimate in surest]
+    ratio, deviation = combined_ratio([estimate.meters_per_unit for estimate in surest], variances)
+    return ScaleEstimate("+".join(estimate.source for estimate in surest), ratio, NORMAL_95 * deviation)
+
+
+def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
+    """The capture in metres by an estimate of its present unit; where it is in metres by an estimate already, by both
+    of them. What the report says of the scale is of the unit that the world had before the first one.
+    """
+    before, both = capture.report.scale, estimate
+    if before is not None:
+        both = combined_estimate(replace(before, meters_per_unit=1.0), estimate)
+    first = 1.0 if before is None else before.meters_per_unit
+    factor = both.meters_per_unit
+    return replace(
+        capture,
+        views=tuple(scaled_view(view, factor) for view in capture.views),
+        points=(capture.points * np.float32(factor)).astype(np.float32),
+        scale="METRIC",
+        report=replace(capture.report, scale=replace(both, meters_per_unit=first * factor)),
+    )
+
+
+def scaled_view(view: View, factor: float) -> View:
+    """The view in units of which one of its own has `factor`."""
+    depth = None if view.depth is None else replace(view.depth, unit=view.depth.unit * factor)
+    return replace(view, posed=scaled_camera(view.posed, factor), depth=depth)

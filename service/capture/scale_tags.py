@@ -9,16 +9,16 @@ corners and those of the poses alike, because both change from view to view.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.image_io import load_rgb
-from fastsplat.service.capture.scale_estimates import combined_estimate
+from fastsplat.service.capture.scale_estimates import metric_capture
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture, ScaleEstimate, View
+from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat_contract.camera import PosedCamera
 
 F64 = NDArray[np.float64]
@@ -118,7 +118,7 @@ def estimate_scale(
     if count < _LEAST_VIEWS:
         return None
     # 40 MB that captures without tags do without
-    from scipy.stats import t as student_t  # type: ignore[import-untyped]
+    from scipy.stats import t as student_t
 
     spread = np.asarray(without) / side
     variance = (count - 1) / count * float(((spread - spread.mean()) ** 2).sum())
@@ -131,7 +131,7 @@ def estimate_scale(
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
     """The capture in metres if tags in its pictures tell how long they are, else the same. Of a capture whose metres
-    were estimated before, both estimates are combined.
+    were estimated before, both estimates are combined (`metric_capture`).
 
     Args:
         capture: whose views lie on disk.
@@ -147,30 +147,7 @@ def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int
         sightings += find_tags(gray, index, range(settings.first_tag, settings.last_tag + 1))
     cameras = [view.posed for view in capture.views]
     scale = estimate_scale(sightings, cameras, settings.tag_side_m, settings.tag_side_error_m)
-    return capture if scale is None else scaled_capture(capture, combined_estimate(capture.report.scale, scale))
-
-
-def scaled_capture(capture: Capture, scale: ScaleEstimate) -> Capture:
-    """The capture in metres: poses and points times `scale.meters_per_unit`."""
-    return replace(
-        capture,
-        views=tuple(scaled_view(view, scale.meters_per_unit) for view in capture.views),
-        points=(capture.points * np.float32(scale.meters_per_unit)).astype(np.float32),
-        scale="METRIC",
-        report=replace(capture.report, scale=scale),
-    )
-
-
-def scaled_view(view: View, factor: float) -> View:
-    """The view in units of which one of its own has `factor`."""
-    depth = None if view.depth is None else replace(view.depth, unit=view.depth.unit * factor)
-    return replace(view, posed=_scaled(view.posed, factor), depth=depth)
-
-
-def _scaled(posed: PosedCamera, factor: float) -> PosedCamera:
-    pose = posed.world_from_camera.copy()
-    pose[:3, 3] *= factor
-    return replace(posed, world_from_camera=pose)
+    return capture if scale is None else metric_capture(capture, scale)
 
 
 def draw_tag(tag: int, modules_px: int) -> NDArray[np.uint8]:

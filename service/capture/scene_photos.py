@@ -6,7 +6,6 @@ cameras that the scene serves, and are made of pixels alone: what else the file 
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from PIL import Image
 from fastsplat.service.capture.kept_capture import keep_rest
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.atomic import link_or_copy
 
 _FOLDER = "photos"
 
@@ -71,11 +71,4 @@ def share_photos(source: Path, target: Path) -> None:
     """Make the photos of one version those of another, too, which is not published yet: as links where the file
     system has them, else as copies."""
     if (source / _FOLDER).is_dir():
-        shutil.copytree(source / _FOLDER, target / _FOLDER, copy_function=_link_or_copy)
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
+        shutil.copytree(source / _FOLDER, target / _FOLDER, copy_function=link_or_copy)

@@ -74,7 +74,7 @@ class CaptureSettings(BaseModel):
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
     pairs_per_image: int = 20
     lens: Lens = "auto"
-    """What photos and videos without poses were taken with: "auto" (photos whose XMP says so are 360° panoramas, all
+    """What photos and videos without poses were taken with: "auto" (those whose metadata say so are 360° panoramas, all
     others perspective), "fisheye", or "panorama" (equirectangular, 360° × 180°). A scene may be posted with its own."""
     nadir_deg: float = Field(0.0, ge=0, le=80)
     """Of panoramas: pixels within so many degrees of straight down, where the photographer stands, are left out."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs, rigs
 from fastsplat.service.capture.mapping import SEED, Mapping, Models, mapper_options
-from fastsplat.service.capture.model_agreement import contradictions
+from fastsplat.service.capture.model_agreement import VerifiedMatches
 from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
@@ -58,7 +58,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     import_images(database, images, request["images"])
     extract_and_match(database, images, files, request, folder, report)
     report(MATCHING_DONE, "registering images")
-    models = Mapping(
+    mapped = Mapping(
         database,
         images,
         folder,
@@ -66,24 +66,24 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
         lambda copy, image_pairs: _match_guided(copy, image_pairs, request, folder),
         lambda done, message: report(MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * done, message),
     ).run(request["global_mapping_images"])
-    if not models:
+    if not mapped.models:
         raise ReconstructionError(
             "no two images see the same thing from different places",
             hint="Send photos of one scene that overlap by two thirds, taken from different places.",
         )
-    best = models[0]
-    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
+    best = mapped.models[0]
+    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in mapped.models))
     warnings = geometry.validate_reconstruction(
         reconstruction, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
-    warnings += geometry.repetition_warning(*contradictions(best, database))
+    warnings += geometry.repetition_warning(*mapped.contradictions)
     report(1.0, f"{best.num_reg_images()} of {len(files)} images registered")
     save_points(best, folder)
     image_by_name = {image.name: image for image in best.images.values() if image.has_pose}
     return {
         "poses": {name: world_from_camera(image).tolist() for name, image in image_by_name.items()},
         "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
-        "matches": _matches_of_images(models, database),
+        "matches": _matches_of_images(mapped.models, database),
         "models": list(reconstruction.models),
         "error_px": best.compute_mean_reprojection_error(),
         "warnings": warnings,
@@ -113,7 +113,7 @@ def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     import_images(database, images, ungrouped)
     posed = known_poses(database, posed_images)
     extract_and_match(database, images, files, request, folder, report)
-    geometry.refuse_wrong_poses(*contradictions(posed, database))
+    geometry.refuse_wrong_poses(*VerifiedMatches(database).contradictions(posed))
     report(MATCHING_DONE, "triangulating points")
     output = folder / "model"
     output.mkdir()

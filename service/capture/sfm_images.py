@@ -21,6 +21,7 @@ from fastsplat.service.capture.panorama import (
     full_frame,
     nadir_mask,
     panorama_faces,
+    shown_by_any,
     wrapped,
 )
 from fastsplat.service.capture.photo_metadata import PhotoMetadata, metadata_from_json
@@ -92,7 +93,7 @@ def upright_photos(
 ) -> Iterator[SfmImage]:
     """The images of an upload's photos, each written below `images` as it is asked for; panoramas become their faces.
 
-    What `held` withholds is looked for in every image, of a panorama in each of its faces.
+    What `held` withholds is looked for in every image, of a panorama in each of its faces, and left out of all of them.
 
     Raises:
         InvalidInputError: a photo is to be a panorama and cannot be one, or two views would have one name.
@@ -268,23 +269,24 @@ def _faces(
     settings: CaptureSettings,
     held: WithheldPixels,
 ) -> Iterator[SfmImage]:
-    quality, bordered = measure_photo(name, pixels), wrapped(pixels, frame)
+    bordered, faces = wrapped(pixels, frame), {}
+    made: list[SfmImage] = []
     for face in panorama_faces(frame, (pixels.shape[1], pixels.shape[0]), side):
         mask = face.undistortion.valid(bordered.shape[1], bordered.shape[0])
         nadir = nadir_mask(side, face.name, settings.nadir_deg)
         if nadir is not None:
             mask = nadir if mask is None else mask & nadir
-        if mask is not None and not mask.any():
-            continue
-        shown = face.undistortion.apply(bordered)
+        if mask is None or mask.any():
+            faces[face.name] = face, mask, nadir, face.undistortion.apply(bordered)
+    own = {face: mask for face, (*_, shown) in faces.items() if (mask := held.movers(shown)) is not None}
+    movers = shown_by_any(own)
+    for face, mask, nadir, shown in faces.values():
         folder = images / face.name
         folder.mkdir(exist_ok=True)
         view = face_name(name, face.name)
-        taken = held.take(view, shown, f"{face.name}/{file}")
-        shown = taken.pixels
+        shown = held.take(view, shown, f"{face.name}/{file}", movers.get(face.name)).pixels
         save_rgb(shown if nadir is None else np.where(nadir[..., None], shown, 0).astype(np.uint8), folder / file)
-        own = measure_photo(view, shown)
-        yield SfmImage(
+        image = SfmImage(
             name=view,
             file=f"{face.name}/{file}",
             width=side,
@@ -292,11 +294,19 @@ def _faces(
             camera_group=face.name,
             focal_px=face_camera(side).fx,
             photo=None,
-            # A ceiling is less sharp than a shelf in the sharpest panorama: how sharp it is, the whole one says.
-            # Withheld pixels say nothing of it.
-            quality=own if held.active else replace(own, detail=quality.detail, contrast=quality.contrast),
+            quality=measure_photo(view, shown),
             model="PINHOLE",
             face=face,
             panorama=frame,
             mask=mask,
         )
+        made.append(image)
+    # A ceiling is less sharp than a shelf in the sharpest panorama: how sharp it is, all faces say together.
+    detail = _root_mean_square([image.quality.detail for image in made])
+    contrast = _root_mean_square([image.quality.contrast for image in made])
+    for image in made:
+        yield replace(image, quality=replace(image.quality, detail=detail, contrast=contrast))
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else 0.0

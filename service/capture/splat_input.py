@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +20,7 @@ from fastsplat.service.capture.splat_files.splat_reading import describe_invisib
 from fastsplat.service.capture.upload_kind import UploadContents
 from fastsplat.service.capture.upload_manifest import UploadManifest
 from fastsplat.service.common.array_files import write_arrays
+from fastsplat.service.common.atomic import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 
 _SPLAT = "splat.safetensors"
@@ -69,10 +68,7 @@ def admit_splat(
 def take_splat(validated: Path, folder: Path) -> Path:
     """The arrays of a validated upload's splat, linked into a capture's folder."""
     target = folder / _SPLAT
-    try:
-        os.link(validated / _SPLAT, target)
-    except OSError:  # another file system
-        shutil.copyfile(validated / _SPLAT, target)
+    link_or_copy(validated / _SPLAT, target)
     return target
 
 

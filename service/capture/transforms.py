@@ -31,6 +31,7 @@ from fastsplat.service.capture.posed_input import (
     resolve_path,
 )
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.scenes import Scale
@@ -207,9 +208,7 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
         raise InvalidInputError(error.message, field=where, hint=error.hint or _POSE_HINT) from error
     if opengl:
         pose = pose @ _OPENCV_FROM_OPENGL
-    # Files round to a few digits: take the nearest rotation, so that products of poses stay rigid.
-    left, _, right = np.linalg.svd(pose[:3, :3])
-    pose[:3, :3] = left @ right
+    pose[:3, :3] = nearest_rotation(pose[:3, :3])  # so that products of poses stay rigid
     return pose
 
 

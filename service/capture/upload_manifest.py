@@ -36,6 +36,7 @@ class UploadManifest:
         gaussians: rows of the splat.
         depth_sizes: photo path to (width, height) of its depth map as stored, of photos that have one.
         splat_frame: the file that says how the splat's world lies in that of the poses, or "".
+        spherical: whether the video's metadata say that it is an equirectangular one of 360°.
         metadata: by photo path, what photos without poses say of themselves; see `photo_metadata`. It has the places
             where they were taken, and goes with the upload.
     """
@@ -52,6 +53,7 @@ class UploadManifest:
     splat: str = ""
     gaussians: int = 0
     splat_frame: str = ""
+    spherical: bool = False
     depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
     metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +14,7 @@ from fastsplat.service.capture.colmap_model import read_colmap
 from fastsplat.service.capture.depth_validation import check_depths, depth_images
 from fastsplat.service.capture.image_io import PhotoInfo, check_image, open_map, read_size
 from fastsplat.service.capture.label_maps import LabelTable, check_label_map, match_label_maps, read_label_table
+from fastsplat.service.capture.panorama import full_frame
 from fastsplat.service.capture.phones.polycam import read_polycam
 from fastsplat.service.capture.phones.record3d import read_record3d
 from fastsplat.service.capture.phones.scanner_app import read_scanner_app
@@ -22,13 +22,14 @@ from fastsplat.service.capture.photo_metadata import read_metadata
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.spherical_video import is_spherical
 from fastsplat.service.capture.splat_files.splat_reading import SPZ_SUFFIX
 from fastsplat.service.capture.splat_input import admit_splat, check_splats
 from fastsplat.service.capture.transforms import read_transforms
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
 from fastsplat.service.capture.upload_manifest import FILES, VALIDATED, UploadManifest, write_manifest
-from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.common.atomic import atomic_directory, link_or_copy
 from fastsplat.service.common.file_names import common_folder, is_system_file
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
@@ -147,10 +148,7 @@ def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
     for path in plain:
         target = files / path.relative_to(upload_dir)
         target.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            os.link(path, target)
-        except OSError:  # a file system without hard links
-            shutil.copyfile(path, target)
+        link_or_copy(path, target)
 
 
 def _validate_video(files: Path, contents: UploadContents, settings: CaptureSettings) -> UploadManifest:
@@ -163,8 +161,11 @@ def _validate_video(files: Path, contents: UploadContents, settings: CaptureSett
         )
     with tempfile.TemporaryDirectory() as folder:
         request = {"video": str(files / contents.video), "name": contents.video, **settings.model_dump()}
-        run_sandboxed("probe", request, Path(folder), settings, lambda fraction, message: None)
-    return UploadManifest("video", video=contents.video, warnings=contents.warnings)
+        size = run_sandboxed("probe", request, Path(folder), settings, lambda fraction, message: None)
+    spherical = is_spherical(files / contents.video, contents.video)
+    if spherical:
+        full_frame(contents.video, size["width"], size["height"])
+    return UploadManifest("video", video=contents.video, warnings=contents.warnings, spherical=spherical)
 
 
 def _validate_images(

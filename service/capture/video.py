@@ -38,13 +38,14 @@ def probe(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Write the sharpest frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png.
+    """Write one frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png: the sharpest, or
+    with "by_place" the middle one, which no pixel decides.
 
     Sharpness is the variance of the Laplacian at a fixed size. Frames are upright and at most "max_side" pixels on the
     longer side; the file name is the frame's number in the video.
 
     Args:
-        request: as in `probe`, with "folder".
+        request: as in `probe`, with "folder" and "by_place".
         report: receives progress.
 
     Returns:
@@ -56,12 +57,16 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
     """
     sharpness = []
     for number, frame in enumerate(_frames(request)):
-        sharpness.append(_sharpness(frame))
+        sharpness.append(0.0 if request["by_place"] else _sharpness(frame))
         if number % 50 == 0:
             report(0.5, f"looking for sharp frames {number}")
     if len(sharpness) < _MIN_FRAMES:
         raise _unreadable(request)
-    numbers = sharpest_per_interval(np.array(sharpness), request["video_frames"])
+    intervals = request["video_frames"]
+    if request["by_place"]:
+        numbers = middle_per_interval(len(sharpness), intervals)
+    else:
+        numbers = sharpest_per_interval(np.array(sharpness), intervals)
     files: list[str] = []
     size: tuple[int, int] | None = None
     for number, frame in enumerate(_frames(request)):
@@ -76,8 +81,16 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
 
 def sharpest_per_interval(sharpness: NDArray[np.float64], intervals: int) -> set[int]:
     """Index of the largest value in each of up to `intervals` equal parts of `sharpness` [F]."""
-    parts = np.array_split(np.arange(len(sharpness)), min(intervals, len(sharpness)))
-    return {int(part[np.argmax(sharpness[part])]) for part in parts}
+    return {int(part[np.argmax(sharpness[part])]) for part in _parts(len(sharpness), intervals)}
+
+
+def middle_per_interval(count: int, intervals: int) -> set[int]:
+    """The middle of each of up to `intervals` equal parts of the indices below `count`."""
+    return {int(part[len(part) // 2]) for part in _parts(count, intervals)}
+
+
+def _parts(count: int, intervals: int) -> list[NDArray[np.int64]]:
+    return np.array_split(np.arange(count), min(intervals, count))
 
 
 def _check_frame_count(request: dict[str, Any]) -> None:

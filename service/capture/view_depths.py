@@ -81,10 +81,10 @@ def depth_points(views: Sequence[View], count: int) -> tuple[F32, NDArray[np.uin
         if len(rows) > share:
             some = np.sort(np.random.default_rng((0, 7, index)).choice(len(rows), share, replace=False))
             rows, columns = rows[some], columns[some]
-        z = depth[rows, columns].astype(np.float64)
-        x, y = (columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy
+        rays = camera.rays(columns + 0.5, rows + 0.5)
+        x, y = rays[:, 0], rays[:, 1]
         pose, photo_camera = view.posed.world_from_camera, view.posed.camera
-        world = np.stack([x * z, y * z, z], axis=1) @ pose[:3, :3].T + pose[:3, 3]
+        world = (rays * depth[rows, columns, None].astype(np.float64)) @ pose[:3, :3].T + pose[:3, 3]
         at_x = np.floor(x * photo_camera.fx + photo_camera.cx).astype(np.int64)
         at_y = np.floor(y * photo_camera.fy + photo_camera.cy).astype(np.int64)
         shown = (at_x >= 0) & (at_x < photo_camera.width) & (at_y >= 0) & (at_y < photo_camera.height)

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.camera_model import Undistortion, compute_undistortion, rotate90, rotate90_pose
+from fastsplat.service.capture.camera_model import (
+    CameraModel,
+    Undistortion,
+    compute_undistortion,
+    rotate90,
+    rotate90_pose,
+)
 from fastsplat.service.capture.depth_maps import DEPTHS, save_depth
 from fastsplat.service.capture.image_decoding import reduced_size
 from fastsplat.service.capture.image_io import PhotoInfo, save_rgb
@@ -33,7 +39,7 @@ class SourceImage:
         undistortion: how to undistort them.
         world_from_camera: float64 [4, 4].
         lossless: whether the view is stored without loss.
-        label_ids: uint16 [H, W] of the dictionary, or None.
+        label_ids: uint16 [H, W] of the dictionary, or None; what the mask leaves out is stored as undetected.
         mask: bool [H, W], false where pixels are to be ignored, or None.
         depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
         exposure_ev: see `View`.
@@ -76,23 +82,32 @@ class ViewGeometry:
 
 
 def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> ViewGeometry:
-    """Size, undistortion and pose of a posed image's view.
-
-    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+    """Size, undistortion and pose of a posed image's view, by a single pinhole.
 
     Raises:
         InvalidInputError: the distortion cannot be undone.
     """
-    stored = posed_image.camera_model
-    quarter_turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
-    size = reduced_size(*photo.upright_size, settings.max_side)
-    width, height = size if quarter_turns % 2 == 0 else size[::-1]
-    undistortion = compute_undistortion(stored.scaled_to(width, height), settings.max_side, field=posed_image.name)
+    stored, turns, size = reduced_camera(posed_image, photo, settings)
+    undistortion = compute_undistortion(stored, settings.max_side, field=posed_image.name)
     return ViewGeometry(
         size=size,
-        undistortion=rotate90(undistortion, quarter_turns, width, height),
-        world_from_camera=rotate90_pose(posed_image.world_from_camera, quarter_turns),
+        undistortion=rotate90(undistortion, turns, stored.width, stored.height),
+        world_from_camera=rotate90_pose(posed_image.world_from_camera, turns),
     )
+
+
+def reduced_camera(
+    posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings
+) -> tuple[CameraModel, int, tuple[int, int]]:
+    """The camera of a posed image's pixels as they lie once they are reduced, how many clockwise quarter turns make
+    them upright, and their upright (width, height).
+
+    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+    """
+    stored = posed_image.camera_model
+    turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
+    size = reduced_size(*photo.upright_size, settings.max_side)
+    return stored.scaled_to(*(size if turns % 2 == 0 else size[::-1])), turns, size
 
 
 def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Path | None] | None:
@@ -118,7 +133,8 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
     label_path = None
     if source.label_ids is not None:
         label_path = folder / LABELS / f"{index:05d}.png"
-        Image.fromarray(undistortion.apply_to_ids(source.label_ids)).save(label_path)
+        label_ids = undistortion.apply_to_ids(source.label_ids)
+        Image.fromarray(label_ids if valid is None else np.where(valid, label_ids, np.uint16(0))).save(label_path)
     posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
     depth = None
     measured = None if source.depth is None else source.depth[0]

@@ -44,9 +44,14 @@ class Withholding:
     find: FindMovers
     privacy: Privacy | None = None
 
-    def apply(self, pixels: NDArray[np.uint8]) -> WithheldPhoto:
-        """The photo as everything that follows may see it, from upright pixels uint8 [H, W, 3]."""
-        movers = self.find(pixels)
+    def apply(self, pixels: NDArray[np.uint8], movers: NDArray[np.bool_] | None = None) -> WithheldPhoto:
+        """The photo as everything that follows may see it.
+
+        Args:
+            pixels: uint8 [H, W, 3], upright.
+            movers: bool [H, W], where something is to be withheld; None: it is looked for.
+        """
+        movers = self.find(pixels) if movers is None else movers
         assert movers.shape == pixels.shape[:2] and movers.dtype == np.bool_
         if not movers.any():
             return WithheldPhoto(pixels)
@@ -84,15 +89,23 @@ class WithheldPixels:
         self._shares: dict[str, float] = {}
 
     @property
-    def active(self) -> bool:
-        """Whether anything is looked for."""
-        return self._withholding is not None
+    def promised(self) -> bool:
+        """Whether what is withheld may decide nothing, as a promise of privacy says."""
+        return self._withholding is not None and self._withholding.privacy is not None
 
-    def take(self, name: str, pixels: NDArray[np.uint8], file: str = "") -> WithheldPhoto:
-        """The photo `name` as it may be used; with `file`, the mask of its features is stored under that name."""
+    def movers(self, pixels: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+        """bool [H, W]: what `take` would look for by itself; None where nothing is looked for."""
+        return None if self._withholding is None else self._withholding.find(pixels)
+
+    def take(
+        self, name: str, pixels: NDArray[np.uint8], file: str = "", movers: NDArray[np.bool_] | None = None
+    ) -> WithheldPhoto:
+        """The photo `name` as it may be used; with `file`, the mask of its features is stored under that name.
+        `movers` is what is to be withheld, where that is known already.
+        """
         if self._withholding is None:
             return WithheldPhoto(pixels)
-        photo = self._withholding.apply(pixels)
+        photo = self._withholding.apply(pixels, movers)
         self._shares[name] = photo.share
         if file and photo.usable is not None:
             self._save(photo.usable, file)

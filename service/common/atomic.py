@@ -96,6 +96,14 @@ def sync_directory(directory: Path) -> None:
     _sync(directory)
 
 
+def link_or_copy(source: str | Path, target: str | Path) -> None:
+    """Make a file one of another place, too, which is on the same disk a link, else a copy; `target` is not there."""
+    try:
+        os.link(source, target)
+    except OSError:  # another disk, or a file system without hard links
+        shutil.copyfile(source, target)
+
+
 def _swap(source: Path, target: Path) -> None:
     old = _beside(target)
     target.rename(old)

@@ -11,6 +11,8 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
+PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
+"""Environment variable that names the parent whose end is a child's end too."""
 _PR_SET_PDEATHSIG = 1
 _NICEST = 19
 

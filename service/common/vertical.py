@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 
 _LEVEL = 0.25
+_LEAST_AGREEMENT = 0.5
 _LEAST_TURNED = 0.003  # mean square sine of the angles between the x axes: cameras 3 degrees apart or more
 
 
@@ -26,6 +27,14 @@ def vertical_of_poses(world_from_camera: F64) -> F64 | None:
     if values[1] < _LEAST_TURNED or values[0] > _LEVEL * values[1] or abs(axis @ up) < _LEVEL:
         return None
     return np.asarray(axis if axis @ up > 0 else -axis)
+
+
+def mean_up(world_from_camera: F64) -> F64 | None:
+    """The unit vector of the mean of the pictures' upward directions, float64 [3], of poses [N, 4, 4]; None where these
+    hardly agree. It leans to where cameras that look down stand closest."""
+    mean = -world_from_camera[:, :3, 1].mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return None if length < _LEAST_AGREEMENT else np.asarray(mean / length)
 
 
 def level_deviation(world_from_camera: F64, up: F64) -> float:

@@ -107,7 +107,7 @@ def test_what_folds_is_left_out_or_refused(distortion: tuple[float, ...]) -> Non
     try:
         wide = fisheye_faces(lens, 200, "frame 3")
     except InvalidInputError as error:
-        assert "frame 3" in error.message and error.hint  # noqa: PT017
+        assert "frame 3" in error.message and error.hint  # noqa: PT017 - to refuse it is right too
         return
     camera = pycolmap.Camera(model=lens.model, width=_W, height=_H, params=list(lens.params))
     for face in wide.faces:

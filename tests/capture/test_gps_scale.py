@@ -11,13 +11,15 @@ from PIL import ExifTags
 
 from fastsplat.service.capture.gps_scale import (
     PlacedPhoto,
-    combined_scale,
     estimate_gps_scale,
     local_meters,
     with_gps,
 )
 from fastsplat.service.capture.photo_metadata import PhotoPlace, place_of_exif
+from fastsplat.service.capture.scale_estimates import combined_estimate, metric_capture
 from fastsplat.service.capture.types import Capture, CaptureReport, ScaleEstimate, VerticalEstimate, View
+from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat_contract.camera import Camera, PosedCamera
 
 _METERS_PER_UNIT = 12.5
@@ -148,12 +150,32 @@ def test_tags_and_places_are_combined() -> None:
     tags = ScaleEstimate("tags", 12.0, 0.01)
     capture = with_gps(_capture(photos, scale=tags), [photo.place for photo in photos])
     scale = capture.report.scale
-    assert scale is not None and scale.source == "tags" and scale.relative_error_95 < 0.015
+    assert scale is not None and scale.source == "tags+gps" and scale.relative_error_95 < 0.015
     assert abs(scale.meters_per_unit / 12.0 - 1) < 0.01
-    surer = combined_scale(ScaleEstimate("tags", 1.0, 0.05), ScaleEstimate("gps", 1.02, 0.02))
-    assert surer.source == "gps" and 1.01 < surer.meters_per_unit < 1.02 and surer.relative_error_95 < 0.02
-    apart = combined_scale(ScaleEstimate("tags", 1.0, 0.01), ScaleEstimate("gps", 1.2, 0.02))
+    surer = combined_estimate(ScaleEstimate("tags", 1.0, 0.05), ScaleEstimate("gps", 1.02, 0.02))
+    assert surer.source == "gps+tags" and 1.01 < surer.meters_per_unit < 1.02 and surer.relative_error_95 < 0.02
+    apart = combined_estimate(ScaleEstimate("tags", 1.0, 0.01), ScaleEstimate("gps", 1.2, 0.02))
     assert apart.relative_error_95 > 0.02, "they contradict each other"
+
+
+def test_a_second_estimate_is_of_the_world_that_the_first_has_scaled() -> None:
+    photos = _walk(np.random.default_rng(3), 5, 80.0, 4.0)
+    first, second = ScaleEstimate("sensor_depth", 4.0, 0.02), ScaleEstimate("tags", 1.01, 0.002)
+    capture = metric_capture(metric_capture(_capture(photos), first), second)
+    scale = capture.report.scale
+    assert scale is not None and scale.source == "tags+sensor_depth" and 4.035 < scale.meters_per_unit < 4.0401
+    np.testing.assert_allclose(capture.points, scale.meters_per_unit, rtol=1e-6)
+    center = capture.views[2].posed.world_from_camera[:3, 3]
+    np.testing.assert_allclose(center, scale.meters_per_unit * photos[2].center)
+
+
+def test_contradicting_estimates_widen_the_interval_as_known_lengths_do() -> None:
+    apart = combined_estimate(ScaleEstimate("tags", 1.0, 0.01), ScaleEstimate("gps", 1.2, 0.02))
+    lengths = combined(
+        [ScaledLength(1.0, error / NORMAL_95, meters, 0.0) for error, meters in ((0.01, 1), (0.02, 1.2))]
+    )
+    assert apart.meters_per_unit == pytest.approx(lengths.meters_per_unit)
+    assert apart.relative_error_95 == pytest.approx(NORMAL_95 * lengths.deviation)
 
 
 _GPS = ExifTags.GPS

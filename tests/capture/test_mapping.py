@@ -9,8 +9,16 @@ import numpy as np
 import pycolmap
 import pytest
 
+from fastsplat.service.capture import model_agreement
 from fastsplat.service.capture.mapping import Mapping, Models, mapper_options
-from fastsplat.service.capture.model_agreement import choose_held_out, explained, give_back, verified_matches, withhold
+from fastsplat.service.capture.model_agreement import (
+    VerifiedMatches,
+    choose_held_out,
+    give_back,
+    verified_matches,
+    withhold,
+)
+from fastsplat.service.common.similarity import fit_similarity
 
 _ALL_AT_ONCE, _ONE_BY_ONE = 2, 1_000
 
@@ -50,14 +58,12 @@ def _largest_error(models: Models, truth: pycolmap.Reconstruction) -> float:
     placed = {image.name: image.projection_center() for image in models[0].images.values() if image.has_pose}
     true = {image.name: image.projection_center() for image in truth.images.values() if image.name in placed}
     a, b = (np.array([some[name] for name in sorted(true)]) for some in (placed, true))
-    near, far = a - a.mean(0), b - b.mean(0)
-    u, d, vt = np.linalg.svd(far.T @ near)
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    fitted = (d * np.diag(sign)).sum() / (near**2).sum() * near @ (u @ sign @ vt).T
-    return float(np.linalg.norm(fitted - far, axis=1).max() / np.linalg.norm(np.ptp(far, axis=0)))
+    return float(np.linalg.norm(fit_similarity(a, b).points(a) - b, axis=1).max() / np.linalg.norm(np.ptp(b, axis=0)))
 
 
-def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_out(tmp_path: Path) -> None:
+def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     truth = _dataset(tmp_path / "features.db", 8)
     # The last image shares 22 points with one other, fewer than the 30 that COLMAP asks for.
     _thin(tmp_path / "features.db", lambda first, second, rows: rows if second < 8 else rows[: 22 * (first == 1)])
@@ -66,14 +72,20 @@ def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_o
         tmp_path / "features.db", tmp_path, tmp_path / "usual", options=mapper_options()
     )
     assert max(model.num_reg_images() for model in usual.values()) == 7
-    models = _mapping(tmp_path, 8).run(_ONE_BY_ONE)
-    assert models[0].num_reg_images() == 8
+    reads: list[Path] = []
+    monkeypatch.setattr(
+        model_agreement, "verified_matches", lambda database: reads.append(database) or verified_matches(database)
+    )
+    mapped = _mapping(tmp_path, 8).run(_ONE_BY_ONE)
+    models = mapped.models
+    assert models[0].num_reg_images() == 8 and mapped.contradictions == (0, 7 * 6 // 2)
+    assert reads == [tmp_path / "features.db"]  # once, however many models were compared
     assert _largest_error(models, truth) < 0.01
 
 
 def test_where_all_are_placed_nothing_more_is_tried(tmp_path: Path) -> None:
     _dataset(tmp_path / "features.db", 6)
-    models = _mapping(tmp_path, 6).run(_ONE_BY_ONE)
+    models = _mapping(tmp_path, 6).run(_ONE_BY_ONE).models
     assert models[0].num_reg_images() == 6
     assert not (tmp_path / "again.db").exists() and not (tmp_path / "global").exists()
 
@@ -84,7 +96,7 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
         folder = tmp_path / name
         folder.mkdir()
         truth = _dataset(folder / "features.db", 10)
-        models = _mapping(folder, 10).run(_ALL_AT_ONCE)
+        models = _mapping(folder, 10).run(_ALL_AT_ONCE).models
         assert not (folder / "models").exists()  # one by one was not needed
         assert models[0].num_reg_images() == 10 and _largest_error(models, truth) < 0.01
         poses.append({image.name: image.cam_from_world().matrix() for image in models[0].images.values()})
@@ -95,7 +107,7 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
 def test_photos_that_share_nothing_give_no_model(tmp_path: Path, global_images: int) -> None:
     _dataset(tmp_path / "features.db", 4)
     _thin(tmp_path / "features.db", lambda first, second, rows: rows[:0])
-    assert _mapping(tmp_path, 4).run(global_images) == []
+    assert _mapping(tmp_path, 4).run(global_images).models == []
 
 
 def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
@@ -107,7 +119,7 @@ def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
     after = verified_matches(database)
     assert all(len(after[pair]) + len(held_out[pair]) == len(before[pair]) for pair in held_out)
     total = sum(len(rows) for rows in held_out.values())
-    assert explained(truth, database, held_out) == total > 50
+    assert VerifiedMatches(database).explained(truth, held_out) == total > 50
     give_back(database, held_out)
     assert {pair: len(rows) for pair, rows in verified_matches(database).items()} == {
         pair: len(rows) for pair, rows in before.items()
@@ -118,4 +130,4 @@ def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
     shifted[:, 3] += [0.5, 0.3, 0.0]
     frame.rig_from_world = pycolmap.Rigid3d(shifted)
     of_others = sum(len(rows) for pair, rows in held_out.items() if 1 not in pair)
-    assert of_others <= explained(truth, database, held_out) < total - 10
+    assert of_others <= VerifiedMatches(database).explained(truth, held_out) < total - 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
 import cv2
@@ -25,7 +26,7 @@ from fastsplat.service.capture.panorama import (
 )
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.sfm_images import frame_width, upright_photos, video_frames
+from fastsplat.service.capture.sfm_images import frame_width, source_ids, upright_photos, video_frames
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.capture.withholding import WithheldPixels
@@ -226,26 +227,40 @@ def test_names_of_faces_are_nobody_elses(upload, photo, settings, refused) -> No
         build_capture(folder, folder.parent / "out", settings, silent)
 
 
+def _octants(rays: np.ndarray) -> np.ndarray:
+    """uint8 [H, W], 1 to 8: to which side of a panorama's frame directions [H, W, 3] point along each axis."""
+    return ((rays > 0) @ np.array([1, 2, 4]) + 1).astype(np.uint8)
+
+
 def test_labels_are_cut_as_the_picture_is(upload, settings, tmp_path: Path) -> None:
-    manifest, files, images = _prepared(upload, settings, tmp_path)
-    with ImageDecoder(tmp_path / "decoding", (files, images), settings) as decoder:
+    rays, files = made_room.panorama_rays(256), {"labels.json": json.dumps([f"part {i}" for i in range(8)]).encode()}
+    for name, pose in _PLACES.items():
+        stream = io.BytesIO()
+        Image.fromarray(_octants(rays)).save(stream, "PNG")
+        files |= {
+            name: _encoded(made_room.photo(pose, rays), xmp=_XMP),
+            f"labels/{Path(name).stem}.png": stream.getvalue(),
+        }
+    folder = upload(files)
+    validate_upload(folder, settings)
+    images, decoding = tmp_path / "images", tmp_path / "decoding"
+    images.mkdir(), decoding.mkdir()
+    manifest, sent = read_manifest(folder)
+    with ImageDecoder(decoding, (sent, images), settings) as decoder:
         faces = list(
-            upright_photos(manifest, files, images, settings, decoder, WithheldPixels(None, tmp_path / "masks"))
+            upright_photos(manifest, sent, images, settings, decoder, WithheldPixels(None, tmp_path / "masks"))
         )
+        ids = [source_ids(face, sent, manifest.label_maps[face.photo.path], decoder) for face in faces]
     assert [image.file for image in faces[:2]] == ["front/00000.png", "right/00000.png"]
     assert {image.camera_group for image in faces} == set(FACES)
     assert len({(image.width, image.height) for image in faces}) == 1, "one rig has one size of faces"
-
-
-def _prepared(upload, settings: CaptureSettings, tmp_path: Path):
-    rays = made_room.panorama_rays(256)
-    pictures = {name: _encoded(made_room.photo(pose, rays), xmp=_XMP) for name, pose in _PLACES.items()}
-    folder = upload(pictures)
-    validate_upload(folder, settings)
-    images = tmp_path / "images"
-    images.mkdir()
-    (tmp_path / "decoding").mkdir()
-    return *read_manifest(folder), images
+    for image, shown in zip(faces, ids, strict=True):
+        truth = _octants(face_rays(face_camera(image.width)) @ FACES[image.camera_group].T)
+        assert shown.shape == truth.shape and set(np.unique(shown)) == set(np.unique(truth))
+        # A pixel of the map is one or two of a face's: it may be off at the borders of the parts, and nowhere else.
+        inner = cv2.erode(truth, np.ones((5, 5))) == cv2.dilate(truth, np.ones((5, 5)))
+        np.testing.assert_array_equal(shown[inner], truth[inner])
+        assert inner.mean() > 0.8
 
 
 def test_frames_of_a_video_become_faces(tmp_path: Path, settings) -> None:
@@ -260,7 +275,7 @@ def test_frames_of_a_video_become_faces(tmp_path: Path, settings) -> None:
         writer.write(made_room.photo(pose, made_room.panorama_rays(512))[..., ::-1].copy())
     writer.release()
     request = {"video": str(path), "name": "walk.avi", "folder": str(images), **settings.model_dump()}
-    request |= {"video_frames": settings.panorama_frames, "max_side": frame_width(settings)}
+    request |= {"video_frames": settings.panorama_frames, "max_side": frame_width(settings), "by_place": False}
     result = run_sandboxed("frames", request, tmp_path / "frames", settings, lambda fraction, message: None)
     with ImageDecoder(tmp_path / "decoding", (images,), settings) as decoder:
         faces = list(

@@ -23,6 +23,7 @@ from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError
 from tests.capture.phone_recordings import Frame, polycam, record3d_files, scanner_app, zipped
 
@@ -173,7 +174,6 @@ def test_bad_files(frames, upload, settings, refused, tmp_path: Path) -> None:
 
 def test_estimates_of_a_scale_are_combined() -> None:
     tags = ScaleEstimate("tags", 1.01, 0.005)
-    assert combined_estimate(None, tags) is tags
     both = combined_estimate(ScaleEstimate("arkit", 1.0, 0.05), tags)
     assert both.source == "tags+arkit" and 1.0098 < both.meters_per_unit < 1.01
     assert both.relative_error_95 < 0.005
@@ -217,10 +217,7 @@ def _errors(poses: list[np.ndarray], truth: list[np.ndarray]) -> tuple[float, fl
 def _shape_error(poses: list[np.ndarray], truth: list[np.ndarray]) -> float:
     """Root mean square distance of the positions, metres, once all are moved and scaled to fit best."""
     ours, true = (np.array([pose[:3, 3] for pose in some]) for some in (poses, truth))
-    ours, true = ours - ours.mean(0), true - true.mean(0)
-    left, values, right = np.linalg.svd(true.T @ ours)
-    turned = ours @ (left @ right).T * values.sum() / (ours**2).sum()
-    return float(np.sqrt(((turned - true) ** 2).sum(1).mean()))
+    return float(np.sqrt(((fit_similarity(ours, true).points(ours) - true) ** 2).sum(1).mean()))
 
 
 def test_photos_refine_tracked_poses_and_keep_metres_and_gravity(tabletop, upload, settings) -> None:

@@ -20,6 +20,7 @@ from fastsplat.service.capture.mapping_snapshots import take_placed
 from fastsplat.service.capture.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError
 
 _FRAMES = range(0, 40, 4)
@@ -62,12 +63,8 @@ def test_poses_agree_with_the_truth_up_to_a_similarity(tabletop, test_data: Path
     turn = between[0][:, :3, :3].transpose(0, 2, 1) @ between[1][:, :3, :3]
     angles = np.degrees(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1)))
     assert angles.max() < 1.0
-    # Umeyama 1991: the similarity that takes the estimated centers to the true ones.
     a, b = estimated[:, :3, 3], truth[:, :3, 3]
-    u, d, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    scale = (d * np.diag(sign)).sum() / ((a - a.mean(0)) ** 2).sum()
-    aligned = scale * (a - a.mean(0)) @ (u @ sign @ vt).T + b.mean(0)
+    aligned = fit_similarity(a, b).points(a)
     extent = np.linalg.norm(b.max(0) - b.min(0))
     assert np.linalg.norm(aligned - b, axis=1).max() < 0.01 * extent
 

@@ -10,6 +10,7 @@ import pytest
 
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import ReconstructionError
 
 _TILE = 256  # texture pixels; a world unit
@@ -47,11 +48,8 @@ def _walk(folder: Path, *, repeat: bool) -> np.ndarray:
 
 
 def _largest_slip(estimated: np.ndarray, truth: np.ndarray) -> float:
-    """World units between centers after the best similarity (Umeyama 1991)."""
-    a, b = estimated - estimated.mean(0), truth - truth.mean(0)
-    u, d, vt = np.linalg.svd(b.T @ a)
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    return float(np.linalg.norm((d * np.diag(sign)).sum() / (a**2).sum() * a @ (u @ sign @ vt).T - b, axis=1).max())
+    """World units between centers after the best similarity."""
+    return float(np.linalg.norm(fit_similarity(estimated, truth).points(estimated) - truth, axis=1).max())
 
 
 @pytest.mark.parametrize("repeat", [False, True])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, no_points
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError
 
@@ -38,8 +39,7 @@ def world_from_camera(matrix: F64, field: str) -> F64:
     except InvalidInputError as error:
         raise InvalidInputError(error.message, field=field, hint=_AGAIN) from error
     pose = _Z_UP @ matrix @ _OPENCV_FROM_OPENGL
-    left, _, right = np.linalg.svd(pose[:3, :3])  # files round to a few digits
-    pose[:3, :3] = left @ right
+    pose[:3, :3] = nearest_rotation(pose[:3, :3])
     return pose
 
 

@@ -23,6 +23,7 @@ from fastsplat.service.capture.phones import arkit
 from fastsplat.service.capture.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.poses import Quaternion, Vector3, rigid
 
 _METADATA, _FRAMES = "metadata", "rgbd"
 
@@ -75,15 +76,8 @@ def _matrix(pose: Any, field: str) -> arkit.F64:
         raise InvalidInputError(
             f"{field}: the quaternion has the length {length:g}", field=field, hint="Export the recording again."
         )
-    x, y, z, w = (value / length for value in (x, y, z, w))
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = position
-    return matrix
+    orientation = Quaternion(*(float(value) / length for value in (x, y, z, w)))
+    return rigid(orientation, Vector3(*map(float, position)))
 
 
 def _intrinsics(document: Mapping[str, Any], index: int, name: str) -> list[float]:

@@ -1,0 +1,28 @@
+"""How several estimates of one ratio, as of a scale, make a surer one: the only place that combines them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+NORMAL_95 = 1.959964
+"""Of a normal distribution 95 % is within so many standard deviations."""
+
+
+def combined_ratio(ratios: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
+    """The ratio that fits independent estimates best, and its relative standard deviation.
+
+    Weighted least squares of the logarithms: ln r = V · Σ ln(r_i) / v_i with V = 1 / Σ 1/v_i, its variance. Where the
+    estimates contradict each other, V is multiplied by χ² / (n - 1), where that is more than 1 (Birge 1932).
+
+    Args:
+        ratios: at least one, positive.
+        variances: v_i, relative, positive.
+    """
+    logs, weights = np.log(ratios), 1 / np.asarray(variances, np.float64)
+    log_ratio, variance = float(weights @ logs / weights.sum()), 1 / float(weights.sum())
+    if len(logs) > 1:
+        variance *= max(1.0, float(weights @ (logs - log_ratio) ** 2) / (len(logs) - 1))
+    return math.exp(log_ratio), math.sqrt(variance)

@@ -1,0 +1,81 @@
+"""Similarities of space: what they do to points and cameras, and which one fits pairs of points best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat_contract.camera import PosedCamera
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x' = scale · R x + t.
+
+    Attributes:
+        scale: positive.
+        rotation: float64 [3, 3].
+        translation: float64 [3].
+    """
+
+    scale: float
+    rotation: F64
+    translation: F64
+
+    def points(self, points: NDArray[np.floating[Any]]) -> F64:
+        """float64 [K, 3]: where points [K, 3] go."""
+        return np.asarray(self.scale * points.astype(np.float64) @ self.rotation.T + self.translation)
+
+    def inverse(self) -> Similarity:
+        """The way back."""
+        turn = self.rotation.T
+        return Similarity(1 / self.scale, turn, -(turn @ self.translation) / self.scale)
+
+    def after(self, first: Similarity) -> Similarity:
+        """The similarity that does `first`, then this one."""
+        return Similarity(
+            self.scale * first.scale,
+            self.rotation @ first.rotation,
+            self.scale * self.rotation @ first.translation + self.translation,
+        )
+
+    def camera(self, posed: PosedCamera) -> PosedCamera:
+        """A camera that sees the same in the other frame."""
+        pose = posed.world_from_camera.copy()
+        pose[:3, 3] = self.points(pose[None, :3, 3])[0]
+        pose[:3, :3] = self.rotation @ pose[:3, :3]
+        return replace(posed, world_from_camera=pose)
+
+
+def fit_similarity(source: F64, target: F64, *, scaled: bool = True) -> Similarity:
+    """The similarity that takes points to others with least squares of what is left (Umeyama, "Least-squares estimation
+    of transformation parameters between two point patterns", PAMI 1991). It never mirrors.
+
+    Args:
+        source, target: float64 [N, 3], N ≥ 3, not on one line.
+        scaled: whether the scale is fitted as well; else it is 1.
+    """
+    middle, there = source.mean(axis=0), target.mean(axis=0)
+    left, values, right = np.linalg.svd((target - there).T @ (source - middle))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = left @ np.diag(signs) @ right
+    scale = float(values @ signs / ((source - middle) ** 2).sum()) if scaled else 1.0
+    return Similarity(scale, rotation, there - scale * rotation @ middle)
+
+
+def nearest_rotation(matrix: F64) -> F64:
+    """float64 [3, 3]: the orthogonal matrix nearest to one that nearly is: files round to a few digits."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def scaled_camera(posed: PosedCamera, factor: float) -> PosedCamera:
+    """A camera in units of which one of its own has `factor`."""
+    pose = posed.world_from_camera.copy()
+    pose[:3, 3] *= factor
+    return replace(posed, world_from_camera=pose)

@@ -1,0 +1,155 @@
+"""360° videos are known by their metadata, in both versions; other spheres are refused, and hostile boxes harmless."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.spherical_video import is_spherical
+from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.common.progress import silent
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+_TRACK = (b"moov", b"trak")
+_ENTRY = (*_TRACK, b"mdia", b"minf", b"stbl", b"stsd", b"mp4v")
+_BEFORE = {b"stsd": 8, b"mp4v": 78}
+
+
+def _box(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + len(content), kind) + content
+
+
+def _xml(*properties: str, projection: str = "equirectangular") -> bytes:
+    text = f"<GSpherical:Spherical>true</GSpherical:Spherical><GSpherical:ProjectionType>{projection}</GSpherical:x>"
+    return _box(b"uuid", bytes.fromhex("ffcc8263f8554a938814587a02521fdd") + (text + "".join(properties)).encode())
+
+
+def _sv3d(projection: bytes = b"equi", bounds: tuple[int, int, int, int] = (0, 0, 0, 0)) -> bytes:
+    shown = _box(projection, bytes(4) + struct.pack(">4I", *bounds))
+    return _box(b"sv3d", _box(b"svhd", bytes(4) + b"maker\0") + _box(b"proj", _box(b"prhd", bytes(16)) + shown))
+
+
+def _st3d(mode: int) -> bytes:
+    return _box(b"st3d", bytes(4) + bytes([mode]))
+
+
+def _with(movie: bytes, path: tuple[bytes, ...], box: bytes) -> bytes:
+    """The movie with a box at the end of the first one of a path; what lies before stays where it is."""
+    start = 0
+    while start < len(movie):
+        size, kind = struct.unpack_from(">I4s", movie, start)
+        if kind == path[0]:
+            content, before = movie[start + 8 : start + size], _BEFORE.get(kind, 0)
+            inner = content[before:]
+            inner = _with(inner, path[1:], box) if path[1:] else inner + box
+            return movie[:start] + _box(kind, content[:before] + inner) + movie[start + size :]
+        start += size
+    raise AssertionError(path)
+
+
+@pytest.fixture(scope="module")
+def movie(tmp_path_factory) -> bytes:
+    """Four frames of 256×128, its index behind its pictures."""
+    path = tmp_path_factory.mktemp("movie") / "walk.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (256, 128))
+    for seed in range(4):
+        writer.write(np.random.default_rng(seed).integers(0, 256, (128, 256, 3), dtype=np.uint8))
+    writer.release()
+    content = path.read_bytes()
+    assert content.index(b"mdat") < content.index(b"moov")
+    return content
+
+
+@pytest.mark.parametrize(
+    ("path", "box"),
+    [(_TRACK, _xml()), (_TRACK, _xml('GSpherical:StereoMode="mono"')), (_ENTRY, _st3d(0) + _sv3d())],
+    ids=["version 1", "one eye", "version 2"],
+)
+def test_a_360_video_needs_no_option(movie, upload, settings, refused, path: tuple[bytes, ...], box: bytes) -> None:
+    folder = upload({"walk.mp4": _with(movie, path, box)})
+    assert read_manifest(validate_upload(folder, settings).folder)[0].spherical
+    few = settings.model_copy(update={"max_images": 11, "panorama_frames": 2})
+    with refused(LimitExceededError, "12 faces"):
+        build_capture(folder, folder.parent / "out", few, silent)
+
+
+def test_other_videos_are_none(movie, upload, settings) -> None:
+    plain = read_manifest(validate_upload(upload({"walk.mp4": movie}), settings).folder)[0]
+    assert plain.source == "video" and not plain.spherical
+    unsaid = _with(movie, _TRACK, _xml().replace(b"true", b"false"))
+    assert not read_manifest(validate_upload(upload({"walk.mp4": unsaid}), settings).folder)[0].spherical
+
+
+@pytest.mark.parametrize(
+    ("path", "box", "words"),
+    [
+        (_TRACK, _xml("<GSpherical:StereoMode>top-bottom</GSpherical:StereoMode>"), "two eyes"),
+        (_TRACK, _xml(projection="cubemap"), "another projection"),
+        (
+            _TRACK,
+            _xml('GSpherical:CroppedAreaImageWidthPixels="128"', ' GSpherical:FullPanoWidthPixels="256"'),
+            "a part",
+        ),
+        (_ENTRY, _st3d(2) + _sv3d(), "two eyes"),
+        (_ENTRY, _sv3d(b"cbmp"), "another projection"),
+        (_ENTRY, _sv3d(bounds=(0, 0, 1 << 30, 1 << 30)), "a part"),
+    ],
+)
+def test_other_spheres_are_refused(
+    movie, upload, settings, refused, path: tuple[bytes, ...], box: bytes, words: str
+) -> None:
+    folder = upload({"walk.mp4": _with(movie, path, box)})
+    with refused(InvalidInputError, "walk.mp4", words):
+        validate_upload(folder, settings)
+
+
+def test_a_sphere_is_twice_as_wide_as_high(upload, settings, refused, tmp_path: Path) -> None:
+    path = tmp_path / "tall.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (128, 128))
+    for _ in range(3):
+        writer.write(np.zeros((128, 128, 3), np.uint8))
+    writer.release()
+    folder = upload({"tall.mp4": _with(path.read_bytes(), _TRACK, _xml())})
+    with refused(InvalidInputError, "tall.mp4", "twice as wide"):
+        validate_upload(folder, settings)
+
+
+_DEEP = b"".join(struct.pack(">I4s", 0, kind) for kind in (*_TRACK, b"mdia", b"minf", b"stbl", b"stsd") * 50)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\0\0\0\x07moov",
+        struct.pack(">I4sQ", 1, b"moov", 1 << 63) + bytes(40),
+        struct.pack(">I4sQ", 1, b"moov", 3) + bytes(40),
+        struct.pack(">I4s", 1, b"moov"),
+        _box(b"moov", _box(b"trak", _box(b"uuid", b"\xff\xcc"))),
+        _box(b"moov", _box(b"trak", _xml()[:60])),
+        _box(b"moov", _box(b"trak", b"") * 40_000 + _box(b"trak", _xml())),
+        _DEEP,
+    ],
+)
+def test_boxes_that_cannot_be_say_nothing(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.mp4").write_bytes(content)
+    assert not is_spherical(tmp_path / "a.mp4", "a.mp4")
+
+
+def test_damaged_boxes_raise_nothing_else(tmp_path: Path, movie) -> None:
+    content = bytearray(_with(_with(movie, _ENTRY, _st3d(0) + _sv3d()), _TRACK, _xml()))
+    begin = content.index(b"moov") - 4
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        damaged = bytearray(content)
+        for at in rng.integers(begin, len(content), 4):
+            damaged[at] = rng.integers(256)
+        (tmp_path / "a.mp4").write_bytes(damaged[: rng.integers(begin, len(content))])
+        with suppress(InvalidInputError):
+            is_spherical(tmp_path / "a.mp4", "a.mp4")
