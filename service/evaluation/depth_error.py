@@ -17,11 +17,13 @@ class DepthErrors:
 
     Attributes:
         abs_rel: mean of |z − z*| / z* over pixels with a true depth; a pixel without a rendered depth counts as 1.
+        median_rel: median of the same.
         median_abs: median of |z − z*| over pixels that have both, scene units; NaN when none has.
         coverage: share of the pixels with a true depth that have a rendered one.
     """
 
     abs_rel: float
+    median_rel: float
     median_abs: float
     coverage: float
 
@@ -46,7 +48,8 @@ def depth_errors(
     there = np.isfinite(z) & (z > 0)
     error = np.where(there, np.abs(z - true_z), true_z)
     median = float(np.median(error[there])) if there.any() else float("nan")
-    return DepthErrors(float((error / true_z).mean()), median, float(there.mean()))
+    relative = error / true_z
+    return DepthErrors(float(relative.mean()), float(np.median(relative)), median, float(there.mean()))
 
 
 def view_depth_errors(view: ViewPrediction) -> DepthErrors | Skipped:
@@ -68,6 +71,15 @@ DEPTH_ERROR = ViewMetric(
     measure=view_depth_errors,
     combine=lambda errors: mean([each.abs_rel for each in errors]),
     headline=True,
+)
+DEPTH_MEDIAN = ViewMetric(
+    name="depth_median",
+    unit="",
+    higher_is_better=False,
+    description="median of |z - z*| / z* of the expected depth, a pixel without a rendered depth counting as 1; mean "
+    "over views",
+    measure=view_depth_errors,
+    combine=lambda errors: mean([each.median_rel for each in errors]),
 )
 DEPTH_MEDIAN_ABS = ViewMetric(
     name="depth_median_abs",

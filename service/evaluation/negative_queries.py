@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.stats import mannwhitneyu  # type: ignore[import-untyped]
+from scipy.stats import mannwhitneyu
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped

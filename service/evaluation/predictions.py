@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
 from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
+from fastsplat.service.evaluation.published.mask_pairs import silhouette_mask
 from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster import Backend, device_of, rasterize
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.queries import Answer
 
 
@@ -71,7 +78,21 @@ def _predict_query(
         leading_mask=labels == answer.matches[0].label_id if answer.matches else nothing,
         answer_mask=nothing if answered is None else answered.mask,
         relevancy=np.zeros(labels.shape, np.float32) if answered is None else answered.relevancy,
+        silhouette=nothing
+        if view.posed is None
+        else silhouette(index.scene.gaussians, index.mask3d(answer), view.posed, index.settings.backend),
     )
+
+
+def silhouette(
+    gaussians: Gaussians, selected: NDArray[np.bool_], posed: PosedCamera, backend: Backend = "cpu"
+) -> NDArray[np.bool_]:
+    """bool [H, W]: where the selected Gaussians [G] cover the view when drawn alone, see `silhouette_mask`."""
+    device = device_of(backend)
+    alone = Gaussians(**{item.name: getattr(gaussians, item.name)[selected] for item in fields(gaussians)})
+    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
+    drawn = rasterize(splats_of(alone, device=device), viewmat, posed.camera, backend=backend)
+    return silhouette_mask(drawn.alpha.cpu().numpy())
 
 
 def _query_truths(view: TrueView, dictionary: Dictionary) -> list[tuple[int, QueryTruth]]:

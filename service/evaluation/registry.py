@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from fastsplat.service.evaluation.boundary_iou import BOUNDARY_IOU, BOUNDARY_IOU_MICRO
-from fastsplat.service.evaluation.depth_error import DEPTH_COVERAGE, DEPTH_ERROR, DEPTH_MEDIAN_ABS
+from fastsplat.service.evaluation.depth_error import DEPTH_COVERAGE, DEPTH_ERROR, DEPTH_MEDIAN, DEPTH_MEDIAN_ABS
 from fastsplat.service.evaluation.ghost_labels import GHOST_RATE, GHOST_RATE_NAMED, GHOST_SHARE_OF_PIXELS
 from fastsplat.service.evaluation.image_quality import PSNR, PSNR_COLOR_CORRECTED, SSIM, SSIM_ZERO_PADDED
 from fastsplat.service.evaluation.mask3d_iou import MASK3D_IOU
 from fastsplat.service.evaluation.negative_queries import ABSENT_AUROC
+from fastsplat.service.evaluation.published.published_metrics import PUBLISHED
 from fastsplat.service.evaluation.query_scores import (
     LOCALIZATION,
     LOCALIZATION_PEAK_IN_MASK,
@@ -44,6 +45,7 @@ METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     PIXEL_ACCURACY,
     LOCALIZATION,
     LOCALIZATION_PEAK_IN_MASK,
+    *PUBLISHED,
     GHOST_RATE,
     GHOST_RATE_NAMED,
     GHOST_SHARE_OF_PIXELS,
@@ -53,6 +55,7 @@ METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     SSIM,
     SSIM_ZERO_PADDED,
     DEPTH_ERROR,
+    DEPTH_MEDIAN,
     DEPTH_MEDIAN_ABS,
     DEPTH_COVERAGE,
     ABSENT_AUROC,

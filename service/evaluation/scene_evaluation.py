@@ -167,6 +167,7 @@ def _about_dataset(dataset: Dataset) -> dict[str, Any]:
     return {
         "name": dataset.folder.name,
         "kind": dataset.kind,
+        "split": dataset.split,
         "train_views": len(dataset.train),
         "test_views": len(dataset.test),
         "labels": len(dataset.dictionary),

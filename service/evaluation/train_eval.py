@@ -22,9 +22,10 @@ from fastsplat.service.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError
 
-TrainingLabels = Literal["given", "detected", "discovered"]
+TrainingLabels = Literal["given", "detected", "discovered", "default"]
 """`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names;
-`discovered`: no names at all, the scene gets things instead."""
+`discovered`: no names at all, the scene gets things instead; `default`: what a job makes of photos without a word, the
+models name what they know."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def train_on_split(
     begun = time.monotonic()
     capture = training_capture(dataset, work, settings.capture, progress)
     capture_seconds = time.monotonic() - begun
-    names = tuple(entry.label for entry in dataset.dictionary.entries) if labels != "discovered" else ()
+    names = tuple(entry.label for entry in dataset.dictionary.entries) if labels in ("given", "detected") else ()
     if labels == "discovered":
         discovery = settings.discovery.model_copy(update={"things": "on"})
         settings = settings.model_copy(update={"discovery": discovery})
@@ -79,7 +80,7 @@ def train_on_split(
         _with_label_source(capture, dataset, labels),
         override_training(settings, held_out_every=0),
         labels=names if labels == "detected" else (),
-        labelling=None if names else Labelling(Dictionary(()), ()),
+        labelling=None if names or labels == "default" else Labelling(Dictionary(()), ()),
         preset=preset,
         capture_seconds=capture_seconds,
         progress=progress,
@@ -94,7 +95,7 @@ def peak_megabytes() -> float:
 
 
 def _with_label_source(capture: Capture, dataset: Dataset, labels: TrainingLabels) -> Capture:
-    if labels in ("detected", "discovered"):
+    if labels != "given":
         return replace(capture, given_labels=None)
     if len(dataset.dictionary) and capture.given_labels is None:
         raise InvalidInputError(

@@ -28,6 +28,8 @@ class QueryPrediction:
         leading_mask: bool [H, W], pixels whose most probable label is the one that leads the answer.
         answer_mask: bool [H, W], the mask that the service answers with; empty for the verdict `absent`.
         relevancy: float32 [H, W], 0..1.
+        silhouette: bool [H, W], where the Gaussians that answer, drawn without all others, cover the view; see
+            `service.evaluation.published.mask_pairs`.
     """
 
     truth: QueryTruth
@@ -36,6 +38,7 @@ class QueryPrediction:
     leading_mask: NDArray[np.bool_]
     answer_mask: NDArray[np.bool_]
     relevancy: NDArray[np.float32]
+    silhouette: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -153,9 +153,9 @@ def lerf_ovs(root: Path, frames: Sequence[int], annotated: Sequence[int], *, lab
     return folder
 
 
-def three_d_ovs(folder: Path, count: int, annotated: Sequence[str]) -> Path:
-    """`segmentations/<frame>/<label>.png`, the last label unseen everywhere."""
-    colmap(folder, [f"{number:02d}" for number in range(count)])
+def three_d_ovs(folder: Path, count: int, annotated: Sequence[str], *, stems: Sequence[str] = ()) -> Path:
+    """`segmentations/<frame>/<label>.png`, the last label unseen; images are 00.png and so on, or `stems`."""
+    colmap(folder, stems or [f"{number:02d}" for number in range(count)])
     (folder / "segmentations").mkdir()
     (folder / "segmentations/classes.txt").write_text("\n".join(LABELS) + "\n\n")
     for frame in annotated:

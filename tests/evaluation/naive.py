@@ -66,3 +66,33 @@ def auroc(positive: list[float], negative: list[float]) -> float:
     """Every pair compared."""
     pairs = [(p > a) + 0.5 * (p == a) for p in positive for a in negative]
     return sum(pairs) / len(pairs)
+
+
+def mirrored(index: int, length: int) -> int:
+    """The pixel that a place beyond the border stands for: b a | a' is not repeated, … 2 1 0 1 2 …"""
+    while not 0 <= index < length:
+        index = -index if index < 0 else 2 * (length - 1) - index
+    return index
+
+
+def mean_filtered(values: NDArray[np.floating], side: int) -> NDArray[np.float64]:
+    """The mean of the `side` × `side` pixels that begin side // 2 before each."""
+    height, width = values.shape
+    result = np.zeros((height, width))
+    for row, column in itertools.product(range(height), range(width)):
+        square = [
+            values[mirrored(row + dy - side // 2, height), mirrored(column + dx - side // 2, width)]
+            for dy, dx in itertools.product(range(side), repeat=2)
+        ]
+        result[row, column] = sum(map(float, square)) / side**2
+    return result
+
+
+def majority(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Of 7 × 7 pixels around each, of which the image's last row and column are left out; ties say no."""
+    height, width = mask.shape
+    result = np.zeros_like(mask)
+    for row, column in itertools.product(range(height), range(width)):
+        square = mask[max(0, row - 3) : min(row + 4, height - 1), max(0, column - 3) : min(column + 4, width - 1)]
+        result[row, column] = square.sum() > (~square).sum()
+    return result

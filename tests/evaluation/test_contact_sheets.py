@@ -55,7 +55,7 @@ def _asked(truth: np.ndarray, answers: list[np.ndarray]) -> ViewPrediction:
     (answer,) = made_data.index().ask(["mug"])
     relevancy = np.zeros(truth.shape, np.float32)
     queries = tuple(
-        QueryPrediction(query, 1, answer, mask, mask, relevancy)
+        QueryPrediction(query, 1, answer, mask, mask, relevancy, mask)
         for query, mask in zip(view.queries, answers, strict=True)
     )
     label_map = np.zeros(truth.shape, np.int32)

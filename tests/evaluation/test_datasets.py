@@ -170,6 +170,28 @@ def test_3d_ovs_masks_belong_to_the_image_of_their_folders_name(tmp_path: Path) 
     assert _trained_on(dataset, tmp_path / "work") == {"00.png", "02.png", "03.png"}
 
 
+def test_3d_ovs_masks_of_no_class_are_left_out_with_a_note_as_public_loaders_do(tmp_path: Path) -> None:
+    folder = made_data.three_d_ovs(tmp_path / "bed", 3, ["01"])
+    plain = read_dataset(folder, SETTINGS)
+    made_data.save(np.full((48, 64), 255, np.uint8), folder / "segmentations/01/sofa.png")
+    dataset = read_dataset(folder, SETTINGS)
+    assert [query.text for query in dataset.test[0].queries] == [query.text for query in plain.test[0].queries]
+    assert "sofa" in dataset.notes[0] and not plain.notes
+
+
+@pytest.mark.parametrize("frames", [["1", "3"], ["01", "03"]])
+def test_3d_ovs_frames_count_images_where_no_image_has_their_name(tmp_path: Path, frames: list[str]) -> None:
+    folder = made_data.three_d_ovs(tmp_path / "bed", 4, frames, stems=["IMG_9", "a", "b", "c"])
+    dataset = read_dataset(folder, SETTINGS)
+    assert [view.name for view in dataset.test] == ["a.png", "c.png"] and not dataset.notes
+    assert _trained_on(dataset, tmp_path / "work") == {"IMG_9.png", "b.png"}
+
+
+def test_3d_ovs_frames_beyond_the_images_are_missing(tmp_path: Path) -> None:
+    dataset = read_dataset(made_data.three_d_ovs(tmp_path / "bed", 4, ["1", "4"], stems=list("abcd")), SETTINGS)
+    assert [(view.name, view.posed is None) for view in dataset.test] == [("4", True), ("b.png", False)]
+
+
 def _edit(change: Callable[[dict], None]) -> Callable[[Path], Path]:
     def broken(root: Path) -> Path:
         folder = made_data.lerf_ovs(root, [1, 2, 3], [2])
@@ -226,9 +248,17 @@ BROKEN: dict[str, tuple[type[FastSplatError], str, Callable[[Path], Path]]] = {
     "a class without mask": (
         InvalidInputError, "red mug", _changed(lambda f: (f / _MASK).unlink(), _three),
     ),
-    "a mask without class": (
-        InvalidInputError, "sofa",
-        _changed(lambda f: made_data.save(np.zeros((48, 64), np.uint8), f / "segmentations/01/sofa.png"), _three),
+    "another image's name": (
+        InvalidInputError, "another image", _edit(lambda d: d["info"].update(name="frame_00003.jpg")),
+    ),
+    "no name at all": (InvalidInputError, "another image", _edit(lambda d: d["info"].update(name=["frame_00002"]))),
+    "a class that is twice": (
+        InvalidInputError, "twice",
+        _changed(lambda f: (f / "segmentations/classes.txt").write_text("red mug\nred mug \n"), _three),
+    ),
+    "a class beyond the folder": (
+        InvalidInputError, "no mask",
+        _changed(lambda f: (f / "segmentations/classes.txt").write_text("../../images/00\n"), _three),
     ),
     "no classes": (
         InvalidInputError, "classes.txt",

@@ -59,6 +59,7 @@ def test_true_depth_has_no_error_and_a_scaled_one_its_share() -> None:
     assert depth_errors(truth, truth).abs_rel == 0
     scaled = depth_errors(truth * 1.1, truth)
     assert scaled.abs_rel == pytest.approx(0.1) and scaled.coverage == 1
+    assert scaled.median_rel == pytest.approx(0.1)
     assert scaled.median_abs == pytest.approx(np.median(truth) * 0.1)
 
 
@@ -69,6 +70,7 @@ def test_missing_depth_counts_as_all_wrong_and_unknown_truth_not_at_all() -> Non
     assert depth_errors(half, truth).abs_rel == 0.5
     assert depth_errors(half, truth).coverage == 0.5
     assert depth_errors(half, truth).median_abs == 0
+    assert depth_errors(half, truth).median_rel == 0.5
     assert depth_errors(truth, half).abs_rel == 0
     assert depth_errors(half, truth, np.array([[False, False], [True, True]])).abs_rel == 0
     assert depth_errors(truth, np.zeros((2, 2))) is None

@@ -1,11 +1,19 @@
-"""Open-vocabulary masks of single frames, as LERF-OVS and 3D-OVS ship them."""
+"""Open-vocabulary masks of single frames, as LERF-OVS and 3D-OVS ship them.
+
+The layouts are those that public loaders of the sets expect: of LERF-OVS `eval_gt_lerfdata` in LangSplat's
+`eval/evaluate_iou_loc.py` (github.com/minghanqin/LangSplat, commit 26ed214), of 3D-OVS `LLFFDataset` in
+`dataLoader/llff.py` (github.com/Kunhao-Liu/3D-OVS, commit 80e512c) and `eval_gt_3dovsdata` in Occam's LGS'
+`eval/evaluate_iou_3dovs.py` (read in github.com/Shu1L0n9/OccamLGS, commit 70d2e69). Two things differ. LangSplat's
+loader finds the image of a frame by the number in its name, as a position; here it is the image of that name. And
+boxes are the tightest around the polygons, not the file's `bbox`, which need not survive a lens' correction.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -43,12 +51,15 @@ class Annotations:
     Attributes:
         kind: where the format comes from.
         texts: every text, in the data set's order.
-        frames: by the frame's name, which is its image's name without extension; never a position in a list.
+        frames: by the frame's name, which is its image's name without extension; of 3D-OVS it may be the position of
+            its image among all, from 0, where no image has such a name.
+        notes: what was left aside, as sentences for people.
     """
 
     kind: Kind
     texts: tuple[str, ...]
     frames: Mapping[str, tuple[Annotation, ...]]
+    notes: tuple[str, ...] = ()
 
 
 def find_annotations(folder: Path, settings: CaptureSettings) -> Annotations | None:
@@ -86,6 +97,9 @@ def _lerf_frame(file: Path, settings: CaptureSettings) -> tuple[Annotation, ...]
         raise _malformed(file, "it is no object")
     info = document.get("info")
     stated = info if isinstance(info, dict) else {}
+    image = stated.get("name", file.name)
+    if not isinstance(image, str) or PurePosixPath(image).stem != file.stem:
+        raise _malformed(file, f"it is of another image, {str(image)[:80]}")
     width = _side(file, stated.get("width", document.get("imageWidth")))
     height = _side(file, stated.get("height", document.get("imageHeight")))
     if width * height > settings.max_image_pixels:
@@ -150,23 +164,26 @@ def _three_d_ovs(folder: Path, settings: CaptureSettings) -> Annotations:
         raise InvalidInputError(
             "segmentations/classes.txt is empty or names a class twice", field="classes.txt", hint=_CLASSES
         )
-    frames = {}
+    frames, strangers = {}, set()
     for frame in sorted(path for path in root.iterdir() if path.is_dir()):
         files = {path.stem.strip(): path for path in sorted(frame.glob("*.png"))}
-        odd = sorted(set(files) ^ set(texts))
-        if odd:
-            problem = "is in no classes.txt" if odd[0] in files else "has no mask"
+        missing = sorted(set(texts) - set(files))
+        if missing:
             raise InvalidInputError(
-                f"segmentations/{frame.name}: {odd[0][:80]!r} {problem}",
+                f"segmentations/{frame.name}: {missing[0][:80]!r} has no mask",
                 field=f"segmentations/{frame.name}",
                 hint="Every frame needs one <label>.png for each line of classes.txt; an empty one where it is unseen.",
             )
+        strangers |= set(files) - set(texts)
         frames[frame.name] = tuple(
             Annotation(text, _one_mask(folder, files[text].relative_to(folder).as_posix(), settings)) for text in texts
         )
     if not frames:
         raise InvalidInputError("segmentations/ has no frames", field="segmentations", hint=_CLASSES)
-    return Annotations("3d_ovs", texts, frames)
+    notes = tuple(
+        f"segmentations/*/{name[:80]}.png is in no classes.txt and was left out." for name in sorted(strangers)
+    )
+    return Annotations("3d_ovs", texts, frames, notes)
 
 
 def _one_mask(folder: Path, name: str, settings: CaptureSettings) -> tuple[NDArray[np.bool_], ...]:

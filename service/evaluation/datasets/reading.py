@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -20,6 +21,7 @@ from fastsplat.service.evaluation.datasets.annotations import Annotation, Annota
 from fastsplat.service.evaluation.datasets.layout import Layout, read_layout
 from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
+from fastsplat.service.evaluation.validation_split import Split, validation_names
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 
@@ -27,7 +29,12 @@ TEST_EVERY = 8
 
 
 def read_dataset(
-    folder: Path, settings: CaptureSettings, *, test_every: int = TEST_EVERY, mask_label: str = ""
+    folder: Path,
+    settings: CaptureSettings,
+    *,
+    test_every: int = TEST_EVERY,
+    mask_label: str = "",
+    split: Split = "test",
 ) -> Dataset:
     """The split of a data set and the truth of its test views. All of it is read and checked here, before anybody
     trains for minutes.
@@ -43,6 +50,9 @@ def read_dataset(
         test_every: see above.
         mask_label: name of what the binary masks show. Without it, masks of a folder without labels say which pixels
             count at all.
+        split: `validation` leaves the test views aside and takes some of the training views in their place (see
+            `validation_names`), which are then not trained on: by these, settings are chosen. Annotated sets have no
+            truth of training views but their pictures.
 
     Raises:
         NotFoundError: no such folder.
@@ -56,12 +66,11 @@ def read_dataset(
     annotations = None if mask_label else find_annotations(folder, settings)
     names = [photo.name for photo in layout.poses.images]
     if annotations is not None:
-        return _annotated(layout, annotations, names, settings)
-    test_names = set(layout.poses.test_names or names[::test_every])
+        return _annotated(layout, annotations, names, settings, split)
     photos = {photo.name: photo for photo in layout.poses.images}
     dictionary = layout.labels.dictionary() if layout.labels is not None else Dictionary(())
-    test = tuple(_true_view(layout, photos[name], settings) for name in names if name in test_names)
-    train = _train_names(layout, names, test_names)
+    train, measured = _divided(layout, names, set(layout.poses.test_names or names[::test_every]), split)
+    test = tuple(_true_view(layout, photos[name], settings) for name in names if name in measured)
     return Dataset(
         folder=folder,
         kind="nerfstudio" if layout.contents.source == "nerfstudio" else "colmap",
@@ -72,38 +81,87 @@ def read_dataset(
         mask_label=mask_label,
         notes=_notes(layout, test),
         instances=layout.instances,
+        split=split,
     )
 
 
-def _annotated(layout: Layout, annotations: Annotations, names: list[str], settings: CaptureSettings) -> Dataset:
+def _annotated(
+    layout: Layout, annotations: Annotations, names: list[str], settings: CaptureSettings, split: Split
+) -> Dataset:
     by_stem: dict[str, PosedImage] = {}
     for photo in layout.poses.images:
-        stem = PurePosixPath(photo.name).stem
+        stem = _stem(photo.name)
         if stem in by_stem and stem in annotations.frames:
             raise InvalidInputError(
                 f"two images are called {stem}, which is annotated once", field=stem, hint="Give images names."
             )
         by_stem[stem] = photo
+    photos = _photo_paths(layout)
+    if annotations.kind == "3d_ovs" and not set(annotations.frames) & {_stem(path) for path in photos}:
+        by_stem = _by_position(photos, by_stem)
     plain = replace(layout, labels=None, label_maps={})
-    test, unposed = [], []
-    for stem, frame in annotations.frames.items():
-        if stem in by_stem:
-            test.append(_with_queries(plain, by_stem[stem], frame, settings))
-        else:
-            unposed.append(stem)
-            test.append(TrueView(stem, None, queries=tuple(_unplaced(annotation) for annotation in frame)))
-    test_names = {view.name for view in test} | set(layout.poses.test_names)
-    notes = tuple(
-        f"{stem} is annotated, but has no pose: its answers are missing and count as zero." for stem in unposed
-    )
+    annotated = {by_stem[stem].name for stem in annotations.frames if stem in by_stem}
+    train, measured = _divided(layout, names, annotated | set(layout.poses.test_names), split)
+    notes = annotations.notes
+    if split == "validation":
+        test = [_true_view(plain, photo, settings) for photo in layout.poses.images if photo.name in measured]
+        notes += ("Only test views are annotated: validation views count for pictures only.",)
+    else:
+        test = [_annotated_view(plain, by_stem.get(stem), stem, annotations, settings) for stem in annotations.frames]
+        notes += tuple(
+            f"{view.name} is annotated, but has no pose: its answers are missing and count as zero."
+            for view in test
+            if view.posed is None
+        )
     return Dataset(
         folder=layout.root,
         kind=annotations.kind,
         dictionary=dictionary_of(annotations.texts),
-        train=_train_names(layout, names, test_names),
+        train=train,
         test=tuple(sorted(test, key=lambda view: view.name)),
         notes=notes,
+        split=split,
     )
+
+
+def _annotated_view(
+    layout: Layout, posed_image: PosedImage | None, stem: str, annotations: Annotations, settings: CaptureSettings
+) -> TrueView:
+    frame = annotations.frames[stem]
+    if posed_image is not None:
+        return _with_queries(layout, posed_image, frame, settings)
+    return TrueView(stem, None, queries=tuple(_unplaced(annotation) for annotation in frame))
+
+
+def _divided(layout: Layout, names: list[str], test: set[str], split: Split) -> tuple[tuple[str, ...], set[str]]:
+    """The names to train on, and those to measure."""
+    train = _train_names(layout, names, test)
+    if split == "test":
+        return train, test
+    poses = {photo.name: photo.world_from_camera for photo in layout.poses.images}
+    measured = set(validation_names(train, [poses[name] for name in train]))
+    return tuple(name for name in train if name not in measured), measured
+
+
+def _photo_paths(layout: Layout) -> tuple[str, ...]:
+    """All images in the folders of the posed ones, those without a pose too, in the order of their paths."""
+    homes = {PurePosixPath(photo.path).parent for photo in layout.poses.images}
+    return tuple(sorted(path for path in layout.contents.images if PurePosixPath(path).parent in homes))
+
+
+def _by_position(paths: tuple[str, ...], by_stem: Mapping[str, PosedImage]) -> dict[str, PosedImage]:
+    """The posed images by their position among all images in the order of their paths, as the number of a frame is
+    meant where images have other names (`LLFFDataset` of 3D-OVS); with leading zeros or without."""
+    photos = {photo.path: photo for photo in by_stem.values()}
+    named: dict[str, PosedImage] = {}
+    for position, path in enumerate(paths):
+        if path in photos:
+            named |= {f"{position:0{width}d}": photos[path] for width in range(1, 6)}
+    return named
+
+
+def _stem(path: str) -> str:
+    return PurePosixPath(path).stem
 
 
 def _train_names(layout: Layout, names: list[str], test: set[str]) -> tuple[str, ...]:

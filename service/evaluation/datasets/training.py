@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.image_io import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.evaluation.datasets.layout import Layout, frames_by_path, read_layout
@@ -150,7 +150,4 @@ def _place(root: Path, name: str, target: Path) -> None:
     if home.exists():
         return
     home.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.link(root / name, home)
-    except OSError:  # another file system
-        shutil.copyfile(root / name, home)
+    link_or_copy(root / name, home)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.evaluation.localization import Box
+from fastsplat.service.evaluation.validation_split import Split
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 
@@ -73,6 +74,7 @@ class Dataset:
         mask_label: the name of what binary masks show, or "".
         notes: what was left aside or made up for, as sentences for people.
         instances: the label of each thing of the views' `instances`, from 1; empty without.
+        split: what `test` holds: the test views, or validation views in their place.
 
     Raises:
         InvalidInputError: no test views, or a view in both splits.
@@ -87,6 +89,7 @@ class Dataset:
     mask_label: str = ""
     notes: tuple[str, ...] = ()
     instances: tuple[str, ...] = ()
+    split: Split = "test"
 
     def __post_init__(self) -> None:
         if not self.test:
