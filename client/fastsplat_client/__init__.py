@@ -35,6 +35,7 @@ from fastsplat_contract.errors import (
     RateLimitedError,
     UnauthenticatedError,
 )
+from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
@@ -77,6 +78,7 @@ __all__ = [
     "FastSplatError",
     "Finding",
     "FoundName",
+    "Goal",
     "InsertSource",
     "InvalidInputError",
     "Kind",

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
+import httpx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,6 +77,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         timeout_s: of a call that names none, retries included.
         retry: see `Retry`.
         piece_bytes: of a large upload; a connection that breaks costs no more.
+        transport: what carries REST's requests in place of the network, as to a server in the same process.
 
     All calls raise the `FastSplatError` that the server raised, `UnreachableError` or `DeadlineExceededError`.
     """
@@ -91,10 +93,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         timeout_s: float = 60.0,
         retry: Retry = _USUAL,
         piece_bytes: int = PIECE_BYTES,
+        transport: httpx.BaseTransport | None = None,
     ) -> None:
         own = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
         self._headers = {name: value for name, value in own.items() if value}
-        super().__init__(Transport(url, self._headers, ca, timeout_s, retry))
+        super().__init__(Transport(url, self._headers, ca, timeout_s, retry, transport))
         self.known_names = ClientKnownNames(self._transport)
         """What people named in the project's scenes, to be suggested in others."""
         self.keys = ClientKeys(self._transport)
@@ -117,7 +120,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         self._transport.close()
 
     def server(self) -> ServerInfo:
-        """What the server says of itself: its release, and where its gRPC interface is."""
+        """The server's release, and where its gRPC interface is."""
         return self._get(ServerInfo, "/v1/server")
 
     def server_status(self) -> ServerStatus:
@@ -247,8 +250,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
             timeout_s: when to give up; the server then stops, too.
-            choices: version, negatives, templates, coverage, max_matches, mask2d_encoding and mask3d_encoding, as in
-                `QueryRequest`.
+            choices: other fields of `QueryRequest`, as version, coverage, max_matches, asker, asker_view.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)
@@ -271,7 +273,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
             path = f"{scene_path(request.scene_id)}:query"
             response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
         else:
-            for field in ("cameras", "views", "mask2d_encoding"):
+            for field in ("cameras", "views", "mask2d_encoding", "asker"):
                 body.pop(field)
             params = {"text": body.pop("texts")} | {name: value for name, value in body.items() if value is not None}
             response = self._transport.call("GET", "/query", params=params, timeout_s=timeout_s)

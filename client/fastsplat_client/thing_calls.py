@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureIn, Measurement
@@ -86,6 +87,18 @@ class ThingCalls:
         request = MeasureIn(tuple(Place(thing=one) if isinstance(one, int) else one for one in places), version)
         path = f"{scene_path(scene_id)}:measure"
         return read(Measurement, self._transport.call("POST", path, json=to_plain(request)))
+
+    def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, *, version: str = "") -> Goal:
+        """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.
+
+        Args:
+            scene_id: which scene.
+            thing_id: of a thing or a part.
+            robot_radius: meters; 0: 0.2.
+            version: of the scene; "" is the current one.
+        """
+        params = {"thing_id": thing_id, "robot_radius": robot_radius, "version": version}
+        return read(Goal, self._transport.call("GET", f"{scene_path(scene_id)}/goal", params=params))
 
     def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
         """Make a new version whose units are meters by these lengths, these sizes of things, and those of before, see

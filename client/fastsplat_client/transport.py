@@ -58,11 +58,22 @@ class Transport:
         ca: PEM certificates to trust in place of the system's.
         timeout_s: of calls that name none, retries included.
         retry: see there.
+        carrier: what carries the requests; None: the network.
     """
 
-    def __init__(self, url: str, headers: Mapping[str, str], ca: Path | None, timeout_s: float, retry: Retry) -> None:
+    def __init__(
+        self,
+        url: str,
+        headers: Mapping[str, str],
+        ca: Path | None,
+        timeout_s: float,
+        retry: Retry,
+        carrier: httpx.BaseTransport | None = None,
+    ) -> None:
         verify = ssl.create_default_context(cafile=str(ca)) if ca is not None else True
-        self._http = httpx.Client(base_url=url, headers=headers, verify=verify, follow_redirects=False)
+        self._http = httpx.Client(
+            base_url=url, headers=headers, verify=verify, follow_redirects=False, transport=carrier
+        )
         self._timeout_s = timeout_s
         self._retry = retry
 

@@ -45,6 +45,14 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 
+    def rays(self, x: NDArray[Any] | float, y: NDArray[Any] | float) -> NDArray[np.float64]:
+        """float64 [..., 3]: the points of depth 1 in the camera frame that land at x and y, pixels of one shape [...].
+
+        Times the depth they are what a depth picture shows, back-projected; x = column + 0.5 for the middle of a pixel.
+        """
+        across, down = (np.asarray(x) - self.cx) / self.fx, (np.asarray(y) - self.cy) / self.fy
+        return np.stack([across, down, np.ones_like(across)], axis=-1)
+
 
 @dataclass(frozen=True)
 class PosedCamera:

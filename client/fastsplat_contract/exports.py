@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map"]
 """What `ExportRequest.format` describes."""
 
 FILE_NAMES: Mapping[ExportFormat, str] = {
@@ -22,6 +22,9 @@ FILE_NAMES: Mapping[ExportFormat, str] = {
     "glb": "scene.glb",
     "mesh": "scene.mesh.glb",
     "cameras": "scene.cameras.zip",
+    "sog": "scene.sog",
+    "mcap": "scene.mcap",
+    "map": "scene.map.zip",
 }
 """Of each format, as a browser saves it."""
 
@@ -41,7 +44,10 @@ class ExportRequest(Request):
             "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
             "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
             "surfaces as triangles, GLB, a node for each thing; cameras: a zip of nerfstudio's transforms.json and "
-            "COLMAP's binary model, with the points"
+            "COLMAP's binary model, with the points; sog: PlayCanvas' SOG, the smallest, rows in Morton order; "
+            "mcap: for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames; "
+            "map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of whole "
+            "scenes in metres with z up"
         ),
     ] = "ply"
     version: Version = ""
@@ -52,7 +58,7 @@ class ExportRequest(Request):
         float,
         Field(
             ge=0,
-            description="of points and cameras: the distance between points, of mesh: the width of its voxels, scene "
-            "units; 0: as fine as the views are",
+            description="of points, cameras and mcap: the distance between points, of mesh: the width of its voxels, "
+            "of map: the width of its cells, scene units; 0: as fine as the views are, 0.05 m for map",
         ),
     ] = 0.0

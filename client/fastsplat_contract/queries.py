@@ -10,12 +10,17 @@ from pydantic import AfterValidator, Field
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
+from fastsplat_contract.phrase_messages import PhraseAnswer
+from fastsplat_contract.poses import Pose
 from fastsplat_contract.scenes import Color, SceneObject
 from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
 Verdict = Literal["exact", "related", "absent"]
 DecidedBy = Literal["name", "score"]
+Relation = Literal["same", "kind_of", "part_of", "related", "absent"]
+RelationSubject = Literal["label", "question"]
+AnswerMethod = Literal["lexicon", "encoder", "names"]
 PictureKind = Literal[
     "rgb",
     "overlay",
@@ -96,6 +101,16 @@ class QueryIn(Request):
             "numbers inside, ascending; ply: the Gaussians themselves, for one text"
         ),
     ] = "bits"
+    asker: Annotated[
+        Pose | None,
+        Field(
+            description="where who asks stands and looks, for left, right, in front of, behind, nearest: a camera's "
+            "pose, OpenCV axes (x right, y down, z forward)"
+        ),
+    ] = None
+    asker_view: Annotated[
+        str | None, Field(description="name of one of the scene's own cameras, instead of `asker`")
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -174,7 +189,10 @@ class Answer(Response):
     ]
     threshold: Annotated[
         float | None,
-        Field(description="the score that the leading entry was compared with; absent if a name decided"),
+        Field(
+            description="the score that the leading entry was compared with, with the lexicon the presence that this "
+            "answer's was compared with; absent if a name decided"
+        ),
     ]
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[int, Field(description="G, the length of the 3D mask")]
@@ -210,11 +228,45 @@ class Answer(Response):
         ),
     ] = ()
     searched: Annotated[Searched, Field(description="what an absence was said of")] = _NOTHING_SEARCHED
+    relation: Annotated[
+        Relation,
+        Field(
+            description="what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and "
+            "part_of: see `relation_subject`; related: by association; absent: nothing here answers. Takes the place "
+            "of `verdict`, which stays beside it for one release"
+        ),
+    ] = "absent"
+    relation_subject: Annotated[
+        RelationSubject | None,
+        Field(
+            description="label: the first match is a kind or a part of what was asked (banana for fruit); question: "
+            "the other way (chair for armchair); absent for other relations"
+        ),
+    ] = None
+    method: Annotated[
+        AnswerMethod,
+        Field(
+            description="what the probabilities come from: lexicon: the text encoder with a lexicon beside it; "
+            "encoder: the text encoder alone; names: neither is calibrated, names alone count"
+        ),
+    ] = "names"
+    phrase: Annotated[
+        PhraseAnswer | None,
+        Field(
+            description="what else the text says beside a name, and which things that means; absent for a plain name. "
+            "Where it was decided, things, objects and masks are of these things alone"
+        ),
+    ] = None
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:
         """Label ids of the relevant entries, best first; empty when absent."""
         return tuple(match.label_id for match in self.matches if match.relevant)
+
+    @property
+    def meant_things(self) -> tuple[int, ...] | None:
+        """The things that a phrase was decided to mean; None where the answer is about all things of the labels."""
+        return None if self.phrase is None or self.phrase.refusal is not None else self.phrase.things
 
 
 @dataclass(frozen=True)

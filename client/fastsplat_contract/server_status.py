@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.keys import Role
 from fastsplat_contract.wire import Many, Response
 
-ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger"]
+ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
 ModelState = Literal["ready", "missing", "unset"]
 QuotaKind = Literal["scenes", "bytes", "jobs"]
 
@@ -27,7 +27,10 @@ class ModelStatus(Response):
     ]
     calibrated: Annotated[
         bool | None,
-        Field(description="of a text encoder: whether its scores were measured, so that answers have probabilities"),
+        Field(
+            description="of a text encoder: whether its scores were measured, so that answers have probabilities; of a "
+            "lexicon that is ready: whether it was measured together with the text encoder, so that answers use it"
+        ),
     ]
 
 

@@ -66,7 +66,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content[:cut])
         self.close_connection = cut is not None
 
-    do_POST = do_DELETE = do_GET  # noqa: N815
+    do_POST = do_DELETE = do_GET  # noqa: N815 - http.server's names
 
     def log_message(self, *arguments: Any) -> None:
         pass

@@ -69,7 +69,7 @@ def _parts(server: Scripted) -> dict[tuple[str, str], bytes]:
     head = f"Content-Type: {headers['content-type']}\r\n\r\n".encode()
     message = email.parser.BytesParser(policy=email.policy.HTTP).parsebytes(head + body)
     parts: dict[tuple[str, str], bytes] = {}
-    for part in message.iter_parts():  # type: ignore[attr-defined]
+    for part in message.iter_parts():
         field = str(part.get_param("name", header="content-disposition"))
         parts[field, part.get_filename() or ""] = part.get_payload(decode=True)
     return parts

@@ -55,6 +55,7 @@ _NOT_IN_PYTHON = {
     "DownloadPhotoRequest",
     "ListBestViewsRequest",
     "ListNextPhotosRequest",
+    "GetGoalRequest",
     "ListPhotosRequest",
     "GetOperationRequest",
     "FinishOperationRequest",

@@ -30,9 +30,16 @@ def test_a_pose_and_its_inverse_cancel(angle: float, shift: float) -> None:
 def test_a_pixel_keeps_its_ray_when_the_image_is_resized(width: int, height: int) -> None:
     scaled = _CAMERA.scaled_to(width, height)
     x, y = 100.0, 50.0
-    ray = ((x - _CAMERA.cx) / _CAMERA.fx, (y - _CAMERA.cy) / _CAMERA.fy)
     u, v = x * width / _CAMERA.width, y * height / _CAMERA.height
-    assert ((u - scaled.cx) / scaled.fx, (v - scaled.cy) / scaled.fy) == pytest.approx(ray)
+    np.testing.assert_allclose(scaled.rays(u, v), _CAMERA.rays(x, y), atol=1e-9)
+
+
+def test_a_ray_lands_where_it_comes_from() -> None:
+    y, x = np.mgrid[0:5, 0:7] * 40.0 + 0.5
+    local = _CAMERA.rays(x, y) * 2.5
+    assert local.shape == (5, 7, 3) and (local[..., 2] == 2.5).all()
+    np.testing.assert_allclose(_CAMERA.fx * local[..., 0] / 2.5 + _CAMERA.cx, x)
+    np.testing.assert_allclose(_CAMERA.fy * local[..., 1] / 2.5 + _CAMERA.cy, y)
 
 
 @pytest.mark.parametrize(

@@ -183,5 +183,5 @@ def test_errors_name_the_place_over_both_protocols() -> None:
 
 
 def test_plain_tuples_are_taken_for_vectors() -> None:
-    pose: Any = Pose((1, 2, 3), (0, 0, 0, 1))  # type: ignore[arg-type]
+    pose: Any = Pose((1, 2, 3), (0, 0, 0, 1))
     assert from_json(Pose, to_json(pose)) == pose == from_proto(Pose, to_proto(pose))

@@ -477,6 +477,165 @@ VERDICT_ABSENT: Verdict.ValueType  # 3
 """nothing relevant is here"""
 Global___Verdict: _TypeAlias = Verdict  # noqa: Y015
 
+class _Relation:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RelationEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Relation.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RELATION_UNSPECIFIED: _Relation.ValueType  # 0
+    RELATION_SAME: _Relation.ValueType  # 1
+    """its name, an alias or a synonym"""
+    RELATION_KIND_OF: _Relation.ValueType  # 2
+    """one is a kind of the other, see relation_subject"""
+    RELATION_PART_OF: _Relation.ValueType  # 3
+    """one is a part of the other, see relation_subject"""
+    RELATION_RELATED: _Relation.ValueType  # 4
+    """by association"""
+    RELATION_ABSENT: _Relation.ValueType  # 5
+    """nothing here answers"""
+
+class Relation(_Relation, metaclass=_RelationEnumTypeWrapper):
+    """What the first match of an answer is to what was asked."""
+
+RELATION_UNSPECIFIED: Relation.ValueType  # 0
+RELATION_SAME: Relation.ValueType  # 1
+"""its name, an alias or a synonym"""
+RELATION_KIND_OF: Relation.ValueType  # 2
+"""one is a kind of the other, see relation_subject"""
+RELATION_PART_OF: Relation.ValueType  # 3
+"""one is a part of the other, see relation_subject"""
+RELATION_RELATED: Relation.ValueType  # 4
+"""by association"""
+RELATION_ABSENT: Relation.ValueType  # 5
+"""nothing here answers"""
+Global___Relation: _TypeAlias = Relation  # noqa: Y015
+
+class _RelationSubject:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RelationSubjectEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RelationSubject.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RELATION_SUBJECT_UNSPECIFIED: _RelationSubject.ValueType  # 0
+    RELATION_SUBJECT_LABEL: _RelationSubject.ValueType  # 1
+    RELATION_SUBJECT_QUESTION: _RelationSubject.ValueType  # 2
+
+class RelationSubject(_RelationSubject, metaclass=_RelationSubjectEnumTypeWrapper):
+    """Which of the two is the kind or the part of the other."""
+
+RELATION_SUBJECT_UNSPECIFIED: RelationSubject.ValueType  # 0
+RELATION_SUBJECT_LABEL: RelationSubject.ValueType  # 1
+RELATION_SUBJECT_QUESTION: RelationSubject.ValueType  # 2
+Global___RelationSubject: _TypeAlias = RelationSubject  # noqa: Y015
+
+class _AnswerMethod:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _AnswerMethodEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_AnswerMethod.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ANSWER_METHOD_UNSPECIFIED: _AnswerMethod.ValueType  # 0
+    ANSWER_METHOD_LEXICON: _AnswerMethod.ValueType  # 1
+    """the text encoder with a lexicon beside it"""
+    ANSWER_METHOD_ENCODER: _AnswerMethod.ValueType  # 2
+    """the text encoder alone"""
+    ANSWER_METHOD_NAMES: _AnswerMethod.ValueType  # 3
+    """neither is calibrated, names alone count"""
+
+class AnswerMethod(_AnswerMethod, metaclass=_AnswerMethodEnumTypeWrapper): ...
+
+ANSWER_METHOD_UNSPECIFIED: AnswerMethod.ValueType  # 0
+ANSWER_METHOD_LEXICON: AnswerMethod.ValueType  # 1
+"""the text encoder with a lexicon beside it"""
+ANSWER_METHOD_ENCODER: AnswerMethod.ValueType  # 2
+"""the text encoder alone"""
+ANSWER_METHOD_NAMES: AnswerMethod.ValueType  # 3
+"""neither is calibrated, names alone count"""
+Global___AnswerMethod: _TypeAlias = AnswerMethod  # noqa: Y015
+
+class _Asks:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _AsksEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Asks.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ASKS_UNSPECIFIED: _Asks.ValueType  # 0
+    ASKS_THINGS: _Asks.ValueType  # 1
+    """which things"""
+    ASKS_COUNT: _Asks.ValueType  # 2
+    """how many"""
+
+class Asks(_Asks, metaclass=_AsksEnumTypeWrapper): ...
+
+ASKS_UNSPECIFIED: Asks.ValueType  # 0
+ASKS_THINGS: Asks.ValueType  # 1
+"""which things"""
+ASKS_COUNT: Asks.ValueType  # 2
+"""how many"""
+Global___Asks: _TypeAlias = Asks  # noqa: Y015
+
+class _RefusalReason:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RefusalReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RefusalReason.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    REFUSAL_REASON_UNSPECIFIED: _RefusalReason.ValueType  # 0
+    REFUSAL_REASON_NOT_UNDERSTOOD: _RefusalReason.ValueType  # 1
+    """words were left over"""
+    REFUSAL_REASON_AMBIGUOUS: _RefusalReason.ValueType  # 2
+    """it can be read in several ways, with different answers"""
+    REFUSAL_REASON_POSE_NEEDED: _RefusalReason.ValueType  # 3
+    """send where the asker stands"""
+    REFUSAL_REASON_VERTICAL_UNKNOWN: _RefusalReason.ValueType  # 4
+    """the scene does not tell what is up"""
+    REFUSAL_REASON_TOO_CLOSE: _RefusalReason.ValueType  # 5
+    """a measurement is too near to its bound"""
+    REFUSAL_REASON_OUT_OF_VIEW: _RefusalReason.ValueType  # 6
+    """behind the asker, or too near"""
+    REFUSAL_REASON_INDIRECT: _RefusalReason.ValueType  # 7
+    """it rests on something else that rests on that"""
+    REFUSAL_REASON_AMBIGUOUS_REFERENT: _RefusalReason.ValueType  # 8
+    """it speaks of one thing, and several here are called that"""
+    REFUSAL_REASON_REFERENT_ABSENT: _RefusalReason.ValueType  # 9
+    """nothing here is what it speaks of"""
+    REFUSAL_REASON_NOTHING_TO_COMPARE: _RefusalReason.ValueType  # 10
+    """there is only one"""
+    REFUSAL_REASON_NOT_MEASURED: _RefusalReason.ValueType  # 11
+    """nothing here measures that"""
+    REFUSAL_REASON_NOT_NAMED: _RefusalReason.ValueType  # 12
+    """nothing here bears the name that it asks for"""
+
+class RefusalReason(_RefusalReason, metaclass=_RefusalReasonEnumTypeWrapper): ...
+
+REFUSAL_REASON_UNSPECIFIED: RefusalReason.ValueType  # 0
+REFUSAL_REASON_NOT_UNDERSTOOD: RefusalReason.ValueType  # 1
+"""words were left over"""
+REFUSAL_REASON_AMBIGUOUS: RefusalReason.ValueType  # 2
+"""it can be read in several ways, with different answers"""
+REFUSAL_REASON_POSE_NEEDED: RefusalReason.ValueType  # 3
+"""send where the asker stands"""
+REFUSAL_REASON_VERTICAL_UNKNOWN: RefusalReason.ValueType  # 4
+"""the scene does not tell what is up"""
+REFUSAL_REASON_TOO_CLOSE: RefusalReason.ValueType  # 5
+"""a measurement is too near to its bound"""
+REFUSAL_REASON_OUT_OF_VIEW: RefusalReason.ValueType  # 6
+"""behind the asker, or too near"""
+REFUSAL_REASON_INDIRECT: RefusalReason.ValueType  # 7
+"""it rests on something else that rests on that"""
+REFUSAL_REASON_AMBIGUOUS_REFERENT: RefusalReason.ValueType  # 8
+"""it speaks of one thing, and several here are called that"""
+REFUSAL_REASON_REFERENT_ABSENT: RefusalReason.ValueType  # 9
+"""nothing here is what it speaks of"""
+REFUSAL_REASON_NOTHING_TO_COMPARE: RefusalReason.ValueType  # 10
+"""there is only one"""
+REFUSAL_REASON_NOT_MEASURED: RefusalReason.ValueType  # 11
+"""nothing here measures that"""
+REFUSAL_REASON_NOT_NAMED: RefusalReason.ValueType  # 12
+"""nothing here bears the name that it asks for"""
+Global___RefusalReason: _TypeAlias = RefusalReason  # noqa: Y015
+
 class _DecidedBy:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -632,6 +791,12 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """labelled triangles, GLB"""
     EXPORT_FORMAT_CAMERAS: _ExportFormat.ValueType  # 7
     """zip of transforms.json and COLMAP's model, with points"""
+    EXPORT_FORMAT_SOG: _ExportFormat.ValueType  # 8
+    """PlayCanvas' compressed splat"""
+    EXPORT_FORMAT_MCAP: _ExportFormat.ValueType  # 9
+    """MCAP for Foxglove"""
+    EXPORT_FORMAT_MAP: _ExportFormat.ValueType  # 10
+    """zip of the free and occupied floor, nav2's PGM and YAML"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -651,6 +816,12 @@ EXPORT_FORMAT_MESH: ExportFormat.ValueType  # 6
 """labelled triangles, GLB"""
 EXPORT_FORMAT_CAMERAS: ExportFormat.ValueType  # 7
 """zip of transforms.json and COLMAP's model, with points"""
+EXPORT_FORMAT_SOG: ExportFormat.ValueType  # 8
+"""PlayCanvas' compressed splat"""
+EXPORT_FORMAT_MCAP: ExportFormat.ValueType  # 9
+"""MCAP for Foxglove"""
+EXPORT_FORMAT_MAP: ExportFormat.ValueType  # 10
+"""zip of the free and occupied floor, nav2's PGM and YAML"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -3768,6 +3939,8 @@ class QueryRequest(_message.Message):
     MAX_MATCHES_FIELD_NUMBER: _builtins.int
     MASK2D_ENCODING_FIELD_NUMBER: _builtins.int
     MASK3D_ENCODING_FIELD_NUMBER: _builtins.int
+    ASKER_FIELD_NUMBER: _builtins.int
+    ASKER_VIEW_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """empty: all ready scenes of the project, without cameras and views"""
     version: _builtins.str
@@ -3783,6 +3956,8 @@ class QueryRequest(_message.Message):
     alternating runs in row order, outside first; indices: little-endian uint32 row numbers inside, ascending; ply: the
     Gaussians themselves, for one text
     """
+    asker_view: _builtins.str
+    """name of one of the scene's own cameras, instead of `asker`"""
     @_builtins.property
     def texts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """at least one"""
@@ -3807,6 +3982,12 @@ class QueryRequest(_message.Message):
     def templates(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """sentences with one {} that texts are put into; empty: the server's"""
 
+    @_builtins.property
+    def asker(self) -> Global___Pose:
+        """where who asks stands and looks, for left, right, in front of, behind, nearest: a camera's pose, OpenCV axes
+        (x right, y down, z forward)
+        """
+
     def __init__(
         self,
         *,
@@ -3822,13 +4003,20 @@ class QueryRequest(_message.Message):
         max_matches: _builtins.int = ...,
         mask2d_encoding: Global___MaskEncoding.ValueType = ...,
         mask3d_encoding: Global___Mask3dEncoding.ValueType = ...,
+        asker: Global___Pose | None = ...,
+        asker_view: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "coverage", b"coverage"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_asker_view", b"_asker_view", "_coverage", b"_coverage", "asker", b"asker", "asker_view", b"asker_view", "coverage", b"coverage"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "cameras", b"cameras", "coverage", b"coverage", "mask2d_encoding", b"mask2d_encoding", "mask3d_encoding", b"mask3d_encoding", "max_matches", b"max_matches", "negatives", b"negatives", "outputs", b"outputs", "scene_id", b"scene_id", "templates", b"templates", "texts", b"texts", "version", b"version", "views", b"views"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_asker_view", b"_asker_view", "_coverage", b"_coverage", "asker", b"asker", "asker_view", b"asker_view", "cameras", b"cameras", "coverage", b"coverage", "mask2d_encoding", b"mask2d_encoding", "mask3d_encoding", b"mask3d_encoding", "max_matches", b"max_matches", "negatives", b"negatives", "outputs", b"outputs", "scene_id", b"scene_id", "templates", b"templates", "texts", b"texts", "version", b"version", "views", b"views"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__asker_view: _TypeAlias = _typing.Literal["asker_view"]  # noqa: Y015
+    _WhichOneofArgType__asker_view: _TypeAlias = _typing.Literal["_asker_view", b"_asker_view"]  # noqa: Y015
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__asker_view) -> _WhichOneofReturnType__asker_view | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__coverage) -> _WhichOneofReturnType__coverage | None: ...
 
 Global___QueryRequest: _TypeAlias = QueryRequest  # noqa: Y015
@@ -3946,6 +4134,10 @@ class Answer(_message.Message):
     PRESENCE_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
     SEARCHED_FIELD_NUMBER: _builtins.int
+    RELATION_FIELD_NUMBER: _builtins.int
+    RELATION_SUBJECT_FIELD_NUMBER: _builtins.int
+    METHOD_FIELD_NUMBER: _builtins.int
+    PHRASE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
@@ -3962,7 +4154,9 @@ class Answer(_message.Message):
     decided_by: Global___DecidedBy.ValueType
     """name: the dictionary knows the name; score: the verdict comes from `threshold`"""
     threshold: _builtins.float
-    """the score that the leading entry was compared with; absent if a name decided"""
+    """the score that the leading entry was compared with, with the lexicon the presence that this answer's was compared
+    with; absent if a name decided
+    """
     version: _builtins.str
     """of the scene"""
     match_count: _builtins.int
@@ -3972,6 +4166,19 @@ class Answer(_message.Message):
     presence: _builtins.float
     """calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of different texts or scenes;
     absent without calibration
+    """
+    relation: Global___Relation.ValueType
+    """what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and part_of: see
+    `relation_subject`; related: by association; absent: nothing here answers. Takes the place of `verdict`, which stays
+    beside it for one release
+    """
+    relation_subject: Global___RelationSubject.ValueType
+    """label: the first match is a kind or a part of what was asked (banana for fruit); question: the other way (chair for
+    armchair); absent for other relations
+    """
+    method: Global___AnswerMethod.ValueType
+    """what the probabilities come from: lexicon: the text encoder with a lexicon beside it; encoder: the text encoder
+    alone; names: neither is calibrated, names alone count
     """
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
@@ -3990,6 +4197,12 @@ class Answer(_message.Message):
     @_builtins.property
     def searched(self) -> Global___Searched:
         """what an absence was said of"""
+
+    @_builtins.property
+    def phrase(self) -> Global___PhraseAnswer:
+        """what else the text says beside a name, and which things that means; absent for a plain name. Where it was decided,
+        things, objects and masks are of these things alone
+        """
 
     def __init__(
         self,
@@ -4010,10 +4223,14 @@ class Answer(_message.Message):
         presence: _builtins.float | None = ...,
         things: _abc.Iterable[_builtins.int] | None = ...,
         searched: Global___Searched | None = ...,
+        relation: Global___Relation.ValueType = ...,
+        relation_subject: Global___RelationSubject.ValueType | None = ...,
+        method: Global___AnswerMethod.ValueType = ...,
+        phrase: Global___PhraseAnswer | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "presence", b"presence", "probability", b"probability", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation_subject", b"relation_subject", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "presence", b"presence", "probability", b"probability", "scene_id", b"scene_id", "searched", b"searched", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "method", b"method", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation", b"relation", "relation_subject", b"relation_subject", "scene_id", b"scene_id", "searched", b"searched", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
@@ -4021,6 +4238,8 @@ class Answer(_message.Message):
     _WhichOneofArgType__presence: _TypeAlias = _typing.Literal["_presence", b"_presence"]  # noqa: Y015
     _WhichOneofReturnType__probability: _TypeAlias = _typing.Literal["probability"]  # noqa: Y015
     _WhichOneofArgType__probability: _TypeAlias = _typing.Literal["_probability", b"_probability"]  # noqa: Y015
+    _WhichOneofReturnType__relation_subject: _TypeAlias = _typing.Literal["relation_subject"]  # noqa: Y015
+    _WhichOneofArgType__relation_subject: _TypeAlias = _typing.Literal["_relation_subject", b"_relation_subject"]  # noqa: Y015
     _WhichOneofReturnType__threshold: _TypeAlias = _typing.Literal["threshold"]  # noqa: Y015
     _WhichOneofArgType__threshold: _TypeAlias = _typing.Literal["_threshold", b"_threshold"]  # noqa: Y015
     @_typing.overload
@@ -4030,9 +4249,162 @@ class Answer(_message.Message):
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__probability) -> _WhichOneofReturnType__probability | None: ...
     @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__relation_subject) -> _WhichOneofReturnType__relation_subject | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__threshold) -> _WhichOneofReturnType__threshold | None: ...
 
 Global___Answer: _TypeAlias = Answer  # noqa: Y015
+
+@_typing.final
+class Refusal(_message.Message):
+    """Why it cannot be decided which things a question means."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    REASON_FIELD_NUMBER: _builtins.int
+    PART_FIELD_NUMBER: _builtins.int
+    reason: Global___RefusalReason.ValueType
+    """not_understood: words were left over; ambiguous: it can be read in several ways, with different answers;
+    pose_needed: send where the asker stands; vertical_unknown: the scene does not tell what is up; too_close: a
+    measurement is too near to its bound; out_of_view: behind the asker, or too near; indirect: it rests on something
+    else that rests on that; ambiguous_referent: it speaks of one thing, and several here are called that;
+    referent_absent: nothing here is what it speaks of; nothing_to_compare: there is only one; not_measured: nothing
+    here measures that; not_named: nothing here bears the name that it asks for
+    """
+    part: _builtins.str
+    """the words of the question that it is about"""
+    def __init__(
+        self,
+        *,
+        reason: Global___RefusalReason.ValueType = ...,
+        part: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["part", b"part", "reason", b"reason"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Refusal: _TypeAlias = Refusal  # noqa: Y015
+
+@_typing.final
+class Witness(_message.Message):
+    """One measurement that decided, or failed to decide, whether a thing is meant."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CONDITION_FIELD_NUMBER: _builtins.int
+    THING_FIELD_NUMBER: _builtins.int
+    OTHERS_FIELD_NUMBER: _builtins.int
+    MEASURE_FIELD_NUMBER: _builtins.int
+    VALUE_FIELD_NUMBER: _builtins.int
+    UNIT_FIELD_NUMBER: _builtins.int
+    CLEARNESS_FIELD_NUMBER: _builtins.int
+    condition: _builtins.str
+    """what was asked of the thing, in words"""
+    thing: _builtins.int
+    """its id"""
+    measure: _builtins.str
+    """what was measured: gap, overlap, enclosure, depth, level, direction, offset, angle, distance, size, height, length,
+    width, elevation, color_distance, part
+    """
+    value: _builtins.float
+    unit: _builtins.str
+    """m; unit: of the scene; deg; share: 0..1; delta_e: CIE94 in CIELAB; ratio; empty: none of these"""
+    clearness: _builtins.float
+    """how clear it is: 0 in the middle of what cannot be decided, above 0 where the condition holds, below where it does
+    not; decided from 1 and from -1 on
+    """
+    @_builtins.property
+    def others(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that it was compared with"""
+
+    def __init__(
+        self,
+        *,
+        condition: _builtins.str = ...,
+        thing: _builtins.int = ...,
+        others: _abc.Iterable[_builtins.int] | None = ...,
+        measure: _builtins.str = ...,
+        value: _builtins.float = ...,
+        unit: _builtins.str = ...,
+        clearness: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearness", b"clearness", "condition", b"condition", "measure", b"measure", "others", b"others", "thing", b"thing", "unit", b"unit", "value", b"value"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Witness: _TypeAlias = Witness  # noqa: Y015
+
+@_typing.final
+class PhraseAnswer(_message.Message):
+    """What was understood of a question that says more than a name, and which things that means."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ASKS_FIELD_NUMBER: _builtins.int
+    HEAD_FIELD_NUMBER: _builtins.int
+    CONDITIONS_FIELD_NUMBER: _builtins.int
+    NOT_UNDERSTOOD_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    UNDECIDED_FIELD_NUMBER: _builtins.int
+    WITNESSES_FIELD_NUMBER: _builtins.int
+    COUNT_FIELD_NUMBER: _builtins.int
+    REFUSAL_FIELD_NUMBER: _builtins.int
+    asks: Global___Asks.ValueType
+    """things: which; count: how many"""
+    head: _builtins.str
+    """what is asked for; empty: anything"""
+    not_understood: _builtins.str
+    """words that were left over; empty: none"""
+    count: _builtins.int
+    """how many, if that was asked and decided"""
+    @_builtins.property
+    def conditions(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what is asked of it, in words"""
+
+    @_builtins.property
+    def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that fulfil all that was understood; in their order"""
+
+    @_builtins.property
+    def undecided(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of things of which it could not be decided"""
+
+    @_builtins.property
+    def witnesses(self) -> _containers.RepeatedCompositeFieldContainer[Global___Witness]:
+        """by which measurements; the first 200"""
+
+    @_builtins.property
+    def refusal(self) -> Global___Refusal:
+        """why it could not be decided; the rest of the answer is then of the text as if it were a name, and nothing of its
+        conditions was used
+        """
+
+    def __init__(
+        self,
+        *,
+        asks: Global___Asks.ValueType = ...,
+        head: _builtins.str = ...,
+        conditions: _abc.Iterable[_builtins.str] | None = ...,
+        not_understood: _builtins.str = ...,
+        things: _abc.Iterable[_builtins.int] | None = ...,
+        undecided: _abc.Iterable[_builtins.int] | None = ...,
+        witnesses: _abc.Iterable[Global___Witness] | None = ...,
+        count: _builtins.int | None = ...,
+        refusal: Global___Refusal | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_count", b"_count", "count", b"count", "refusal", b"refusal"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_count", b"_count", "asks", b"asks", "conditions", b"conditions", "count", b"count", "head", b"head", "not_understood", b"not_understood", "refusal", b"refusal", "things", b"things", "undecided", b"undecided", "witnesses", b"witnesses"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__count: _TypeAlias = _typing.Literal["count"]  # noqa: Y015
+    _WhichOneofArgType__count: _TypeAlias = _typing.Literal["_count", b"_count"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__count) -> _WhichOneofReturnType__count | None: ...
+
+Global___PhraseAnswer: _TypeAlias = PhraseAnswer  # noqa: Y015
 
 @_typing.final
 class Searched(_message.Message):
@@ -4670,13 +5042,16 @@ class ExportSceneRequest(_message.Message):
     quarter of that; html: one page that opens from disk, shows the scene and answers its own names; rows in their
     order in these three; points: a labelled point cloud of the surfaces, as PLY; glb: glTF with KHR_gaussian_splatting,
     a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing;
-    cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points
+    cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points; sog: PlayCanvas' SOG,
+    the smallest, rows in Morton order; mcap: for Foxglove: boxes with names, labelled points, cameras with their stored
+    photos, frames; map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of
+    whole scenes in metres with z up
     """
     version: _builtins.str
     """of the scene; empty: the current one"""
     cell: _builtins.float
-    """of points and cameras: the distance between points, of mesh: the width of its voxels, scene units; 0: as fine as the
-    views are
+    """of points, cameras and mcap: the distance between points, of mesh: the width of its voxels, of map: the width of its
+    cells, scene units; 0: as fine as the views are, 0.05 m for map
     """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
@@ -5305,6 +5680,83 @@ class NextPhoto(_message.Message):
 Global___NextPhoto: _TypeAlias = NextPhoto  # noqa: Y015
 
 @_typing.final
+class GetGoalRequest(_message.Message):
+    """A place from which a robot sees which thing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    ROBOT_RADIUS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    thing_id: _builtins.int
+    """which thing or part, see SceneThing"""
+    robot_radius: _builtins.float
+    """meters; 0: 0.2"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        thing_id: _builtins.int = ...,
+        robot_radius: _builtins.float = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["robot_radius", b"robot_radius", "scene_id", b"scene_id", "thing_id", b"thing_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetGoalRequest: _TypeAlias = GetGoalRequest  # noqa: Y015
+
+@_typing.final
+class Goal(_message.Message):
+    """The free place nearest to a thing from which a robot sees it, in the scene's frame: meters, z up."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POSE_FIELD_NUMBER: _builtins.int
+    YAW_FIELD_NUMBER: _builtins.int
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    CLEARANCE_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    yaw: _builtins.float
+    """the same turn about z, radians, 0 along x"""
+    distance: _builtins.float
+    """from the place to the thing's box, level, meters"""
+    clearance: _builtins.float
+    """from the place to the nearest cell of the map that is not free, meters, at least"""
+    thing_id: _builtins.int
+    """which thing"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def pose(self) -> Global___Pose:
+        """on the floor, x ahead: turned to the middle of the thing's box"""
+
+    def __init__(
+        self,
+        *,
+        pose: Global___Pose | None = ...,
+        yaw: _builtins.float = ...,
+        distance: _builtins.float = ...,
+        clearance: _builtins.float = ...,
+        thing_id: _builtins.int = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["pose", b"pose"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Goal: _TypeAlias = Goal  # noqa: Y015
+
+@_typing.final
 class ListBestViewsRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -5600,7 +6052,9 @@ class ModelStatus(_message.Message):
     state: _builtins.str
     """ready: its files are there; missing: they are not; unset: no model is named"""
     calibrated: _builtins.bool
-    """of a text encoder: whether its scores were measured, so that answers have probabilities"""
+    """of a text encoder: whether its scores were measured, so that answers have probabilities; of a lexicon that is ready:
+    whether it was measured together with the text encoder, so that answers use it
+    """
     def __init__(
         self,
         *,

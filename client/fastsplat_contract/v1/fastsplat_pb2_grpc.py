@@ -230,6 +230,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.FromString,
                 _registered_method=True)
+        self.GetGoal = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetGoal',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Goal.FromString,
+                _registered_method=True)
         self.ListBestViews = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListBestViews',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
@@ -560,6 +565,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetGoal(self, request, context):
+        """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListBestViews(self, request, context):
         """Which of the scene's cameras show some things, or the answer to a text, best.
         """
@@ -827,6 +839,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListNextPhotos,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.SerializeToString,
+            ),
+            'GetGoal': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetGoal,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Goal.SerializeToString,
             ),
             'ListBestViews': grpc.unary_unary_rpc_method_handler(
                     servicer.ListBestViews,
@@ -1932,6 +1949,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListNextPhotos',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListNextPhotosResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetGoal(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetGoal',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Goal.FromString,
             options,
             channel_credentials,
             insecure,

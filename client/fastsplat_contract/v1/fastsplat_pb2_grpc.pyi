@@ -130,6 +130,8 @@ class SceneServiceStub:
     """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
     ListNextPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListNextPhotosRequest, _fastsplat_pb2.ListNextPhotosResponse]
     """Where to stand for the next photos of a scene."""
+    GetGoal: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]
+    """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
@@ -240,6 +242,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size."""
     ListNextPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListNextPhotosRequest, _fastsplat_pb2.ListNextPhotosResponse]  # type: ignore[assignment]
     """Where to stand for the next photos of a scene."""
+    GetGoal: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]  # type: ignore[assignment]
+    """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
@@ -581,6 +585,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListNextPhotosResponse, _abc.Awaitable[_fastsplat_pb2.ListNextPhotosResponse]]:
         """Where to stand for the next photos of a scene."""
+
+    @_abc_1.abstractmethod
+    def GetGoal(
+        self,
+        request: _fastsplat_pb2.GetGoalRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Goal, _abc.Awaitable[_fastsplat_pb2.Goal]]:
+        """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
 
     @_abc_1.abstractmethod
     def ListBestViews(
