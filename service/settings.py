@@ -161,6 +161,12 @@ class CallSettings(BaseModel):
     scene_memory_bytes: int = Field(
         4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
     )
+    ranking_memory_bytes: int = Field(
+        512 << 20,
+        ge=1,
+        description="labels and names of things, by which scenes are asked all at once, are kept up to this; about "
+        "2 MB for 50 labels; least recently used leave first",
+    )
     answer_memory_bytes: int = Field(
         0,
         ge=0,

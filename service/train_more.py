@@ -139,10 +139,11 @@ def _quality(before: Any, base: Scene, continued: Continued) -> dict[str, Any]:
     for name in ("iterations", "train_seconds"):
         earlier = base.quality.get(name)
         summed[name] = figures[name] + (float(earlier) if isinstance(earlier, (int, float)) else 0.0)
-    bounds = [base.quality.get("time_budget_s"), figures.pop("time_budget_s", None)]
+    both = (base.quality.get("time_budget_s"), figures.pop("time_budget_s", None))
+    bounds = [float(bound) for bound in both if isinstance(bound, (int, float))]
     quality = {name: value for name, value in dict(before).items() if name not in ("time_budget_s", "stopped_at_share")}
-    if all(isinstance(bound, (int, float)) for bound in bounds):
-        summed["time_budget_s"] = float(sum(bounds))  # type: ignore[arg-type]
+    if len(bounds) == len(both):
+        summed["time_budget_s"] = sum(bounds)
     rounds = base.quality.get("trained_further")
     return {
         **quality,

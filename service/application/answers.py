@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from pathlib import Path
 
+from fastsplat.service.application.all_scenes import AllScenes, completed
 from fastsplat.service.application.costs import check_encodings, check_pixels, rendering_cost
 from fastsplat.service.application.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
-from fastsplat.service.application.open_scenes import OpenScenes, view_of
+from fastsplat.service.application.open_scenes import OpenScenes, asker_of, view_of
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.pictures import picture, question_of
 from fastsplat.service.application.project_names import KnownNames
@@ -22,23 +22,16 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import (
-    ArtefactError,
     InvalidInputError,
     LimitExceededError,
-    ModelUnavailableError,
     NotFoundError,
-    NotReadyError,
-    ObjectStoreError,
     SceneFileError,
 )
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest, SkippedScene
+from fastsplat_contract.poses import F64
+from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
-
-_log = logging.getLogger(__name__)
-
-_MAX_SKIPPED = 1_000
 
 _Camera = tuple[str, int, PosedCamera]
 """Name of the scene's own view or "", number in the request, and the view."""
@@ -53,6 +46,7 @@ class Answers:
         self._scenes = scenes
         self._memory = memory
         self._known_names = KnownNames(store, settings)
+        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, self._ask)
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
@@ -74,23 +68,7 @@ class Answers:
         query = self._check(request)
         if request.scene_id:
             return QueryOut(self._ask(query, request))
-        _check_everywhere(request)
-        ready = self._store.scenes.ready_scene_ids()
-        limit = self._settings.calls.max_queried_scenes
-        answers: list[Answer] = []
-        skipped: list[SkippedScene] = []
-        for scene_id in ready[:limit]:
-            check_cancelled()
-            try:
-                answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
-            except (NotFoundError, NotReadyError):
-                continue  # deleted since it was listed
-            except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
-                _log.warning("scene %s is left out of a question to all: %s", scene_id, error)
-                skipped.append(SkippedScene(scene_id, error.reason, error.message))
-        over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
-        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in ready[limit:])
-        return QueryOut(tuple(answers), tuple(skipped[:_MAX_SKIPPED]), len(skipped))
+        return self._all_scenes.ask(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
         """One view of a scene as a picture, or as an array file.
@@ -288,16 +266,22 @@ class Answers:
             for posed in views:
                 index.check_view(posed)
             charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
+        asker = asker_of(index, request)
         size, field = _bytes_to_hold(index, cameras, request)
         with self._memory.reserve(size, field):
-            return self._answered(index, version, query, request, cameras)
+            return self._answered(index, version, query, request, cameras, asker)
 
     def _answered(
-        self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest, cameras: list[_Camera]
+        self,
+        index: SceneIndex,
+        version: str,
+        query: TextQuery,
+        request: QueryRequest,
+        cameras: list[_Camera],
+        asker: F64 | None,
     ) -> tuple[Answer, ...]:
-        shown = self._settings.calls.max_matches if request.max_matches == 0 else request.max_matches
         answers: list[Answer] = []
-        for answer in index.answer(query):
+        for answer in index.answer(query, asker):
             masks = []
             for camera in cameras if "mask2d" in request.outputs else ():
                 check_cancelled()
@@ -307,12 +291,11 @@ class Answers:
                 mask3d = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
             objects = index.objects_of(answer) if "objects" in request.outputs else None
             answers.append(
-                dataclasses.replace(
+                completed(
                     answer,
-                    things=answer.things or tuple(thing.thing_id for thing in objects or ()),
-                    scene_id=request.scene_id,
-                    version=version,
-                    matches=answer.matches if shown < 0 else answer.matches[:shown],
+                    request,
+                    version,
+                    self._settings.calls,
                     masks=tuple(masks),
                     mask3d=mask3d,
                     objects=objects,
@@ -372,17 +355,3 @@ def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequ
     if "mask3d" in request.outputs:
         mask3d = mask3d_bytes(request.mask3d_encoding, texts, gaussians)
     return mask2d + mask3d, "cameras" if mask2d >= mask3d else "texts"
-
-
-def _check_everywhere(request: QueryRequest) -> None:
-    """Refuse what belongs to one scene."""
-    if "mask2d" in request.outputs:
-        raise InvalidInputError(
-            '"mask2d" needs one scene: cameras belong to a scene', field="outputs", hint="Name the scene."
-        )
-    if request.cameras or request.views:
-        raise InvalidInputError(
-            "cameras and views belong to one scene", field="scene_id", hint="Name the scene to ask."
-        )
-    if request.version:
-        raise InvalidInputError("a version belongs to one scene", field="scene_id", hint="Name the scene to ask.")

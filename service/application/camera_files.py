@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 
+from fastsplat.service.common.zips import zipped
+from fastsplat.service.scene.colmap_writing import colmap_text_model
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.poses import quaternion_of
 from fastsplat_contract.queries import CameraFormat
 
 MEDIA_TYPES: dict[CameraFormat, str] = {
@@ -77,24 +76,7 @@ def _colmap(cameras: Sequence[PosedCamera]) -> bytes:
                 field="format",
                 hint='Its names have no blanks; ask for "transforms" or "json".',
             )
-    lenses = dict.fromkeys(posed.camera for posed in cameras)
-    numbers = {lens: number for number, lens in enumerate(lenses, start=1)}
-    lens_lines = [
-        f"{number} PINHOLE {lens.width} {lens.height} {lens.fx!r} {lens.fy!r} {lens.cx!r} {lens.cy!r}\n"
-        for lens, number in numbers.items()
-    ]
-    image_lines: list[str] = []
-    for number, posed in enumerate(cameras, start=1):
-        viewmat = posed.camera_from_world()
-        x, y, z, w = quaternion_of(viewmat[:3, :3])
-        figures = " ".join(map(repr, (w, x, y, z, *viewmat[:3, 3].tolist())))
-        image_lines.append(f"{number} {figures} {numbers[posed.camera]} {posed.name}\n\n")
-    file = BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, lines in (("cameras.txt", lens_lines), ("images.txt", image_lines), ("points3D.txt", [])):
-            # A fixed date, so that the same cameras are the same bytes.
-            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), "".join(lines))
-    return file.getvalue()
+    return zipped(colmap_text_model(cameras))
 
 
 def _json(value: dict[str, Any]) -> bytes:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.running_jobs import RunningJobs
+from fastsplat.service.application.scene_orders import place_order
 from fastsplat.service.application.train_more_orders import train_more_job
 from fastsplat.service.application.version_rows import version_of
 from fastsplat.service.capture.scene_photos import photo_folder
@@ -24,13 +25,8 @@ class FurtherTraining:
     """Orders of one project to train its scenes further."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, project: str) -> None:
-        self._store, self._settings, self._scenes, self._quotas, self._project = (
-            store,
-            settings,
-            scenes,
-            quotas,
-            project,
-        )
+        self._store, self._settings, self._scenes = store, settings, scenes
+        self._quotas, self._project = quotas, project
         self._jobs = RunningJobs(store, settings)
 
     def order(self, scene_id: str, request: TrainMoreIn) -> Operation:
@@ -46,16 +42,15 @@ class FurtherTraining:
         """
         version = self._scenes.version(scene_id, "")
         job = train_more_job(scene_id, version, request, self._project, self._settings)
-        earlier = self._store.scenes.find_request(job.request_id, job.request_digest, self._project)
-        if earlier is not None:
-            return self._jobs.operation(earlier)
-        scene = self._store.scenes.scene(scene_id)
-        versions = [version_of(record, scene.version) for record in self._store.versions.of(scene)]
-        if not any(photo_folder(self._scenes.folder(scene_id, version)).glob("*.jpg")):
-            raise _no_photos()
-        _check_unchanged(scene, version, versions)
-        self._quotas.check_retry(self._project)
-        return self._jobs.operation(self._store.scenes.add_job(job))
+
+        def check() -> None:
+            scene = self._store.scenes.scene(scene_id)
+            versions = [version_of(record, scene.version) for record in self._store.versions.of(scene)]
+            if not any(photo_folder(self._scenes.folder(scene_id, version)).glob("*.jpg")):
+                raise _no_photos()
+            _check_unchanged(scene, version, versions)
+
+        return self._jobs.operation(place_order(job, self._store, self._quotas, check))
 
 
 def _no_photos() -> NotReadyError:

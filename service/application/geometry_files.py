@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.camera_files import transforms
+from fastsplat.service.common.zips import zipped
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.surface_mesh import surface_mesh
 from fastsplat.service.query.surface_points import surface_points
-from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, surface_cameras, surface_views
+from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
 from fastsplat.service.scene.boxes import vertical_axis
-from fastsplat.service.scene.camera_bundle import colmap_model, zipped
+from fastsplat.service.scene.colmap_writing import colmap_model
 from fastsplat.service.scene.mesh_glb import mesh_glb
 from fastsplat.service.scene.point_ply import point_ply, point_rows
 from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, splat_glb
 from fastsplat.service.scene.types import Thing
 from fastsplat_contract.errors import InvalidInputError
+
+ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]
 
 REST = "unassigned"
 """Name of the node of what belongs to no thing."""
@@ -50,7 +53,9 @@ def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
     )
 
 
-def points_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
+def points_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
     """Labelled points on the surfaces, see `point_ply` and `surface_points`.
 
     Args:
@@ -58,6 +63,7 @@ def points_file(index: SceneIndex, name: str, things: Sequence[int], cell: float
         name: of the scene.
         things: only these; empty: all.
         cell: distance between points, scene units; 0: as fine as the views are.
+        views_of: the scene's surfaces as its cameras show them.
 
     Raises:
         NotFoundError: the scene has no thing of one of these ids.
@@ -67,7 +73,7 @@ def points_file(index: SceneIndex, name: str, things: Sequence[int], cell: float
     _check_whole(index, things)
     most = index.settings.max_surface_points
     limit = f"{most} points (FASTSPLAT_QUERY__MAX_SURFACE_POINTS)"
-    samples, width = surface_points(surface_views(index), cell=cell, most=most, limit=limit)
+    samples, width = surface_points(views_of(index), cell=cell, most=most, limit=limit)
     if things:
         samples = samples.where(np.isin(samples.things, list(things)))
     labels = {number: entry.label for number, entry in enumerate(index.scene.dictionary.entries, 1)}
@@ -101,11 +107,13 @@ def splats_file(index: SceneIndex, name: str, things: Sequence[int]) -> bytes:
     )
 
 
-def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
+def mesh_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
     """The surfaces as a GLB of triangles, a node for each thing, see `mesh_glb` and `surface_mesh`.
 
     Args:
-        index, name, things: as for `points_file`.
+        index, name, things, views_of: as for `points_file`.
         cell: width of a voxel, scene units; 0: as fine as the views are.
 
     Raises:
@@ -115,7 +123,7 @@ def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) 
     _check_whole(index, things)
     most = index.settings.max_surface_voxels
     mesh = surface_mesh(
-        surface_views(index),
+        views_of(index),
         cell=cell,
         most_points=index.settings.max_surface_points,
         most_voxels=most,
@@ -128,18 +136,20 @@ def mesh_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) 
     return mesh_glb(seen.points, seen.normals, seen.colors, seen.labels, seen.confidence, mesh.faces, groups, described)
 
 
-def cameras_file(index: SceneIndex, name: str, things: Sequence[int], cell: float) -> bytes:
+def cameras_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
     """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and COLMAP's
     binary model with the same points in `sparse/0/`.
 
     Args:
-        index, name, things, cell: as for `points_file`; the cameras are always all of the scene's.
+        index, name, things, cell, views_of: as for `points_file`; the cameras are always all of the scene's.
 
     Raises:
         NotFoundError, InvalidInputError, LimitExceededError: as `points_file`.
     """
     cameras = index.scene.cameras
-    points = points_file(index, name, things, cell)
+    points = points_file(index, name, things, cell, views_of)
     rows = point_rows(points)
     positions = np.stack([rows[axis] for axis in "xyz"], axis=1)
     colors = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
@@ -198,5 +208,5 @@ def _check_whole(index: SceneIndex, things: Sequence[int]) -> None:
             raise InvalidInputError(
                 f"thing {thing_id} is a part of another one",
                 field=f"things[{number}]",
-                hint="Parts alone are exported as ply or spz.",
+                hint="Parts alone are exported as ply, spz or sog.",
             )

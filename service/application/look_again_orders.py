@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import uuid
 from collections.abc import Sequence
 
+from fastsplat.service.application.scene_orders import order_job
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.things import checked_name
 from fastsplat.service.settings import Settings, StoreSettings
-from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import LOOK_AGAIN, NewJob
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.operations import SceneOptions
 
 
 def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: Settings) -> NewJob:
@@ -38,18 +34,7 @@ def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: 
     check_texts(request.texts, "texts")
     texts = _checked(request.texts, settings.store)
     _check_models(texts, settings)
-    look = LookAgainIn(texts)
-    content = {"scene": scene_id, LOOK_AGAIN: to_plain(look)}
-    return NewJob(
-        scene_id=scene_id,
-        operation_id=uuid.uuid4().hex,
-        name="",
-        request_id=request.request_id,
-        request_digest=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
-        upload_id="",
-        options={**options_to_json(SceneOptions()), LOOK_AGAIN: to_plain(look)},
-        project=project,
-    )
+    return order_job(LOOK_AGAIN, scene_id, request.request_id, to_plain(LookAgainIn(texts)), project)
 
 
 def _checked(texts: Sequence[str], limits: StoreSettings) -> tuple[str, ...]:

@@ -11,13 +11,18 @@ from typing import TYPE_CHECKING, TypeVar
 from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.memory import MemoryBudget
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.embeddings import TextCaches, text_caches
+from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import NotFoundError, NotReadyError, SceneFileError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
+from fastsplat_contract.poses import F64
+from fastsplat_contract.queries import QueryIn
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
+    from fastsplat.service.perception.lexicon import Lexicon
     from fastsplat.service.perception.text import TextEncoder
 
 T = TypeVar("T")
@@ -27,7 +32,8 @@ _COPIES = 2
 
 
 class OpenScenes:
-    """Scenes ready to be asked, and the text encoders, shared by all threads."""
+    """Scenes ready to be asked, the text encoders with their recent embeddings, and the lexicon, shared by all
+    threads."""
 
     def __init__(self, store: Store, settings: Settings, memory: MemoryBudget) -> None:
         self._store = store
@@ -36,11 +42,16 @@ class OpenScenes:
         self._open: LeastRecentlyUsed[tuple[str, str], SceneIndex] = LeastRecentlyUsed(
             settings.calls.scene_memory_bytes
         )
+        self._ranked: LeastRecentlyUsed[tuple[str, str], RankedScene] = LeastRecentlyUsed(
+            settings.calls.ranking_memory_bytes
+        )
         self._encoders: dict[str, TextEncoder] = {}
+        self._lexicons: dict[str, Lexicon] = {}
+        self._caches: dict[str, TextCaches] = {}
         self._encoder_lock = threading.Lock()
 
     def over(self, store: Store) -> OpenScenes:
-        """The same memory and encoders, with the scenes of another view of the store."""
+        """The same memory, encoders and lexicon, with the scenes of another view of the store."""
         other = copy.copy(self)
         other._store = store
         return other
@@ -52,10 +63,12 @@ class OpenScenes:
     def close(self) -> None:
         """Let go of every open scene."""
         self._open.drop(lambda key: True)
+        self._ranked.drop(lambda key: True)
 
     def forget(self, scene_id: str) -> None:
         """Let go of one scene."""
         self._open.drop(lambda key: key[0] == scene_id)
+        self._ranked.drop(lambda key: key[0] == scene_id)
 
     def reading(self, scene_id: str, version: str, use: Callable[[SceneIndex, str], T]) -> T:
         """Call `use` with an open version of a scene, and its name; "" is the current one.
@@ -70,6 +83,23 @@ class OpenScenes:
         folder = self.folder(scene_id, name)
         index = self._open.get((scene_id, name), lambda: _weigh(folder), lambda: self._load(scene_id, name))
         return use(index, name)
+
+    def ranked(self, scene_id: str) -> tuple[str, RankedScene]:
+        """The name of a scene's current version, and what that answers without its Gaussians. It is kept under a memory
+        budget of its own: the version is opened for it with the first question, and may leave before it.
+
+        Raises:
+            NotFoundError, NotReadyError, SceneFileError, LimitExceededError, CancelledError, DeadlineExceededError,
+                CallAgainError: as `reading`.
+        """
+        name = self.version(scene_id, "")
+        made: list[RankedScene] = []
+
+        def weigh() -> int:
+            made.append(self.reading(scene_id, name, lambda index, _: index.ranked))
+            return made[0].nbytes
+
+        return name, self._ranked.get((scene_id, name), weigh, lambda: made[0])
 
     def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
         """Hold a version open that was just written, so that the first question does not read it back."""
@@ -128,7 +158,9 @@ class OpenScenes:
 
     def index_of(self, scene: Scene) -> SceneIndex:
         """A scene, from no folder, ready to be asked; it is not kept."""
-        return SceneIndex(scene, self._encoder(scene.text_encoder[0]), self._settings.query)
+        encoder = self._encoder(scene.text_encoder[0])
+        caches = self._caches_of(encoder)
+        return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
 
     def _encoder(self, name: str) -> TextEncoder:
         from fastsplat.service.perception.text import open_text_encoder
@@ -138,6 +170,21 @@ class OpenScenes:
                 self._encoders[name] = open_text_encoder(name, self._settings.models)
             return self._encoders[name]
 
+    def _caches_of(self, encoder: TextEncoder) -> TextCaches:
+        with self._encoder_lock:
+            if encoder.name not in self._caches:
+                self._caches[encoder.name] = text_caches(encoder, self._settings.query)
+            return self._caches[encoder.name]
+
+    def _lexicon(self) -> Lexicon | None:
+        from fastsplat.service.perception.lexicon import find_lexicon
+
+        name = self._settings.perception.lexicon
+        with self._encoder_lock:
+            if name not in self._lexicons and (opened := find_lexicon(name, self._settings.models)) is not None:
+                self._lexicons[name] = opened
+            return self._lexicons.get(name)
+
 
 def view_of(index: SceneIndex, name: str) -> PosedCamera:
     """One of the scene's own cameras.
@@ -146,6 +193,23 @@ def view_of(index: SceneIndex, name: str) -> PosedCamera:
         NotFoundError: there is none of that name.
     """
     return index.view(name)
+
+
+def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
+    """float64 [4, 4], where who asks stands: world from camera, OpenCV axes; None where the request does not say.
+
+    Raises:
+        InvalidInputError: it says it twice.
+        NotFoundError: the scene has no such view.
+    """
+    if request.asker is not None and request.asker_view is not None:
+        raise InvalidInputError("asker and asker_view at once", field="asker_view", hint="Send one of them.")
+    if request.asker_view is None:
+        return None if request.asker is None else request.asker.matrix()
+    try:
+        return view_of(index, request.asker_view).world_from_camera
+    except NotFoundError as error:
+        raise NotFoundError(error.message, field="asker_view", hint=error.hint) from error
 
 
 def _weigh(folder: Path) -> int:

@@ -47,7 +47,7 @@ class Photos:
         size = check_page_size(page_size, self._settings.store)
         version, names, folder = self._cameras(scene_id, version)
         page, token = page_of(tuple(enumerate(names)), size, page_token, f"photos {scene_id} {version}")
-        sizes = ((name, _size_of(photo_path(folder, number))) for number, name in page)
+        sizes = ((name, size_of(photo_path(folder, number))) for number, name in page)
         return PhotoList(tuple(ScenePhoto(name, size) for name, size in sizes if size), token, version)
 
     def path(self, scene_id: str, view: str, version: str = "") -> tuple[Path, str]:
@@ -175,7 +175,7 @@ def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
     return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
 
 
-def _size_of(path: Path) -> int:
+def size_of(path: Path) -> int:
     """Bytes of a file, 0 if it is not there."""
     try:
         return path.stat().st_size

@@ -103,7 +103,7 @@ def _image(index: SceneIndex, posed: PosedCamera, request: PictureRequest, query
     if request.kind == "depth_picture":
         return _depth_picture(index.depth(posed))
     assert query is not None
-    (answer,) = index.answer(query)
+    (answer,) = index.answer(query, posed.world_from_camera)  # "left of" is as in this picture
     mask2d = index.mask2d(answer, posed)
     if request.kind == "mask":
         return np.asarray(mask2d.mask.astype(np.uint8) * 255)

@@ -72,6 +72,8 @@ def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
                 packed[answer.relevant_ids] = b64encode(gzip.compress(bits, _LEVEL, mtime=0)).decode()
             yield {
                 "verdict": answer.verdict,
+                "relation": answer.relation,
+                "relation_subject": answer.relation_subject,
                 "explanation": answer.explanation,
                 "probability": answer.probability,
                 "objects": [to_plain(thing) for thing in index.objects_of(answer)],

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.project_keys import as_key
-from fastsplat.service.query.calibration import Score, calibration_for
+from fastsplat.service.query.calibration import Score, calibration_for, calibration_key
+from fastsplat.service.query.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.errors import FastSplatError
@@ -119,7 +120,21 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "text_encoder" and ready:
         query = settings.query
         calibrated = _calibrated(name, settings.models, query.score, query.templates, query.negatives)
+    if role == "lexicon" and ready:
+        calibrated = weighed_with_encoder(settings)
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
+
+
+def weighed_with_encoder(settings: Settings) -> bool:
+    """Whether answers weigh what the lexicon of the settings says: whether it was measured with their text encoder,
+    templates and score, and no threshold of cosines is set."""
+    query, perception = settings.query, settings.perception
+    digest = _digest(perception.text_encoder, settings.models)
+    return (
+        digest is not None
+        and weighs_meanings(query)
+        and model_for(calibration_key(perception.text_encoder, digest), perception.lexicon, query.templates) is not None
+    )
 
 
 @cache
@@ -127,10 +142,16 @@ def _calibrated(
     name: str, models: Path, score: Score, templates: Sequence[str], negatives: Sequence[str]
 ) -> bool | None:
     """Whether answers by this encoder have measured probabilities; None if it cannot be opened."""
+    digest = _digest(name, models)
+    return None if digest is None else calibration_for(name, digest, score, templates, negatives) is not None
+
+
+@cache
+def _digest(name: str, models: Path) -> str | None:
+    """The hash of an encoder's weights; None if it cannot be opened."""
     from fastsplat.service.perception.text import open_text_encoder
 
     try:
-        digest = open_text_encoder(name, models).sha256
+        return open_text_encoder(name, models).sha256
     except FastSplatError:
         return None
-    return calibration_for(name, digest, score, templates, negatives) is not None

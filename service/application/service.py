@@ -29,6 +29,7 @@ from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
 from fastsplat.service.application.running_jobs import RunningJobs
 from fastsplat.service.application.scene_exports import Exports
+from fastsplat.service.application.scene_orders import place_order
 from fastsplat.service.application.server_abilities import server_status
 from fastsplat.service.application.stored import label_of, scene_of, summary_of
 from fastsplat.service.application.upload_keys import OneUpload, check_unused
@@ -230,11 +231,7 @@ class SceneService:
         """
         self._scenes.version(scene_id, "")
         job = look_again_job(scene_id, request, self.project, self._settings)
-        earlier = self._store.scenes.find_request(job.request_id, job.request_digest, self.project)
-        if earlier is not None:
-            return self.jobs.operation(earlier)
-        self._quotas.check_retry(self.project)
-        return self.jobs.operation(self._store.scenes.add_job(job))
+        return self.jobs.operation(place_order(job, self._store, self._quotas))
 
     def get_operation(self, operation_id: str) -> Operation:
         """Where a job stands.

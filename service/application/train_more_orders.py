@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import uuid
 from dataclasses import replace
 
-from fastsplat.service.application.validate import check_request_id
+from fastsplat.service.application.scene_orders import order_job
+from fastsplat.service.application.validate import check_request_id, check_seconds
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import TRAIN_MORE, NewJob
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.train_more_messages import TrainMoreIn
 
 
@@ -29,7 +25,9 @@ def train_more_job(scene_id: str, version: str, request: TrainMoreIn, project: s
         settings: limits.
 
     Raises:
-        InvalidInputError: seconds and steps both, more steps than the settings allow, or no such preset.
+        InvalidInputError: seconds and steps both, more steps than the settings allow, seconds that are none, or no such
+            preset.
+        LimitExceededError: more seconds than the settings allow.
     """
     check_request_id(request.request_id)
     if request.seconds is not None and request.steps is not None:
@@ -44,24 +42,9 @@ def train_more_job(scene_id: str, version: str, request: TrainMoreIn, project: s
             limit=f"1 to {limit} (FASTSPLAT_TRAINING__ITERATIONS)",
             hint="Train it further several times.",
         )
-    if request.seconds is not None and not 0 < request.seconds <= _MOST_SECONDS:
-        raise InvalidInputError(
-            f"{request.seconds:g} seconds", field="seconds", limit=f"more than 0, {_MOST_SECONDS:g}"
-        )
+    if request.seconds is not None:
+        check_seconds(request.seconds, "seconds", settings.store)
     if request.preset is not None:
         preset_name(request.preset)
     order = to_plain(replace(request, request_id=""))
-    content = {"scene": scene_id, TRAIN_MORE: order}
-    return NewJob(
-        scene_id=scene_id,
-        operation_id=uuid.uuid4().hex,
-        name="",
-        request_id=request.request_id,
-        request_digest=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
-        upload_id="",
-        options={**options_to_json(SceneOptions()), TRAIN_MORE: {**order, "version": version}},
-        project=project,
-    )
-
-
-_MOST_SECONDS = 86_400.0
+    return order_job(TRAIN_MORE, scene_id, request.request_id, order, project, version=version)

@@ -151,6 +151,25 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
         )
 
 
+def check_seconds(seconds: float, field: str, limits: StoreSettings) -> None:
+    """Raise unless a job may have so long.
+
+    Raises:
+        InvalidInputError: not above 0, or not finite.
+        LimitExceededError: over the server's limit.
+    """
+    if not math.isfinite(seconds) or seconds <= 0:
+        raise InvalidInputError(
+            f"a time budget of {seconds} s", field=field, hint="Give seconds above 0, or leave it out."
+        )
+    if seconds > limits.max_time_budget_s:
+        raise LimitExceededError(
+            f"a time budget of {seconds} s",
+            field=field,
+            limit=f"{limits.max_time_budget_s} s (FASTSPLAT_STORE__MAX_TIME_BUDGET_S)",
+        )
+
+
 def check_request_id(request_id: str) -> None:
     """Raise unless this may name a request; "" names none.
 
@@ -206,16 +225,7 @@ def _check_choices(options: SceneOptions) -> None:
 def _check_budgets(options: SceneOptions, limits: StoreSettings) -> None:
     seconds, gaussians = options.time_budget_s, options.max_gaussians
     if seconds is not None:
-        if not math.isfinite(seconds) or seconds <= 0:
-            raise InvalidInputError(
-                f"a time budget of {seconds} s", field="time_budget_s", hint="Give seconds above 0, or leave it out."
-            )
-        if seconds > limits.max_time_budget_s:
-            raise LimitExceededError(
-                f"a time budget of {seconds} s",
-                field="time_budget_s",
-                limit=f"{limits.max_time_budget_s} s (FASTSPLAT_STORE__MAX_TIME_BUDGET_S)",
-            )
+        check_seconds(seconds, "time_budget_s", limits)
     if gaussians is not None:
         if gaussians < 1:
             raise InvalidInputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.sparse import csr_array  # type: ignore[import-untyped]
+from scipy.sparse import csr_array
 from torch import Tensor
 
 from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, label_sums

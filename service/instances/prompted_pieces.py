@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.instances.prompt_answers import PicturePrompt, matching_mask, prompted_mask
@@ -99,7 +100,7 @@ def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, 
     for other in scene.further(first) if len(first) else ():
         check_cancelled()
         shown = votes.drawn(other)
-        again = matching_mask(segmenter, lambda view=other: scene.embed(view), shown)  # type: ignore[misc]
+        again = matching_mask(segmenter, partial(scene.embed, other), shown)
         if again is not None:
             votes.add(other, again)
     return Piece(np.flatnonzero(votes.settled()), tuple(votes.views))

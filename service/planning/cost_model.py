@@ -161,9 +161,9 @@ def fit_training(
         if rate * left >= enough_steps:
             break
     optimize = max(left, _LEAST_SHARE * time_budget_s)
-    steps = min(settings.iterations, max(1, int(rate * optimize)))
     reduced = reduced.model_copy(update={"time_budget_s": optimize})
-    optimized = min(optimize, settings.iterations / rate)
+    optimized = _optimize_seconds(reduced, rate)
+    steps = min(settings.iterations, max(1, int(rate * optimized)))
     parts = {"spent": spent_s, "load": load, "optimize": optimized, "finish": finish, "tail": tail_s}
     seconds = sum(parts.values())
     return TrainingPlan(reduced, seconds, parts, steps, _tradeoffs(settings, reduced, scene, time_budget_s, seconds))
@@ -171,10 +171,16 @@ def fit_training(
 
 def run_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
     """Seconds that a whole run of `settings` takes on a machine: loading, optimization, measuring and writing."""
-    optimize = settings.iterations / (steps_per_second(settings, scene) * speed.steps)
-    if settings.time_budget_s is not None:
-        optimize = min(optimize, settings.time_budget_s)
+    optimize = _optimize_seconds(settings, steps_per_second(settings, scene) * speed.steps)
     return load_seconds(scene) / speed.serial + optimize + finish_seconds(settings, scene, speed)
+
+
+def _optimize_seconds(settings: TrainingSettings, rate: float) -> float:
+    """Seconds until a run of so many steps a second ends by either of its bounds, see `schedule.run_progress`."""
+    seconds = settings.iterations / rate
+    if settings.time_budget_s is None:
+        return seconds
+    return min(seconds, max(settings.time_budget_s, settings.min_iterations / rate))
 
 
 def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
@@ -182,17 +188,19 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
     return measure_seconds(settings, scene) / speed.steps + write_seconds(settings) / speed.serial
 
 
-def step_seconds(pixels: int, gaussians: int, channels: int) -> float:
+def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
     """One optimization step on the reference machine.
 
-    Fitted to 15 pairs of image size and number of Gaussians of the table-top benchmark, within 20 %: Gaussians are
-    projected and updated, pixels are compared, and what a pixel blends grows with the number of Gaussians to the 0.8.
+    Fitted to 15 pairs of image size and number of Gaussians of the table-top benchmark at degree 1, within 20 %:
+    Gaussians are projected and updated, pixels are compared, and what a pixel blends grows with the number of Gaussians
+    to the 0.8. Harmonics of other degrees: CPU seconds of steps with 20,000 Gaussians at degrees 0 to 3.
 
     Args:
-        pixels: of the image. gaussians: in use. channels: of the code.
+        pixels: of the image. gaussians: in use. channels: of the code. sh_degree: of the color's harmonics.
     """
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
-    return 1e-3 * (1.8 + 1.9e-4 * gaussians + blended * (0.8 + 0.025 * channels))
+    harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)
+    return 1e-3 * (1.8 + (1.9e-4 + harmonics) * gaussians + blended * (0.8 + 0.025 * channels))
 
 
 def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
@@ -206,7 +214,7 @@ def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
         share = (index + 0.5) / _SHARES
         count = planned_count(share, start, settings.max_gaussians, settings.densify_from, settings.full_count_at)
         pixels = width * height * scales[image_level(share, settings)] ** 2
-        rates.append(1 / step_seconds(round(pixels), count, channels))
+        rates.append(1 / step_seconds(round(pixels), count, channels, settings.max_sh_degree))
     return sum(rates) / len(rates)
 
 

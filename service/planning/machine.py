@@ -103,7 +103,7 @@ def _step(backend: Backend) -> Callable[[], None]:
         image = rasterize(splats, viewmat, camera, backend=backend).image
         rgb, rest = torch.split(image, [3, image.shape[2] - 3], dim=2)
         loss = image_loss(rgb, target, 0.2, None) + rest.square().mean()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
 
     return step
 

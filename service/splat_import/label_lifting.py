@@ -174,7 +174,7 @@ def _with_codes(
         ).image
         loss = label_loss(image, parameters, frame.labels, frame.valid, weights)
         optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         for group, rate in zip(optimizer.param_groups, (_CODE_RATE, _HEAD_RATE), strict=True):
             group["lr"] = rate * _FINAL_SHARE**done
         optimizer.step()

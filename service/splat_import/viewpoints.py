@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+from scipy.spatial import cKDTree
 
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles

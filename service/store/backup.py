@@ -35,15 +35,15 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, create_engine, delete, insert, select, text, update
 
-from fastsplat.service.common.atomic import atomic_file, sync_directory, sync_tree
+from fastsplat.service.common.atomic import atomic_file, link_or_copy, sync_directory, sync_tree
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.database import open_engine, resolve_url, transaction
+from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url, transaction
 from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.schema import api_keys, metadata, operations, scene_versions, scenes, workers
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 
-_MANIFEST, _SQLITE, _DUMP, _FILES, _KEY = "backup.json", "fastsplat.sqlite", "postgresql.dump", "files", "key"
+_MANIFEST, _SQLITE, _DUMP, _FILES, _KEY = "backup.json", SQLITE_NAME, "postgresql.dump", "files", "key"
 _FORMAT = 1
 _TRIES = 5
 _ROWS = 200
@@ -274,7 +274,7 @@ def _save_folder(source: Path, target: Path) -> bool:
     remove(partial)
     partial.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
-        shutil.copytree(source, partial, copy_function=_link_or_copy)
+        shutil.copytree(source, partial, copy_function=link_or_copy)
     except (FileNotFoundError, shutil.Error):
         remove(partial)
         if source.is_dir():
@@ -285,15 +285,6 @@ def _save_folder(source: Path, target: Path) -> bool:
         return False
     partial.rename(target)
     return True
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except FileNotFoundError:
-        raise
-    except OSError:  # another disk
-        shutil.copyfile(source, target)
 
 
 def _read_manifest(backup: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from sqlalchemy import URL, create_engine, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fastsplat.service.store.database import resolve_url
+from fastsplat.service.store.database import SQLITE_NAME, resolve_url
 from fastsplat.service.store.migrations import revisions
 from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.reserve import floor_of
@@ -22,7 +22,7 @@ from fastsplat.service.store.schema import operations, scene_versions, scenes
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 
-_DATABASES = ("fastsplat.sqlite", "jobs.sqlite")
+_DATABASES = (SQLITE_NAME, "jobs.sqlite")
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 

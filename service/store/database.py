@@ -29,6 +29,10 @@ _POSTGRES: Mapping[str, Any] = {
 }  # fmt: skip
 
 
+SQLITE_NAME = "fastsplat.sqlite"
+"""Of the database in a data folder, where no URL names another."""
+
+
 def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
     """The database to use: `data_dir/sqlite_name` for an empty URL, else the URL, with psycopg for PostgreSQL.
 

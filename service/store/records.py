@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from fastsplat_contract.operations import OperationKind, OperationState
 from fastsplat_contract.scenes import Scale, SceneState
@@ -15,7 +15,9 @@ DEFAULT_PROJECT = "default"
 SECONDS_LEFT = "job_seconds_left"
 """The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
 
-LOOK_AGAIN, TRAIN_MORE, RESULT = "look_again", "train_more", "result"
+LOOK_AGAIN: Final = "look_again"
+TRAIN_MORE: Final = "train_more"
+RESULT = "result"
 """Keys of `OperationRecord.options` that only jobs on finished scenes have: the order, and what came of it."""
 
 

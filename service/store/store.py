@@ -9,7 +9,7 @@ from pathlib import Path
 from sqlalchemy import Engine
 
 from fastsplat.service.store.blobs import Blobs
-from fastsplat.service.store.database import open_engine, resolve_url
+from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.name_repository import KnownNameRepository
@@ -83,7 +83,7 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
             field="data_dir",
             hint="Mount its disk for writing or mend its owner; or point FASTSPLAT_DATA_DIR at a writable folder.",
         )
-    engine = open_engine(resolve_url(data_dir, database_url, sqlite_name="fastsplat.sqlite"))
+    engine = open_engine(resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME))
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
     reserve = Reserve(data_dir.resolve())
     if engine.dialect.name == "sqlite":

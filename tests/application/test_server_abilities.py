@@ -27,7 +27,7 @@ from tests.scenes import queued_job
     ],
 )
 def test_only_an_address_that_is_known_is_offered(host: str, more: dict[str, object], addresses: object) -> None:
-    assert page_addresses(Settings(host=host, **more)) == addresses  # type: ignore[arg-type]
+    assert page_addresses(Settings(host=host, **more)) == addresses
 
 
 def test_a_server_that_listens_everywhere_offers_its_own_address_or_none() -> None:

@@ -43,7 +43,7 @@ def _photos(folder: Path) -> Path:
 def test_photos_that_models_label_give_things_with_and_without_names(
     settings: Settings, tmp_path: Path, things: str
 ) -> None:
-    used = settings.model_copy(update={"discovery": DiscoverySettings(things=things)})  # type: ignore[arg-type]
+    used = settings.model_copy(update={"discovery": DiscoverySettings(things=things)})
     capture = capture_folder(_photos(tmp_path / "photos"), tmp_path / "capture", used.capture)
     scene = build_scene(capture, used).scene
     if things == "off":
@@ -63,5 +63,5 @@ def test_photos_that_models_label_give_things_with_and_without_names(
     ],
 )  # fmt: skip
 def test_given_label_maps_need_no_models(things: str, given_labels: bool, proposes: bool) -> None:
-    settings = DiscoverySettings(things=things)  # type: ignore[arg-type]
+    settings = DiscoverySettings(things=things)
     assert settings.proposes(given_labels=given_labels) == proposes

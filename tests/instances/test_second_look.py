@@ -87,7 +87,7 @@ def test_an_unsure_text_is_suggested(texts: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("source", ["person", "given"])
 def test_names_of_people_and_label_maps_stay(source: str) -> None:
-    before = Thing(3, "trophy", source, 1.0)  # type: ignore[arg-type]
+    before = Thing(3, "trophy", source, 1.0)
     thing, added = _added(before, {"mug": 1.0})
     assert thing == before and added.named == added.suggested == ()
 
@@ -117,7 +117,7 @@ def test_every_thing_has_one_name_or_suggestions_and_none_twice(
     texts: dict[str, float], name: tuple[str, str | None], suggestions: list[tuple[str, float]]
 ) -> None:
     others = tuple(pair for pair in suggestions if pair[0] != name[0])
-    before = Thing(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)  # type: ignore[arg-type]
+    before = Thing(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)
     thing, added = _added(before, texts)
     keys = [label_key(pair[0]) for pair in thing.suggestions] + ([label_key(thing.name)] if thing.name else [])
     assert len(keys) == len(set(keys))

@@ -13,6 +13,7 @@ from fastsplat.service.planning.cost_model import (
     Speed,
     fit_training,
     measure_seconds,
+    run_seconds,
     step_seconds,
     steps_per_second,
     things_seconds,
@@ -54,7 +55,8 @@ def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(requested, s
     planned = fit_training(requested, scene, budget, speed=speed, spent_s=tail / 2, tail_s=tail)
     assert planned.seconds == pytest.approx(sum(planned.parts.values()))
     assert planned.seconds <= 1.1 * budget or any("time budget itself" in line for line in planned.tradeoffs)
-    assert planned.seconds <= budget * 1.0001 or planned.settings.time_budget_s == pytest.approx(0.1 * budget)
+    least = planned.settings.time_budget_s == pytest.approx(0.1 * budget) or planned.steps <= requested.min_iterations
+    assert planned.seconds <= budget * 1.0001 or least
 
 
 @settings(deadline=None, max_examples=60)
@@ -106,6 +108,18 @@ def test_a_second_is_too_little_and_the_plan_says_so_but_still_trains() -> None:
     assert planned.settings.max_gaussians < 5_000 and planned.settings.max_sh_degree == 0
 
 
+def test_a_plan_counts_on_the_steps_that_no_clock_ends() -> None:
+    """250 steps are trained however slow the machine is, so that the plan has to say what they take."""
+    slow = Speed(0.02, 0.02)
+    planned = fit_training(TrainingSettings(), TABLE, 20.0, speed=slow)
+    optimized = 250 / (0.02 * steps_per_second(planned.settings, TABLE))
+    assert planned.steps == pytest.approx(250, abs=1) and planned.parts["optimize"] == pytest.approx(optimized)
+    assert planned.seconds > optimized > 20 and "the time budget itself" in planned.tradeoffs[-1]
+    assert run_seconds(planned.settings, TABLE, slow) == pytest.approx(planned.seconds)
+    free = fit_training(TrainingSettings(min_iterations=0), TABLE, 20.0, speed=slow)
+    assert free.parts["optimize"] == free.settings.time_budget_s < optimized
+
+
 def test_one_gaussian_and_one_view_can_be_planned() -> None:
     planned = fit_training(TrainingSettings(max_gaussians=1), SceneSize(1, 8, 8, 0, 0), 10.0)
     assert planned.settings.max_gaussians == 1 and planned.seconds <= 10.001
@@ -133,17 +147,24 @@ def test_impossible_budgets_are_refused_by_name(budget: float) -> None:
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.integers(1, 10**7), st.integers(1, 10**7), st.integers(0, 16))
-def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, channels: int) -> None:
-    cost = step_seconds(pixels, gaussians, channels)
-    assert 0 < cost < step_seconds(2 * pixels, gaussians, channels)
-    assert cost < step_seconds(pixels, 2 * gaussians, channels) and cost < step_seconds(pixels, gaussians, channels + 1)
+@given(st.integers(1, 10**7), st.integers(1, 10**7), st.integers(0, 16), st.integers(0, 2))
+def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, channels: int, degree: int) -> None:
+    cost = step_seconds(pixels, gaussians, channels, degree)
+    assert 0 < cost < step_seconds(2 * pixels, gaussians, channels, degree)
+    assert cost < step_seconds(pixels, 2 * gaussians, channels, degree)
+    assert cost < step_seconds(pixels, gaussians, channels + 1, degree)
+    assert cost < step_seconds(pixels, gaussians, channels, degree + 1)
+
+
+def test_harmonics_of_a_higher_degree_leave_time_for_fewer_steps() -> None:
+    rates = [steps_per_second(TrainingSettings(max_sh_degree=degree), TABLE) for degree in range(4)]
+    assert rates == sorted(rates, reverse=True) and len(set(rates)) == 4
 
 
 def test_the_mean_rate_lies_between_the_cheapest_and_the_dearest_step() -> None:
     settings = TrainingSettings()
     rate = steps_per_second(settings, TABLE)
-    assert 1 / step_seconds(480 * 360, 40_000, 8) < rate < 1 / step_seconds(240 * 180, 4_955, 8)
+    assert 1 / step_seconds(480 * 360, 40_000, 8, 3) < rate < 1 / step_seconds(240 * 180, 4_955, 8)
 
 
 def test_the_measured_speed_of_this_machine_is_plausible() -> None:

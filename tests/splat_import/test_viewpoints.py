@@ -102,8 +102,8 @@ def test_a_splat_in_one_place_has_no_bulk() -> None:
 @pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
 def test_up_is_found_in_worlds_of_every_custom(custom: str, tilt_deg: float) -> None:
     rng = np.random.default_rng(len(custom))
-    to_custom, _ = Rotation.align_vectors([axis_vector(custom)], [[0.0, 0, 1]])  # type: ignore[arg-type]
-    axis = np.cross(axis_vector(custom), rng.normal(size=3))  # type: ignore[arg-type]
+    to_custom, _ = Rotation.align_vectors([axis_vector(custom)], [[0.0, 0, 1]])
+    axis = np.cross(axis_vector(custom), rng.normal(size=3))
     tilt = Rotation.from_rotvec(np.radians(tilt_deg) * axis / np.linalg.norm(axis))
     turned = tilt * to_custom
     gaussians = moved(corner(), turned, np.array([3.0, 2.0, -1.0]), 0.7)
@@ -169,7 +169,7 @@ def validated(tmp_path: Path) -> Path:
 def test_pictures_are_a_capture_of_the_splat(validated: Path, tmp_path: Path, up: str | None) -> None:
     settings = SplatImportSettings(pictures=6, picture_side=64)
     heard: list[ProgressEvent] = []
-    capture = render_views(validated, tmp_path / "capture", settings, heard.append, up=up)  # type: ignore[arg-type]
+    capture = render_views(validated, tmp_path / "capture", settings, heard.append, up=up)
     assert capture.report.source == "splat" and capture.report.splat == "corner.ply"
     assert any("estimated" in warning for warning in capture.report.warnings) == (up is None)
     assert len(capture.views) == 6 and len({view.posed.name for view in capture.views}) == 6

@@ -1,0 +1,242 @@
+"""A question to all scenes is answered as each would answer it, from what is kept of them without their Gaussians."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
+from fastsplat.service.application import open_scenes
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
+from fastsplat.service.scene import Parts, Scene, SemanticHead, Thing
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of, posterior
+from fastsplat.service.settings import Settings
+from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.scenes import Edit
+from tests.application.conftest import ENCODER, LABELS
+from tests.scenes import labelled_scene, store_scene
+
+PLAIN = ("mug", "something to drink from", "banana", "a grand piano", "handle")
+PHRASES = (
+    "the mug on the table",
+    "how many mugs are there?",
+    "the red thing",
+    "the largest banana",
+    "the piano on the table",
+    "how many pianos are there?",
+    "the mug next to the blorb",
+)
+
+
+@pytest.fixture
+def settings(settings: Settings, models_dir: Path) -> Settings:
+    return settings.model_copy(update={"models": models_dir})
+
+
+@pytest.fixture(scope="module")
+def encoder(models_dir: Path) -> TextEncoder:
+    return open_text_encoder(ENCODER, models_dir)
+
+
+@pytest.fixture(scope="module")
+def scenes(encoder: TextEncoder) -> dict[str, Scene]:
+    """Labels by codes, by things, with parts, with things that have no name, and none at all."""
+    room = Room()
+    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.7, 0.55, 0.4))
+    room.place("mug", box((0.09, 0.09, 0.1)), (0.2, 0.1, 0.75), 0.2, (0.75, 0.1, 0.1))
+    room.place("mug", box((0.09, 0.09, 0.1)), (1.5, 0, 0), 0.2, (0.1, 0.2, 0.75))
+    made = scene_of(room, 0, drawn_frame(np.random.default_rng(3)))
+    assert made.things is not None
+    one_hot = np.eye(len(made.dictionary) + 1, dtype=np.float32)
+    label_ids = np.array([0, *(made.dictionary.id_of(thing.name) for thing in made.things.table)])
+    owner = posterior(made.things.membership, len(label_ids)).classes
+    made = replace(
+        made,
+        gaussians=replace(made.gaussians, codes=one_hot[label_ids[owner]]),
+        head=SemanticHead(8.0 * one_hot, np.zeros(len(one_hot), np.float32)),
+        label_embeddings=embed_labels(made.dictionary, encoder),
+        text_encoder=(encoder.name, encoder.sha256),
+        label_templates=QuerySettings().templates,
+        quality={"searched_names": 80},
+    )
+    assert made.things is not None
+    first, *others = made.things.table
+    unnamed = replace(made.things, table=(replace(first, suggestions=(("piano", 0.6),), name="", source=None), *others))
+    count = len(made.gaussians)
+    (rows,) = np.nonzero(np.arange(count) % 50 == 7)
+    inside = evidence_of(rows, np.full(len(rows), 9, np.int32), np.full(len(rows), 16 * UNIT, np.int64), count)
+    parts = Parts((Thing(9, "mug", "person", 0.8, parent=1),), inside)
+    labelled = {"encoder": encoder, "templates": QuerySettings().templates}
+    two = labelled_scene([[-0.5, 0, 2], [0.5, 0, 2]], [1, 2], LABELS, **labelled)
+    return {
+        "things": made,
+        "codes": two,
+        "unnamed": replace(made, things=unnamed),
+        "parts": replace(made, things=replace(made.things, parts=parts)),
+        "things beside codes": replace(made, label_mode="codes", things=unnamed),
+        "no labels": labelled_scene([[0, 0, 2]], [0], (), **labelled),
+    }
+
+
+@pytest.fixture
+def stored(service: SceneService, scenes: dict[str, Scene]) -> dict[str, str]:
+    """Their ids, the newest first."""
+    return dict(reversed([(name, store_scene(service._store, scene)) for name, scene in scenes.items()]))
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The scenes whose files are read."""
+    names: list[str] = []
+    read = open_scenes.read_scene
+
+    def reading(folder: Path) -> Scene:
+        names.append(folder.parent.parent.name)
+        return read(folder)
+
+    monkeypatch.setattr(open_scenes, "read_scene", reading)
+    return names
+
+
+def _alone(service: SceneService, stored: dict[str, str], request: QueryRequest) -> tuple[Answer, ...]:
+    """The answers of each scene to a question to it alone, open."""
+    return tuple(answer for one in stored.values() for answer in service.answers.query(replace(request, scene_id=one)))
+
+
+def _close(service: SceneService) -> None:
+    """As when other scenes needed the memory."""
+    service._scenes._open.drop(lambda key: True)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"max_matches": 1, "coverage": 0.5, "negatives": ("stuff",), "templates": ("a {}",)},
+        {"outputs": frozenset({"objects"})},
+        {"outputs": frozenset({"mask3d", "objects"})},
+        {"outputs": frozenset({"mask3d"}), "mask3d_encoding": "runs"},
+        {"outputs": frozenset({"mask3d"}), "mask3d_encoding": "indices"},
+    ],
+)
+def test_all_scenes_answer_as_each_alone(service: SceneService, stored: dict[str, str], more: dict[str, Any]) -> None:
+    request = QueryRequest("", (*PLAIN, *PHRASES), **more)
+    expected = _alone(service, stored, request)
+    assert {answer.verdict for answer in expected} == {"exact", "related", "absent"} or "negatives" in more
+    assert service.answers.query(request) == expected  # from open scenes, and from what is kept of them
+    _close(service)
+    assert service.answers.query(request) == expected
+
+
+@pytest.mark.parametrize("text", ["mug", "a grand piano", "the piano on the table"])
+def test_the_gaussians_of_no_answer_are_an_empty_file(service: SceneService, stored: dict[str, str], text: str) -> None:
+    request = QueryRequest("", (text,), outputs=frozenset({"mask3d"}), mask3d_encoding="ply")
+    assert service.answers.query(request) == _alone(service, stored, request)
+
+
+def test_a_plain_question_reads_no_file_of_a_scene_twice(
+    service: SceneService, stored: dict[str, str], opened: list[str]
+) -> None:
+    request = QueryRequest("", PLAIN)
+    expected = service.answers.query(request)
+    assert opened == list(stored.values())
+    for one in stored.values():
+        artefact = service._store.blobs.version(one, "1") / "artefact"
+        artefact.rename(artefact.with_name("away"))
+    _close(service)
+    out = service.answers.ask(request)
+    assert (out.answers, out.skipped_count) == (expected, 0) and len(opened) == len(stored)
+
+
+def test_what_needs_gaussians_opens_only_scenes_that_answer(
+    service: SceneService, stored: dict[str, str], opened: list[str]
+) -> None:
+    service.answers.query(QueryRequest("", ("mug",)))
+
+    def opens(text: str, *outputs: str) -> set[str]:
+        _close(service)
+        opened.clear()
+        service.answers.query(QueryRequest("", (text,), outputs=frozenset(outputs)))
+        assert len(opened) == len(set(opened))
+        return {name for name, one in stored.items() if one in opened}
+
+    assert opens("banana", "mask3d") == opens("banana", "objects") == {"codes"}
+    assert opens("banana") == opens("a grand piano", "mask3d", "objects") == set()
+    # What is measured is measured where the head of the phrase is named; a scene without things has to look for some.
+    with_things = set(stored) - {"codes", "no labels"}
+    assert opens("the table next to the mug") >= {"things", "parts"}
+    assert not opens("the banana next to the mug") & with_things
+    assert not opens("how many bananas are there?", "mask3d") & with_things
+
+
+def test_a_new_version_and_a_deleted_scene_are_noticed(service: SceneService, stored: dict[str, str]) -> None:
+    request = QueryRequest("", ("mug", "teacup"))
+    before = service.answers.query(request)
+    service.versions.edit(stored["things"], [Edit("name", things=(2,), name="teacup")], looked_at="1")
+    after = service.answers.query(request)
+    assert after == _alone(service, stored, request)
+    changed = {new.scene_id for old, new in zip(before, after, strict=True) if old != new}
+    assert changed == {stored["things"]}
+    service.delete_scene(stored["codes"])
+    assert {answer.scene_id for answer in service.answers.query(request)} == set(stored.values()) - {stored["codes"]}
+    assert all(key[0] != stored["codes"] for key in service._scenes._ranked._slots)
+
+
+def test_what_is_kept_of_a_scene_does_not_grow_with_its_gaussians(
+    scenes: dict[str, Scene], encoder: TextEncoder
+) -> None:
+    few = scenes["codes"]
+    rows = np.arange(5_000) % len(few.gaussians)
+    many = replace(few, gaussians=type(few.gaussians)(**{k: v[rows] for k, v in vars(few.gaussians).items()}))
+    indices = [SceneIndex(scene, encoder) for scene in (few, many)]
+    ranked = [index.ranked for index in indices]
+    assert ranked[0].nbytes == ranked[1].nbytes and len(ranked[1].blank) == 5_000
+    assert all(not any(array.strides) for array in vars(ranked[1].blank).values())  # one number stands for all
+    gone = [weakref.ref(each) for each in (many.gaussians, indices[1])]
+    del many, indices
+    gc.collect()
+    assert [each() for each in gone] == [None, None]
+
+
+def test_with_room_for_one_scene_all_are_answered(
+    settings: Settings, service: SceneService, stored: dict[str, str]
+) -> None:
+    request = QueryRequest("", PLAIN)
+    expected = service.answers.query(request)
+    assert len(service._scenes._ranked) == len(stored) and service._scenes._ranked.bytes < 10e6
+    calls = settings.calls.model_copy(update={"ranking_memory_bytes": 1})
+    with open_service(settings.model_copy(update={"calls": calls})) as small:
+        assert small.answers.query(request) == expected == small.answers.query(request)
+        assert len(small._scenes._ranked) == 1
+
+
+def test_a_second_scene_with_the_same_labels_asks_the_encoder_for_nothing(
+    settings: Settings,
+    lexicon_models_dir: Path,
+    scenes: dict[str, Scene],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with open_service(settings.model_copy(update={"models": lexicon_models_dir})) as service:
+        encoder, texts = service._scenes._encoder(ENCODER), list[str]()
+        encode = encoder.encode
+
+        def counting(names: Any) -> Any:
+            texts.extend(names)
+            return encode(names)
+
+        monkeypatch.setattr(encoder, "encode", counting)
+        request = QueryRequest(store_scene(service._store, scenes["codes"]), PLAIN)
+        answers = service.answers.query(request)
+        assert any(text.startswith("mug: ") for text in texts) and {answer.method for answer in answers} >= {"lexicon"}
+        texts.clear()
+        second = store_scene(service._store, scenes["codes"])
+        again = service.answers.query(replace(request, scene_id=second))
+        assert texts == [] and [replace(answer, scene_id=request.scene_id) for answer in again] == list(answers)
