@@ -1,5 +1,27 @@
 """FAST-Splat scene service: photos of a place in, a 3D scene out that answers, in plain words, where things are.
 
+    scene = fastsplat.train("photos/")
+    scene.ask("something to drink from").explanation
+    scene.show("mug")
+
 In the repository the packages are the folders beside this one (`service/`, `api/`, `workers/`, `cli/`); the links here
 give them the names under which they are installed, so that `service` and `api` stay free for everybody else.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fastsplat.service.library import LocalScene, Picture, open_scene, train
+
+__all__ = ["LocalScene", "Picture", "open_scene", "train"]
+
+
+def __getattr__(name: str) -> Any:
+    """What `__all__` names loads with its first use: a worker or a command is not to wait for all of it."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from fastsplat.service import library
+
+    return getattr(library, name)

@@ -1,0 +1,65 @@
+"""`fastsplat train`, `ask` and `view`: a scene in a folder, without a server."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.serve_command import serve
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.train_more_messages import PresetName
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A folder that fastsplat train has made.")]
+
+
+def train(
+    photos: Annotated[Path, typer.Argument(metavar="PHOTOS", help="A folder of photos, a zip, or a video.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to train into. Default: the photos' name with -scene.")
+    ] = None,
+    labels: Annotated[
+        str, typer.Option(help="Names to look for, separated by commas; by default detectors decide.")
+    ] = "",
+    seconds: Annotated[float | None, typer.Option(help="Time for all that comes after structure from motion.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="draft, balanced or best.")] = None,
+) -> None:
+    """Train a scene into a folder, without a server."""
+    from fastsplat.service import library
+
+    names = tuple(part.strip() for part in labels.split(",") if part.strip())
+    with library.train(photos, out, labels=names, seconds=seconds, preset=preset) as scene:
+        typer.echo(repr(scene))
+
+
+def ask(
+    folder: Folder,
+    texts: Annotated[list[str], typer.Argument(metavar="TEXT...", help="What is looked for, in plain words.")],
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
+) -> None:
+    """Ask the scene of a folder where things are."""
+    from fastsplat.service import library
+
+    if picture is not None and len(texts) != 1:
+        raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
+    with library.open_scene(folder) as scene:
+        for text in texts:
+            answer = scene.ask(text)
+            typer.echo(answer.explanation)
+            for thing in answer.objects or ():
+                unit = "m" if thing.meters else "scene units"
+                x, y, z = thing.centroid
+                typer.echo(f"  thing {thing.thing_id}, {thing.label}, at ({x:.3f}, {y:.3f}, {z:.3f}) {unit}")
+        if picture is not None:
+            scene.show(texts[0]).save(picture)
+
+
+def view(folder: Folder) -> None:
+    """Show the scene of a folder in the browser, on this machine alone, until SIGTERM or SIGINT."""
+    from fastsplat.service import library
+
+    library.open_scene(folder).close()  # says what is wrong before anything starts
+    os.environ["FASTSPLAT_DATA_DIR"] = str(folder.resolve())
+    serve(no_auth=True)

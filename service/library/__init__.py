@@ -1,0 +1,6 @@
+"""Scenes in a notebook or a script, without a server."""
+
+from fastsplat.service.library.local_scene import LocalScene, Picture, open_scene
+from fastsplat.service.library.training_run import train
+
+__all__ = ["LocalScene", "Picture", "open_scene", "train"]

@@ -1,0 +1,196 @@
+"""One scene in a folder, asked in this process: the calls and types of the service, without its servers.
+
+The folder is the data folder of a service: `fastsplat view` shows it in the browser, and `fastsplat serve` with
+FASTSPLAT_DATA_DIR set to it serves it to others. Several processes may have it open.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.store.database import SQLITE_NAME
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import NotFoundError, NotReadyError
+from fastsplat_contract.masks import decode_mask3d
+from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.places import Place
+from fastsplat_contract.queries import Answer, Output, PictureKind, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
+from fastsplat_contract.thing_messages import SceneThing
+
+Viewpoint = str | PosedCamera
+"""The name of one of the scene's own cameras, or a free viewpoint."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture with a sentence; a notebook shows both.
+
+    Attributes:
+        png: a PNG file.
+        sentence: what it shows.
+    """
+
+    png: bytes
+    sentence: str
+
+    def array(self) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3], RGB."""
+        with Image.open(io.BytesIO(self.png)) as image:
+            return np.asarray(image.convert("RGB"))
+
+    def save(self, path: str | Path) -> None:
+        """Write the PNG file."""
+        Path(path).write_bytes(self.png)
+
+    def _repr_png_(self) -> bytes:
+        return self.png
+
+    def __repr__(self) -> str:
+        return f"Picture({self.sentence!r})"
+
+
+class LocalScene:
+    """A trained scene of a folder. A context manager; threads may share it.
+
+    All calls raise the `FastSplatError`s of the service, see `fastsplat_contract.errors`.
+    """
+
+    def __init__(self, service: SceneService, scene_id: str) -> None:
+        self._service = service
+        self.id = scene_id
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self._service.close()
+
+    @property
+    def info(self) -> Scene:
+        """Its cameras, dictionary, quality, scale and what is up, as of now."""
+        return self._service.get_scene(self.id)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the scene's own cameras."""
+        return tuple(posed.name for posed in self.info.cameras)
+
+    def ask(self, text: str, *, viewpoints: Sequence[Viewpoint] = (), **choices: Any) -> Answer:
+        """What answers a text, with things as objects and, for each viewpoint, a 2D mask.
+
+        Args:
+            text: in plain words.
+            viewpoints: where to draw masks, free ones first in the answer.
+            choices: version, negatives, templates, coverage, max_matches, as in `QueryRequest`.
+        """
+        cameras = tuple(each for each in viewpoints if not isinstance(each, str))
+        views = tuple(each for each in viewpoints if isinstance(each, str))
+        outputs: frozenset[Output] = frozenset({"objects", "mask2d"} if viewpoints else {"objects"})
+        (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), cameras, views, outputs, **choices))
+        return answer
+
+    def mask(self, text: str, viewpoint: Viewpoint) -> NDArray[np.bool_]:
+        """bool [H, W]: where a view shows what answers a text."""
+        return self.ask(text, viewpoints=(viewpoint,)).masks[0].array()
+
+    def mask3d(self, text: str) -> NDArray[np.bool_]:
+        """bool [G]: which Gaussians answer a text, by row of the current version."""
+        (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), outputs=frozenset({"mask3d"})))
+        return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
+
+    def things(self) -> tuple[SceneThing, ...]:
+        """Every thing, with or without a name, by id."""
+        things: list[SceneThing] = []
+        token = ""
+        while True:
+            page = self._service.answers.list_things(self.id, page_token=token)
+            things.extend(page.things)
+            if not (token := page.next_page_token):
+                return tuple(things)
+
+    def measure(self, *places: Place | int) -> Measurement:
+        """Where one place is, how large one thing is (by its id), or how far two are from each other."""
+        located = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
+        return self._service.answers.measure(MeasureRequest(self.id, located))
+
+    def name(self, thing: int, name: str) -> SceneVersion:
+        """Give a thing a name, as a new version of the scene."""
+        return self._service.versions.edit(self.id, [Edit("name", things=(thing,), name=name)])
+
+    def image(self, viewpoint: Viewpoint) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3]: the scene from one of its cameras or from a free viewpoint."""
+        return Picture(self._png("rgb", viewpoint), "").array()
+
+    def show(self, text: str = "", viewpoint: Viewpoint = "") -> Picture:
+        """A picture of the scene; of what answers `text`, from the camera that shows it best unless one is named."""
+        cameras = self.info.cameras
+        if not text:
+            chosen = viewpoint or cameras[len(cameras) // 2].name
+            return Picture(self._png("things", chosen), f"{self.info.name}: every thing in a color of its own")
+        answer = self.ask(text)
+        if not viewpoint and answer.verdict != "absent":
+            best = self._service.photos.best_views(self.id, (), text, 1).views
+            viewpoint = best[0].view if best else ""
+        chosen = viewpoint or cameras[len(cameras) // 2].name
+        return Picture(self._png("overlay", chosen, text), answer.explanation)
+
+    def _png(self, kind: PictureKind, viewpoint: Viewpoint, text: str = "") -> bytes:
+        of = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
+        return self._service.answers.picture(PictureRequest(kind=kind, text=text or None, scene_id=self.id, **of))
+
+    def __repr__(self) -> str:
+        info = self.info
+        return f"LocalScene({info.name!r}: {info.gaussians} Gaussians, {info.label_count} labels)"
+
+
+def open_scene(folder: str | Path) -> LocalScene:
+    """The trained scene of a folder.
+
+    Raises:
+        NotFoundError: no scene is in the folder.
+        NotReadyError: its training has not ended, or has failed.
+    """
+    place = Path(folder)
+    if not (place / SQLITE_NAME).is_file():
+        raise NotFoundError(f"there is no scene in {place}", field="folder", hint="Train one: fastsplat train PHOTOS.")
+    service = open_service(folder_settings(place))
+    try:
+        scene = newest_scene(service)
+        if scene is None or scene.state != "READY":
+            raise NotReadyError(f"the scene in {place} has not been trained to its end", field="folder")
+        return LocalScene(service, scene.id)
+    except BaseException:
+        service.close()
+        raise
+
+
+def newest_scene(service: SceneService) -> SceneSummary | None:
+    """The scene of a folder; None for none yet."""
+    return next(iter(service.list_scenes(page_size=1).scenes), None)
+
+
+def folder_settings(folder: Path) -> Settings:
+    """The settings of the environment with everything that is stored in one folder, whatever server they are for."""
+    settings = load_settings()
+    return settings.model_copy(
+        update={
+            "data_dir": folder.resolve(),
+            "database_url": "",
+            "artefacts": type(settings.artefacts).model_construct(),
+        }
+    )

@@ -1,0 +1,166 @@
+"""Photos to a scene in a folder: the job of the service, by one worker of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.common.file_names import is_system_file
+from fastsplat.service.common.process import PARENT_VARIABLE
+from fastsplat.service.library.local_scene import LocalScene, folder_settings, newest_scene
+from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError, ResourceError
+from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.train_more_messages import PresetName
+
+_POLL_S = 0.3
+_STOP_S = 40.0
+_LOG = "worker.log"
+_ELSEWHERE = ("FASTSPLAT_DATABASE_URL", "FASTSPLAT_DATABASE_PASSWORD_FILE", "FASTSPLAT_ARTEFACTS__")
+"""Settings of an environment that has a server: what is trained here stays in its folder."""
+
+
+def train(
+    capture: str | Path,
+    out: str | Path | None = None,
+    *,
+    name: str = "",
+    labels: Sequence[str] = (),
+    seconds: float | None = None,
+    preset: PresetName | None = None,
+    max_gaussians: int | None = None,
+    progress: Callable[[Operation], None] | None = None,
+) -> LocalScene:
+    """Train a scene, and open it.
+
+    Args:
+        capture: a folder of photos (with poses, masks or label maps, see the documentation of captures), a zip, or a
+            video.
+        out: the folder that it is trained into; by default the capture's name with "-scene", beside the working
+            directory's other files. What a training that did not end left there is removed.
+        name: the scene's, for people; by default the capture's.
+        labels: names to look for; by default the configured detectors decide.
+        seconds: time budget of all that comes after structure from motion; by default the preset's.
+        preset: draft, balanced or best.
+        max_gaussians: hard budget.
+        progress: called with the operation whenever it has changed; by default a line a stage is printed.
+
+    Raises:
+        ConflictError: the folder has a trained scene.
+        NotFoundError: there is no such capture.
+        NotReadyError: the job failed; says why.
+        ResourceError: the worker ended; the end of its log is in the message.
+        FastSplatError: what the service has against the photos, typed.
+    """
+    source = Path(capture)
+    if not source.exists():
+        raise NotFoundError(f"there is no {source}", field="capture", hint="Name a folder of photos, a zip or a video.")
+    folder = Path(f"{source.resolve().stem}-scene") if out is None else Path(out)
+    options = SceneOptions(labels=tuple(labels), time_budget_s=seconds, max_gaussians=max_gaussians, preset=preset)
+    service = open_service(folder_settings(folder))
+    try:
+        _make_room(service, folder)
+        operation = _post(service, source, name or source.resolve().stem, options)
+        try:
+            with _worker(folder) as process:
+                operation = _followed(service, operation, process, folder, progress or _ByStage())
+        except BaseException:
+            if not service.get_operation(operation.id).done:
+                service.cancel_operation(operation.id)  # whoever interrupts does not want it to go on later
+            raise
+        if operation.state != "SUCCEEDED":
+            error = operation.error
+            raise NotReadyError(
+                f"the job ended as {operation.state}" + (f": {error.reason}: {error.message}" if error else ""),
+                field="capture",
+                hint=error.details.get("hint", "") if error else "",
+            )
+        return LocalScene(service, operation.scene_id)
+    except BaseException:
+        service.close()
+        raise
+
+
+def _make_room(service: SceneService, folder: Path) -> None:
+    while (scene := newest_scene(service)) is not None:
+        if scene.state == "READY":
+            raise ConflictError(
+                f"{folder} has a trained scene", field="out", hint="Open it with open_scene, or name another folder."
+            )
+        if scene.state == "TRAINING":
+            service.cancel_operation(scene.operation_id)
+        service.delete_scene(scene.id)
+
+
+def _post(service: SceneService, source: Path, name: str, options: SceneOptions) -> Operation:
+    with service.new_upload() as upload:
+        files = [source] if source.is_file() else sorted(path for path in source.rglob("*") if path.is_file())
+        for path in files:
+            own = path.relative_to(source.parent if source.is_file() else source)
+            if not is_system_file(own.parts):
+                with path.open("rb") as stream:
+                    upload.write(own.as_posix(), stream)
+        return service.create_scene(upload, name, "", options)
+
+
+@contextmanager
+def _worker(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker of the folder while the block runs; it ends with this process, however that ends."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(_ELSEWHERE)}
+    environment |= {"FASTSPLAT_DATA_DIR": str(folder.resolve()), PARENT_VARIABLE: str(os.getpid())}
+    with (folder / _LOG).open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "fastsplat.cli.main", "worker"],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _followed(
+    service: SceneService,
+    operation: Operation,
+    process: subprocess.Popen[bytes],
+    folder: Path,
+    progress: Callable[[Operation], None],
+) -> Operation:
+    while not operation.done:
+        if process.poll() is not None:
+            tail = (folder / _LOG).read_text(errors="replace")[-2000:]
+            raise ResourceError(f"the worker ended with {process.returncode}:\n{tail}", field="capture")
+        time.sleep(_POLL_S)
+        earlier, operation = operation, service.get_operation(operation.id)
+        if operation != earlier:
+            progress(operation)
+    return operation
+
+
+class _ByStage:
+    """Prints each tenth of a stage."""
+
+    def __init__(self) -> None:
+        self._last = ""
+
+    def __call__(self, operation: Operation) -> None:
+        if not operation.stages:
+            return
+        stage = operation.stages[-1]
+        step = f"{stage.stage} {int(stage.fraction * 10)}"
+        if step != self._last:
+            self._last = step
+            print(f"{stage.stage:<11}{stage.fraction:>5.0%} {stage.seconds:>6.1f} s  {stage.message}", flush=True)
