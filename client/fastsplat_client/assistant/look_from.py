@@ -1,0 +1,99 @@
+"""A picture for an assistant: of a thing from where it is seen best, or from a free place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat_client.assistant.tools import resolve_scene
+from fastsplat_client.client import Client
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.queries import Tint
+from fastsplat_contract.scenes import Color
+
+_MOST_PIXELS_A_SIDE = 768
+_HIGHLIGHT = Color(1.0, 0.55, 0.0)
+_FREE_ANGLE = np.deg2rad(60.0)
+
+
+def look_from(
+    client: Client,
+    scene: str,
+    thing: int,
+    view: str,
+    position: tuple[float, float, float] | None,
+    target: tuple[float, float, float] | None,
+) -> bytes:
+    """A JPEG of a scene, with `thing` (0 for none) tinted orange.
+
+    Args:
+        client: whom to ask.
+        scene: id or name; "" for the only one.
+        thing: what to show; without a viewpoint it is seen from the camera that shows it best.
+        view: name of one of the scene's own cameras.
+        position, target: instead of `view`, where to stand and what to look at, world frame.
+
+    Raises:
+        InvalidInputError: no viewpoint, two of them, or one that looks nowhere.
+    """
+    shown = client.scene(resolve_scene(client, scene).id)
+    if (position is None) != (target is None) or (view and position is not None):
+        raise InvalidInputError(
+            "a viewpoint is a view's name, or a position with a target",
+            field="view" if view else "position",
+            hint="Send view, or position and target, or a thing alone.",
+        )
+    viewpoint: str | PosedCamera
+    if position is not None and target is not None:
+        viewpoint = look_at(np.array(position), np.array(target), _up(shown.cameras))
+    elif view:
+        viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
+    elif thing:
+        best = client.best_views(shown.id, thing, max_views=1)
+        if not best:
+            raise InvalidInputError(f"no camera of the scene sees thing {thing}", field="thing")
+        viewpoint = _reduced(next((each for each in shown.cameras if each.name == best[0].view), best[0].view))
+    else:
+        viewpoint = _reduced(shown.cameras[0])
+    tints = [Tint((thing,), _HIGHLIGHT, 0.55)] if thing else []
+    return client.picture(shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if thing else 0.0)
+
+
+def look_at(position: NDArray[np.float64], target: NDArray[np.float64], up: NDArray[np.float64]) -> PosedCamera:
+    """A pinhole camera [3] -> [3] of 60° whose picture's up is `up` (unit, world) as nearly as can be.
+
+    Raises:
+        InvalidInputError: not finite, or position and target are one.
+    """
+    forward = target - position
+    length = float(np.linalg.norm(forward))
+    if not np.isfinite(length) or length < 1e-9:
+        raise InvalidInputError("position and target are one place", field="target", hint="Look at some other place.")
+    forward = forward / length
+    # Straight up or down there is no right hand; any axis that is not the direction of view then gives one.
+    helper = up if abs(float(forward @ up)) < 0.999 else np.eye(3)[int(np.argmin(np.abs(forward)))]
+    right = np.cross(forward, helper)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    side = _MOST_PIXELS_A_SIDE
+    focal = side / 2 / float(np.tan(_FREE_ANGLE / 2))
+    return PosedCamera(Camera(side, side * 3 // 4, focal, focal, side / 2, side * 3 / 8), pose)
+
+
+def _up(cameras: tuple[PosedCamera, ...]) -> NDArray[np.float64]:
+    """Unit [3]: what the cameras hold for up, which is right also where nothing says what the vertical is."""
+    total = np.sum([-each.world_from_camera[:3, 1] for each in cameras], axis=0) if cameras else np.zeros(3)
+    length = float(np.linalg.norm(total))
+    return total / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+
+
+def _reduced(viewpoint: str | PosedCamera) -> str | PosedCamera:
+    if isinstance(viewpoint, str):
+        return viewpoint
+    camera = viewpoint.camera
+    factor = min(1.0, _MOST_PIXELS_A_SIDE / max(camera.width, camera.height))
+    size = max(1, round(camera.width * factor)), max(1, round(camera.height * factor))
+    return PosedCamera(camera.scaled_to(*size), viewpoint.world_from_camera)

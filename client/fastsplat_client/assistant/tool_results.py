@@ -1,0 +1,256 @@
+"""What the tools of an assistant return: small, with its units, and readable without knowing the service.
+
+Lengths are in meters where `unit` is "m"; where it is "scene units", nothing is known of their size and no length may
+be said in meters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fastsplat_contract.assessments import Grade
+from fastsplat_contract.operations import OperationState
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.queries import Relation, Verdict
+from fastsplat_contract.thing_messages import ThingKind
+
+Unit = Literal["m", "scene units"]
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class SceneInList:
+    """One scene of the project."""
+
+    id: str
+    name: str
+    state: str
+    labels: int
+    unit: Unit
+
+
+@dataclass(frozen=True)
+class SceneDescription:
+    """What is in a scene, and how far it can be relied on.
+
+    Attributes:
+        grade: good, fair or poor; None where nothing was measured.
+        advice: what would make it better, one sentence each.
+        up: which axis points up, and how that is known.
+        names: names of things, most frequent first, with how many things bear each.
+        unnamed_things: things that nobody and nothing has named: what is not found by name may be one of them.
+        center, size: of the box around all things, world frame.
+    """
+
+    id: str
+    name: str
+    version: str
+    grade: Grade | None
+    advice: list[str]
+    unit: Unit
+    unit_source: str
+    up: str
+    photos: int
+    names: dict[str, int]
+    unnamed_things: int
+    center: Point | None
+    size: Point | None
+
+
+@dataclass(frozen=True)
+class ThingBrief:
+    """One thing of a scene: `center` and `size` (edge lengths of its box) in the world frame, None if it has no box."""
+
+    id: int
+    name: str
+    probability: float
+    kind: ThingKind
+    center: Point | None
+    size: Point | None
+
+
+@dataclass(frozen=True)
+class Things:
+    """Things of a scene; `more` of them were left out."""
+
+    scene: str
+    version: str
+    unit: Unit
+    things: list[ThingBrief]
+    more: int
+
+
+@dataclass(frozen=True)
+class Found:
+    """The answer to one question.
+
+    Attributes:
+        verdict: exact: the thing asked for is here; related: something close is, and `label` says what; absent.
+        relation: what `label` is to the question: same, kind_of or part_of (one of the other), related, absent.
+        probability: that the verdict is right, 0..1; None where nothing says it.
+        label: what the leading thing is called in the scene; "" when absent.
+        explanation: one sentence for people, word for word the service's.
+        alternatives: other labels that answer, best first.
+        things: what answers, of `label` and the alternatives, in this order.
+        unnamed_things: how many things have no name: an absence was said of the named ones alone.
+    """
+
+    scene: str
+    question: str
+    verdict: Verdict
+    relation: Relation
+    probability: float | None
+    label: str
+    explanation: str
+    alternatives: list[str]
+    things: list[ThingBrief]
+    unit: Unit
+    unnamed_things: int
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many things answer a text: `counted` are their ids; None where it cannot be decided, see `explanation`."""
+
+    scene: str
+    question: str
+    verdict: Verdict
+    probability: float | None
+    label: str
+    count: int | None
+    counted: list[int]
+    explanation: str
+    unnamed_things: int
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One measurement behind an answer: it holds with a `clearness` from 1 on, and does not from -1 down."""
+
+    condition: str
+    thing: int
+    compared_with: list[int]
+    measure: str
+    value: float
+    unit: str
+    clearness: float
+
+
+@dataclass(frozen=True)
+class Related:
+    """Which things stand as a question says.
+
+    Attributes:
+        understood: the conditions that were read in it.
+        things: those that fulfill all of them.
+        undecided: ids of things of which it could not be decided.
+        refusal: why nothing is said, as pose_needed or too_close; "" if something is.
+        evidence: the measurements that decided.
+    """
+
+    scene: str
+    question: str
+    understood: list[str]
+    things: list[ThingBrief]
+    undecided: list[int]
+    refusal: str
+    explanation: str
+    evidence: list[Evidence]
+    unit: Unit
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A length and the interval that holds it in 95 % of cases."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class WhereAbouts:
+    """Where one thing is: `center` is within `plus_minus` in 95 % of cases; `sides` are its box's edges."""
+
+    id: int
+    name: str
+    center: Point
+    plus_minus: float
+    sides: list[Interval]
+    seen_best_in: list[str]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where what answers a text is; nothing when absent. `frame` names the coordinates."""
+
+    scene: str
+    question: str
+    verdict: Verdict
+    probability: float | None
+    label: str
+    explanation: str
+    unit: Unit
+    frame: str
+    places: list[WhereAbouts]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measurement: of two things the shortest distance from one to the other's surface, and of their middles; of one
+    thing its box's edges along x, y and z."""
+
+    scene: str
+    unit: Unit
+    distance: Interval | None
+    center_distance: Interval | None
+    sides: list[Interval]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """A name that was given: `version` is the scene's new version, which can be undone."""
+
+    scene: str
+    thing: int
+    name: str
+    version: str
+
+
+@dataclass(frozen=True)
+class NextPhotoPlace:
+    """Where to stand for the next photo: `advice` is for the person with the camera."""
+
+    advice: str
+    near: str
+    position: Point
+
+
+@dataclass(frozen=True)
+class NextPhotos:
+    """At most three places, the most useful first; none where nothing would be gained."""
+
+    scene: str
+    unit: Unit
+    photos: list[NextPhotoPlace]
+
+
+@dataclass(frozen=True)
+class JobStatus:
+    """How far the job that makes or changes a scene is: `seconds_left` None where that is not known."""
+
+    scene: str
+    state: str
+    job: OperationState
+    stage: str
+    fraction: float
+    message: str
+    seconds_left: float | None
+    error: str
+
+
+def point(values: Vector3) -> Point:
+    """The three numbers, to a tenth of a thousandth: more is noise to a reader."""
+    return (round(values.x, 4), round(values.y, 4), round(values.z, 4))

@@ -1,0 +1,351 @@
+"""What an assistant may do, as functions over a `Client`; a scene is named by its id or its name, or left out where the
+project has one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+
+from fastsplat_client.assistant.tool_results import (
+    Count,
+    Evidence,
+    Found,
+    Interval,
+    JobStatus,
+    Measured,
+    Named,
+    NextPhotoPlace,
+    NextPhotos,
+    Point,
+    Related,
+    SceneDescription,
+    SceneInList,
+    ThingBrief,
+    Things,
+    Unit,
+    Where,
+    WhereAbouts,
+    point,
+)
+from fastsplat_client.client import Client
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.measure_messages import Length
+from fastsplat_contract.queries import Answer
+from fastsplat_contract.scenes import Box, Scene, SceneObject, SceneSummary
+from fastsplat_contract.thing_messages import SceneThing
+
+_MOST_PLACES = 5
+_MOST_NAMES = 100
+_MOST_WITNESSES = 20
+
+
+def resolve_scene(client: Client, scene: str) -> SceneSummary:
+    """The scene of that id or name, or, for "", the project's only one that is ready.
+
+    Raises:
+        InvalidInputError: none, or several, fit.
+    """
+    scenes = list(client.scenes())
+    if scene:
+        fitting = [each for each in scenes if each.id == scene]
+        fitting = fitting or [each for each in scenes if each.name.casefold() == scene.casefold()]
+    else:
+        fitting = [each for each in scenes if each.state == "READY"]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = "; ".join(f"{each.id} ({each.name})" for each in (fitting or scenes)[:20])
+    what = f"{len(fitting)} scenes fit {scene!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    raise InvalidInputError(
+        what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
+    )
+
+
+def list_scenes(client: Client) -> list[SceneInList]:
+    """Every scene of the project, newest first."""
+    return [SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in client.scenes()]
+
+
+def describe_scene(client: Client, scene: str) -> SceneDescription:
+    """What is in a scene, its extent and units, and how far it can be relied on."""
+    shown = client.scene(resolve_scene(client, scene).id)
+    things = list(client.things(shown.id, version=shown.version))
+    names = Counter(each.name for each in things if each.name)
+    low, high = _bounds([each.box for each in things if each.box is not None])
+    assessment = shown.assessment
+    return SceneDescription(
+        id=shown.id,
+        name=shown.name,
+        version=shown.version,
+        grade=None if assessment is None else assessment.grade,
+        advice=[] if assessment is None else [f"{each.message} {each.advice}" for each in assessment.findings],
+        unit=_unit(shown),
+        unit_source=_unit_source(shown),
+        up=_up(shown),
+        photos=shown.camera_count,
+        names=dict(names.most_common(_MOST_NAMES)),
+        unnamed_things=sum(not each.name for each in things),
+        center=None if low is None or high is None else _rounded((low + high) / 2),
+        size=None if low is None or high is None else _rounded(high - low),
+    )
+
+
+def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
+    """Things by id; with a name, those that bear it."""
+    shown = resolve_scene(client, scene)
+    bearing = [each for each in client.things(shown.id) if not name or each.name.casefold() == name.casefold()]
+    return Things(
+        shown.id, shown.version, _unit(shown), [_brief(each) for each in bearing[:limit]], max(0, len(bearing) - limit)
+    )
+
+
+def find(client: Client, text: str, scene: str) -> Found:
+    """What answers a text in plain words, or that nothing does."""
+    shown = resolve_scene(client, scene)
+    answer = _ask(client, shown.id, text)
+    labels = [match.label for match in answer.matches if match.relevant]
+    return Found(
+        scene=shown.id,
+        question=text,
+        verdict=answer.verdict,
+        relation=answer.relation,
+        probability=answer.probability,
+        label=labels[0] if labels else "",
+        explanation=answer.explanation,
+        alternatives=labels[1:],
+        things=_briefs(client, answer, answer.things),
+        unit=_unit(shown),
+        unnamed_things=answer.searched.unnamed_things,
+    )
+
+
+def count(client: Client, text: str, scene: str) -> Count:
+    """How many things a text means: by all that it says, or, of a plain name, those of the label that answers."""
+    shown = resolve_scene(client, scene)
+    answer = _ask(client, shown.id, text)
+    if answer.phrase is not None and answer.phrase.refusal is not None and answer.phrase.refusal.reason == "not_named":
+        noun = _ask(client, shown.id, answer.phrase.refusal.part)
+        if noun.verdict == "absent":  # there are none of what is not here, wherever they were to be
+            return Count(
+                shown.id,
+                text,
+                noun.verdict,
+                noun.probability,
+                "",
+                0,
+                [],
+                noun.explanation,
+                noun.searched.unnamed_things,
+            )
+    leading = _leading_objects(answer)
+    counted = [each.thing_id for each in leading]
+    if answer.phrase is not None:
+        counted = list(answer.phrase.things)
+    refused = answer.phrase is not None and answer.phrase.refusal is not None
+    return Count(
+        scene=shown.id,
+        question=text,
+        verdict=answer.verdict,
+        probability=answer.probability,
+        label=leading[0].label if leading else "",
+        count=None if refused else len(counted),
+        counted=[] if refused else counted,
+        explanation=answer.explanation,
+        unnamed_things=answer.searched.unnamed_things,
+    )
+
+
+def relations(client: Client, text: str, scene: str, view: str) -> Related:
+    """Which things stand as a text says, by measurements, or why that cannot be decided.
+
+    Raises:
+        InvalidInputError: the text says nothing but a name.
+    """
+    shown = resolve_scene(client, scene)
+    answer = _ask(client, shown.id, text, asker_view=view or None)
+    phrase = answer.phrase
+    if phrase is None:
+        raise InvalidInputError(
+            f"{text[:80]!r} says nothing of where or how a thing is",
+            field="text",
+            hint='Say more, as "the mug left of the lamp", "the largest book", or use find.',
+        )
+    return Related(
+        scene=shown.id,
+        question=text,
+        understood=list(phrase.conditions),
+        things=_briefs(client, answer, phrase.things),
+        undecided=list(phrase.undecided),
+        refusal="" if phrase.refusal is None else phrase.refusal.reason,
+        explanation=answer.explanation,
+        evidence=[
+            Evidence(
+                each.condition,
+                each.thing,
+                list(each.others),
+                each.measure,
+                round(each.value, 4),
+                each.unit,
+                round(each.clearness, 2),
+            )
+            for each in phrase.witnesses[:_MOST_WITNESSES]
+        ],
+        unit=_unit(shown),
+    )
+
+
+def where_is(client: Client, text: str, scene: str) -> Where:
+    """Where the things of the label that answers a text are, with what is not known of it."""
+    shown = client.scene(resolve_scene(client, scene).id)
+    answer = _ask(client, shown.id, text)
+    leading = _leading_objects(answer)[:_MOST_PLACES]
+    return Where(
+        scene=shown.id,
+        question=text,
+        verdict=answer.verdict,
+        probability=answer.probability,
+        label=leading[0].label if leading else "",
+        explanation=answer.explanation,
+        unit=_unit(shown),
+        frame=_frame(shown),
+        places=[_located(client, answer.scene_id, each, answer.version) for each in leading],
+    )
+
+
+def measure(client: Client, first: int, second: int, scene: str) -> Measured:
+    """The size of a thing (`second` 0), or how far two things are from each other."""
+    shown = resolve_scene(client, scene)
+    measured = client.measure(shown.id, *((first, second) if second else (first,)))
+    unit: Unit = "m" if measured.meters else "scene units"
+    distance, sides = _interval(measured.distance), [_known(each) for each in measured.sides]
+    if distance is not None:
+        sentence = f"From thing {first} to thing {second} it is {_spoken(distance, unit)}."
+    else:
+        sentence = f"The box of thing {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
+    return Measured(shown.id, unit, distance, _interval(measured.center_distance), sides, sentence)
+
+
+def name_thing(client: Client, thing: int, name: str, aliases: list[str], scene: str) -> Named:
+    """A new version of the scene in which a thing has a name."""
+    shown = resolve_scene(client, scene)
+    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=shown.version)
+    return Named(shown.id, thing, name, made.version)
+
+
+def photograph_next(client: Client, scene: str) -> NextPhotos:
+    """Where to stand for the photos that would help a scene most."""
+    shown = resolve_scene(client, scene)
+    places = [
+        NextPhotoPlace(each.advice, each.near, _rounded(each.camera.world_from_camera[:3, 3]))
+        for each in client.next_photos(shown.id)
+    ]
+    return NextPhotos(shown.id, _unit(shown), places)
+
+
+def scene_status(client: Client, scene: str) -> JobStatus:
+    """How far the newest job of a scene is."""
+    shown = resolve_scene(client, scene)
+    jobs = (each for each in client.operations() if each.scene_id == shown.id)
+    job = next(jobs, None) or client.operation(shown.operation_id)
+    stage = job.stages[-1] if job.stages else None
+    return JobStatus(
+        scene=shown.id,
+        state=shown.state,
+        job=job.state,
+        stage=stage.stage if stage else "",
+        fraction=stage.fraction if stage else 0.0,
+        message=stage.message if stage else "",
+        seconds_left=job.seconds_left,
+        error="" if job.error is None else f"{job.error.message} {job.error.details.get('hint', '')}".strip(),
+    )
+
+
+def _ask(client: Client, scene_id: str, text: str, asker_view: str | None = None) -> Answer:
+    (answer,) = client.query(scene_id, text, outputs=["objects"], asker_view=asker_view)
+    return answer
+
+
+def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ThingBrief]:
+    if not ids:
+        return []
+    things = {each.id: each for each in client.things(answer.scene_id, version=answer.version, parts=True)}
+    return [_brief(things[number]) for number in ids if number in things]
+
+
+def _leading_objects(answer: Answer) -> list[SceneObject]:
+    leading = next((match.label_id for match in answer.matches if match.relevant), None)
+    return [each for each in answer.objects or () if each.label_id == leading]
+
+
+def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
+    measured = client.measure(scene_id, each.thing_id, version=version)
+    place = measured.places[0]
+    return WhereAbouts(
+        each.thing_id,
+        each.label,
+        point(place.point),
+        round(place.plus_minus, 4),
+        [_known(side) for side in measured.sides],
+        list(islice(each.best_views, 3)),
+    )
+
+
+def _brief(thing: SceneThing) -> ThingBrief:
+    box = thing.box
+    center, size = (None, None) if box is None else (point(box.center.position), point(box.size))
+    return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size)
+
+
+def _bounds(boxes: list[Box]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """The axis-aligned box around oriented ones."""
+    if not boxes:
+        return None, None
+    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
+    corners = np.concatenate(
+        [(signs * box.size) @ box.center.matrix()[:3, :3].T + box.center.matrix()[:3, 3] for box in boxes]
+    )
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _rounded(values: np.ndarray) -> Point:
+    x, y, z = (round(float(value), 4) for value in values)
+    return (x, y, z)
+
+
+def _unit(scene: SceneSummary) -> Unit:
+    return "m" if scene.scale == "METRIC" else "scene units"
+
+
+def _unit_source(scene: Scene) -> str:
+    if scene.scale == "ARBITRARY":
+        return "nothing says how long a scene unit is; say no length in meters"
+    if scene.scaling is None:
+        return "poses in meters came with the capture"
+    scaling = scene.scaling
+    share = 100 * (scaling.high - scaling.low) / 2 / scaling.meters_per_unit
+    return f"{scaling.source}; lengths are right within {share:.1f} % in 95 % of cases"
+
+
+def _up(scene: Scene) -> str:
+    if scene.vertical is None:
+        return "not known"
+    return f"+z, by {scene.vertical.source}, within {2 * scene.vertical.deviation_deg:.1f} degrees"
+
+
+def _frame(scene: Scene) -> str:
+    named = "" if scene.alignment is None else scene.alignment.frame
+    return f"map frame {named!r}" if named else "the scene's own world frame"
+
+
+def _interval(length: Length | None) -> Interval | None:
+    return None if length is None else _known(length)
+
+
+def _known(length: Length) -> Interval:
+    return Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
+
+
+def _spoken(length: Interval, unit: Unit) -> str:
+    return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"

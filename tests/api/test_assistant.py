@@ -1,0 +1,310 @@
+"""An assistant's tools, driven by the official client: they say what the service says, under the caller's key."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import json
+import sys
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+from mcp import Client as McpClient
+from mcp import StdioServerParameters, stdio_client
+from mcp.client.streamable_http import streamable_http_client
+from mcp_types import CallToolResult, ImageContent, TextContent
+from PIL import Image
+
+from fastsplat_client.assistant.look_from import look_at
+from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
+from tests.api.clients import client_of
+from tests.api.made_scene import add_scene
+from tests.api.served import Faces, rest_refusal
+from tests.api.test_access_matrix import _Place, place
+
+__all__ = ["place"]
+
+_TOOLS = {
+    *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
+    "relations",
+    *("name_thing", "photograph_next", "scene_status"),
+}
+
+Talk = Callable[[McpClient], Coroutine[Any, Any, Any]]
+
+
+def _talk(faces: Faces, talk: Talk, headers: dict[str, str] | None = None) -> Any:
+    """What `talk` returns of a session over HTTP."""
+
+    async def session() -> Any:
+        async with (
+            httpx2.AsyncClient(headers=headers or {}, timeout=60) as http,
+            McpClient(streamable_http_client(f"{faces.rest.base_url}/mcp", http_client=http)) as client,
+        ):
+            return await talk(client)
+
+    return asyncio.run(session())
+
+
+def _call(faces: Faces, tool: str, headers: dict[str, str] | None = None, **arguments: Any) -> CallToolResult:
+    async def talk(client: McpClient) -> CallToolResult:
+        return await client.call_tool(tool, arguments)
+
+    result = _talk(faces, talk, headers)
+    assert isinstance(result, CallToolResult)
+    return result
+
+
+def _said(result: CallToolResult) -> Any:
+    assert not result.is_error, result.content
+    content = result.structured_content
+    assert content is not None
+    return content.get("result", content)
+
+
+def _refusal(result: CallToolResult) -> str:
+    assert result.is_error
+    (text,) = result.content
+    assert isinstance(text, TextContent)
+    return text.text
+
+
+def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces) -> None:
+    async def talk(client: McpClient) -> Any:
+        return (await client.list_tools()).tools, client.instructions
+
+    tools, instructions = _talk(faces, talk)
+    assert {tool.name for tool in tools} == _TOOLS
+    assert "absent" in instructions and "meters" in instructions
+    for tool in tools:
+        assert tool.description and len(tool.description) > 40
+        assert tool.output_schema is not None or tool.name == "look_from"
+        assert all("description" in schema for schema in tool.input_schema["properties"].values()), tool.name
+        assert tool.annotations.read_only_hint is (tool.name != "name_thing")
+        assert "context" not in tool.input_schema["properties"]
+
+
+@pytest.mark.parametrize("text", ["mug", "cup", "elephant", "story book"])
+def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> None:
+    said = _said(_call(faces, "find", text=text, scene=scene_id))
+    with client_of(faces) as client:
+        (answer,) = client.query(scene_id, text, outputs=["objects"])
+    assert (said["verdict"], said["probability"]) == (answer.verdict, answer.probability)
+    assert said["relation"] == answer.relation
+    assert said["explanation"] == answer.explanation and said["scene"] == scene_id
+    assert [each["id"] for each in said["things"]] == list(answer.things)
+    labels = [match.label for match in answer.matches if match.relevant]
+    assert [said["label"], *said["alternatives"]] == (labels or [""])
+    assert said["unnamed_things"] == answer.searched.unnamed_things
+
+
+def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:
+    where = _said(_call(faces, "where_is", text="mug", scene=scene_id))
+    (mug,) = where["places"]
+    assert where["unit"] == "m" and np.allclose(mug["center"], (-0.8, 0, 4), atol=0.2)
+    assert all(side["low"] <= side["value"] <= side["high"] for side in mug["sides"]) and mug["plus_minus"] > 0
+    assert mug["seen_best_in"]
+    ball = _said(_call(faces, "where_is", text="ball", scene=scene_id))["places"][0]
+    measured = _said(_call(faces, "measure", first=mug["id"], second=ball["id"], scene=scene_id))
+    between = np.linalg.norm(np.subtract(mug["center"], ball["center"]))
+    assert measured["center_distance"]["value"] == pytest.approx(between, rel=0.02)
+    assert f"{measured['distance']['value']:g} m" in measured["sentence"]
+    nothing = _said(_call(faces, "where_is", text="volcano", scene=scene_id))
+    assert nothing["verdict"] == "absent" and nothing["places"] == []
+
+
+def test_a_count_is_of_the_leading_label(faces: Faces, scene_id: str) -> None:
+    one = _said(_call(faces, "count", text="mug", scene=scene_id))
+    assert one["count"] == len(one["counted"]) == 1 and one["label"] == "mug"
+    assert _said(_call(faces, "count", text="submarine", scene=scene_id))["count"] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "view", "things", "refusal"),
+    [
+        ("the thing left of the ball", "front.png", ["mug"], ""),
+        ("the thing left of the ball", "", [], "pose_needed"),
+        ("the red mug", "", ["mug"], ""),
+        ("the blue mug", "", [], ""),
+    ],
+)
+def test_relations_come_with_what_decided_them(
+    faces: Faces, scene_id: str, text: str, view: str, things: list[str], refusal: str
+) -> None:
+    said = _said(_call(faces, "relations", text=text, view=view, scene=scene_id))
+    assert said["refusal"] == refusal and said["understood"]
+    assert refusal or [each["name"] for each in said["things"]] == things
+    assert refusal or any(each["clearness"] >= 1 for each in said["evidence"]) == bool(things)
+    with client_of(faces) as client:
+        (answer,) = client.query(scene_id, text, asker_view=view or None)
+    assert said["explanation"] == answer.explanation
+
+
+def test_a_relation_must_be_asked_for(faces: Faces, scene_id: str) -> None:
+    assert "says nothing of where" in _refusal(_call(faces, "relations", text="mug", scene=scene_id))
+
+
+def test_a_count_is_by_all_that_is_said_or_none(faces: Faces, scene_id: str) -> None:
+    red = _said(_call(faces, "count", text="how many things are red?", scene=scene_id))
+    assert (red["count"], len(red["counted"])) == (1, 1)
+    refused = _said(_call(faces, "count", text="the thing left of the ball", scene=scene_id))
+    assert refused["count"] is None and refused["counted"] == [] and "decided" in refused["explanation"]
+
+
+def test_there_are_none_of_what_is_absent(faces: Faces, scene_id: str) -> None:
+    none = _said(_call(faces, "count", text="how many submarines are there?", scene=scene_id))
+    assert (none["verdict"], none["count"], none["counted"]) == ("absent", 0, [])
+    with client_of(faces) as client:
+        (answer,) = client.query(scene_id, "submarines")
+    assert none["explanation"] == answer.explanation and none["probability"] == answer.probability
+
+
+def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str) -> None:
+    described = _said(_call(faces, "describe_scene", scene=scene_id))
+    assert described["names"] == {"mug": 1, "ball": 1, "story book": 1} and described["unit"] == "m"
+    low = np.subtract(described["center"], np.divide(described["size"], 2))
+    high = np.add(described["center"], np.divide(described["size"], 2))
+    listed = _said(_call(faces, "list_things", scene=scene_id))
+    for thing in listed["things"]:
+        assert (low <= thing["center"]).all() and (thing["center"] <= high).all()
+    few = _said(_call(faces, "list_things", scene=scene_id, limit=1))
+    assert len(few["things"]) == 1 and few["more"] == len(listed["things"]) - 1
+    assert [each["name"] for each in _said(_call(faces, "list_things", scene=scene_id, name="Ball"))["things"]] == [
+        "ball"
+    ]
+
+
+@pytest.mark.parametrize(
+    "viewpoint", [{"thing": 1}, {"view": "front.png"}, {"position": (0, 0, 1), "target": (0, 0, 4)}, {}]
+)
+def test_a_picture_comes_as_a_picture(faces: Faces, scene_id: str, viewpoint: dict[str, Any]) -> None:
+    result = _call(faces, "look_from", scene=scene_id, **viewpoint)
+    assert not result.is_error, result.content
+    (content,) = result.content
+    assert isinstance(content, ImageContent) and content.mime_type == "image/jpeg"
+    with Image.open(io.BytesIO(base64.b64decode(content.data))) as picture:
+        assert max(picture.size) <= 768 and np.asarray(picture).std() > 1
+
+
+@pytest.mark.parametrize(
+    "viewpoint", [{"view": "front.png", "position": (0, 0, 0), "target": (0, 0, 1)}, {"position": (0, 0, 0)}]
+)
+def test_two_viewpoints_and_half_of_one_are_refused(faces: Faces, scene_id: str, viewpoint: dict[str, Any]) -> None:
+    assert "a viewpoint is" in _refusal(_call(faces, "look_from", scene=scene_id, **viewpoint))
+
+
+def test_a_free_viewpoint_looks_at_its_target_with_up_up() -> None:
+    rng = np.random.default_rng(0)
+    for up in (*rng.normal(size=(20, 3)), np.array([0.0, 0.0, 1.0])):
+        unit = up / np.linalg.norm(up)
+        position, target = rng.normal(size=(2, 3))
+        pose = look_at(position, target, unit).world_from_camera
+        seen = np.linalg.inv(pose) @ [*target, 1.0]
+        assert np.allclose(seen[:2], 0, atol=1e-9) and seen[2] > 0
+        assert -pose[:3, 1] @ unit >= -1e-9 and abs(pose[:3, 0] @ unit) < 1e-9
+    straight = look_at(np.zeros(3), np.array([0.0, 0.0, -2.0]), np.array([0.0, 0.0, 1.0])).world_from_camera
+    assert np.allclose(straight[:3, :3].T @ straight[:3, :3], np.eye(3))
+    with pytest.raises(InvalidInputError, match="one place"):
+        look_at(np.ones(3), np.ones(3), np.array([0.0, 0.0, 1.0]))
+
+
+def test_a_name_is_given_and_found(place: _Place) -> None:
+    scene_id = add_scene(place.service, place.settings, "to be named")
+    editor = {"X-Api-Key": place.keys["editor"]}
+    thing = _said(_call(place.faces, "find", editor, text="ball", scene="To Be Named"))["things"][0]["id"]
+    named = _said(_call(place.faces, "name_thing", editor, thing=thing, name="beaker", scene=scene_id))
+    assert place.service.get_scene(scene_id).version == named["version"]
+    found = _said(_call(place.faces, "find", editor, text="beaker", scene=scene_id))
+    assert found["verdict"] == "exact" and [each["id"] for each in found["things"]] == [thing]
+
+
+def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(place: _Place) -> None:
+    scene_id = add_scene(place.service, place.settings, "kept")
+    before = place.service.get_scene(scene_id).version
+    refusal = _refusal(_call(place.faces, "name_thing", place.header("reader"), thing=1, name="moon", scene=scene_id))
+    with client_of(place.faces, key=place.keys["reader"]) as reader, pytest.raises(PermissionDeniedError) as raised:
+        reader.name_things(scene_id, 1, "moon")
+    assert refusal.startswith("Error executing tool name_thing: PERMISSION_DENIED: " + raised.value.message)
+    assert raised.value.hint in refusal
+    assert place.service.get_scene(scene_id).version == before
+    stranger = _refusal(_call(place.faces, "find", place.header("stranger"), text="mug", scene=scene_id))
+    assert "0 scenes fit" in stranger and "kept" not in stranger
+
+
+def test_a_link_to_one_scene_shows_an_assistant_that_scene(place: _Place) -> None:
+    scene_id = add_scene(place.service, place.settings, "shown")
+    with client_of(place.faces, key=place.keys["admin"]) as admin:
+        link = {"Authorization": f"Bearer {admin.keys.share(scene_id, 'for an assistant', 3600.0).secret}"}
+    assert [each["id"] for each in _said(_call(place.faces, "list_scenes", link))] == [scene_id]
+    assert _said(_call(place.faces, "find", link, text="mug"))["scene"] == scene_id
+
+
+@pytest.mark.parametrize("caller", ["none", "revoked", "uploader"])
+def test_who_may_not_read_does_not_come_in(place: _Place, caller: str) -> None:
+    body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": {}}
+    response = place.faces.rest.post("/mcp", json=body, headers=place.header(caller))
+    assert rest_refusal(response).code in (401, 403)
+
+
+def test_several_scenes_need_a_name(place: _Place) -> None:
+    ids = [add_scene(place.service, place.settings, "twin") for _ in range(2)]
+    header = place.header("reader")
+    refusal = _refusal(_call(place.faces, "find", header, text="mug", scene="twin"))
+    assert "2 scenes fit 'twin'" in refusal and all(each in refusal for each in ids)
+    assert "none was named" in _refusal(_call(place.faces, "find", header, text="mug"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {},
+        {"text": ""},
+        {"text": "x" * 100_000},
+        {"text": "mug", "scene": "\x00"},
+        {"text": 7},
+        {"text": "mug", "scene": []},
+    ],
+)
+def test_a_bad_argument_is_refused_and_named(faces: Faces, scene_id: str, arguments: dict[str, Any]) -> None:
+    assert _refusal(_call(faces, "find", **{"scene": scene_id, **arguments}))
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b'{"jsonrpc": "2.0"}', b"x" * 2**20, b"\xff"])
+def test_a_broken_request_is_refused(faces: Faces, content: bytes) -> None:
+    headers = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
+    assert 400 <= faces.rest.post("/mcp", content=content, headers=headers).status_code < 500
+    assert faces.rest.get("/livez").status_code == 200
+
+
+def test_standard_input_and_output_serve_the_same_tools(faces: Faces, scene_id: str) -> None:
+    command = ["-m", "fastsplat.cli.main", "mcp", "--server", str(faces.rest.base_url)]
+
+    async def talk() -> Any:
+        async with McpClient(stdio_client(StdioServerParameters(command=sys.executable, args=command))) as client:
+            tools = {tool.name for tool in (await client.list_tools()).tools}
+            return tools, await client.call_tool("find", {"text": "cup", "scene": scene_id})
+
+    tools, result = asyncio.run(talk())
+    over_http = _call(faces, "find", text="cup", scene=scene_id)
+    assert tools == _TOOLS and json.dumps(_said(result)) == json.dumps(_said(over_http))
+
+
+def test_a_status_says_how_far_a_job_is(faces: Faces, own: str) -> None:
+    status = _said(_call(faces, "scene_status", scene=own))
+    assert (status["state"], status["job"], status["stage"], status["fraction"]) == (
+        "READY",
+        "SUCCEEDED",
+        "training",
+        1.0,
+    )
+
+
+def test_where_to_stand_next_is_what_rest_says(faces: Faces, scene_id: str) -> None:
+    said = _said(_call(faces, "photograph_next", scene=scene_id))
+    with client_of(faces) as client:
+        places = client.next_photos(scene_id)
+    assert [each["advice"] for each in said["photos"]] == [each.advice for each in places]
