@@ -1,13 +1,16 @@
-"""What every committed measurement says of itself: command, machine, commit, date, and the load around it."""
+"""What every committed measurement says of itself: command, settings and what they were chosen on, machine, commit,
+date, seconds, and the load around it."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,6 +20,25 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 
+MADE_FAST_HERE = "the program was made fast by this very benchmark; other settings are the defaults"
+NOT_CHOSEN = "nothing was chosen on it; settings are the defaults"
+
+_BEFORE = "before there was a validation split"
+_CHOSEN_ON = {
+    "tabletop": f"learning rates, presets, planner, label codes and rules of objects: on its test views, {_BEFORE}; "
+    "depth and exposure: on views of its training split",
+    "sample": f"learning rates, presets, planner and rules of discovery: on its test views, {_BEFORE}",
+    "plush": "rules of discovery: on its photos, which have no truth",
+}
+
+
+def chosen_on(data: str, split: str) -> str:
+    """What the defaults were chosen on, as far as it concerns figures of `data` ("tabletop", "sample", ...); of a
+    validation run, that its figures are there to choose by."""
+    if split == "validation":
+        return "these are validation views: their figures are there to choose by, and promise nothing"
+    return _CHOSEN_ON.get(data, NOT_CHOSEN)
+
 
 @dataclass(frozen=True)
 class Start:
@@ -25,24 +47,38 @@ class Start:
     Attributes:
         load: the machine's load average over the last minute.
         date: UTC, ISO 8601.
+        clock: of `time.monotonic`.
     """
 
     load: float
     date: str
+    clock: float
 
 
 def begin() -> Start:
     """Now; call it before anything is measured."""
-    return Start(os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"))
+    return Start(os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic())
 
 
-def provenance(start: Start) -> dict[str, Any]:
-    """command, machine, commit, date, load_before and load_after of what was measured since `start`."""
+def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace, chosen_on: str) -> dict[str, Any]:
+    """command, settings, chosen_on, machine, commit, date, seconds, load_before and load_after of what was measured
+    since `start`.
+
+    Args:
+        start: see `begin`.
+        settings: what was measured with: the script's options, or the settings themselves. Paths are cut to their last
+            part.
+        chosen_on: what the settings were chosen on, see `benchmarks.splits`.
+    """
+    named = vars(settings) if isinstance(settings, argparse.Namespace) else settings
     return {
         "command": command(),
+        "settings": {name: _plain(value) for name, value in named.items()},
+        "chosen_on": chosen_on,
         "machine": machine(),
         "commit": commit(),
         "date": start.date,
+        "seconds": round(time.monotonic() - start.clock, 1),
         "load_before": round(start.load, 2),
         "load_after": round(os.getloadavg()[0], 2),
     }
@@ -54,6 +90,16 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     part = path.with_suffix(".part")
     part.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
     part.replace(path)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
 
 
 def command() -> str:

@@ -18,7 +18,7 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from benchmarks.page.measured_visit import Visited, opened, visit
-from benchmarks.provenance import RESULTS, ROOT, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, ROOT, begin, provenance, write_json
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.settings import Settings
@@ -51,7 +51,7 @@ def main() -> None:
             store = open_store(made.data_dir, made.database_url)
             add_scene(store, room(arguments.gaussians, models))
             rows += _rows("made", made, "teddy bear", arguments.seconds)
-    write_json(arguments.out, {**provenance(start), "rows": rows})
+    write_json(arguments.out, {**provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE), "rows": rows})
 
 
 def _rows(name: str, settings: Settings, text: str, seconds: float) -> list[dict[str, Any]]:

@@ -81,7 +81,7 @@ def visit(browser: Browser, url: str, key: str, scene_id: str, text: str, second
         text: a question that the scene answers.
         seconds: how long to orbit.
     """
-    context = browser.new_context(viewport=_SIDES, reduced_motion="reduce")  # type: ignore[arg-type]
+    context = browser.new_context(viewport=_SIDES, reduced_motion="reduce")
     try:
         page = context.new_page()
         page.set_default_timeout(_PATIENCE_MS)

@@ -59,7 +59,7 @@ def _screen(url: str, key: str, text: str) -> bytes:
     with Client(url, key=key) as client:
         scene = next(iter(client.scenes()))
     with sync_playwright() as playwright, opened(playwright, webgl=True) as browser:
-        page = browser.new_page(viewport=_WINDOW, reduced_motion="reduce")  # type: ignore[arg-type]
+        page = browser.new_page(viewport=_WINDOW, reduced_motion="reduce")
         page.add_init_script(f"localStorage.setItem('fastsplat-key', {json.dumps(key)})")
         # From the scene's first camera: with the question in the address, nothing flies.
         page.goto(f"{url}/#/scenes/{scene.id}?q={text}")

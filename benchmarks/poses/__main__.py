@@ -43,7 +43,18 @@ def main() -> None:
             rows = [other for other in rows if _key(other) != _key(row)] + [row]
             rows.sort(key=_key)
             note = "seconds are of a machine busy with other work: CPU seconds count, wall seconds do not"
-            write_json(options.out, {**provenance(start), "note": note, "rows": rows})
+            write_json(
+                options.out,
+                {
+                    **provenance(
+                        start,
+                        settings=options,
+                        chosen_on="rules of pairs and models: on some of these sets, see docs/poses.md",
+                    ),
+                    "note": note,
+                    "rows": rows,
+                },
+            )
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import ReconstructionError
 
 _SEED = 0
@@ -105,17 +106,14 @@ def _measured(
 
 
 def pose_error(poses: Mapping[str, NDArray[np.float64]], truth: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
-    """Errors after the best similarity of the centers (Umeyama, "Least-squares estimation of transformation
-    parameters", PAMI 1991): of centers as a share of how far the true ones are spread, of rotations in degrees.
-    """
+    """Errors after the best similarity of the centers: of centers as a share of how far the true ones are spread, of
+    rotations in degrees."""
     names = sorted(poses)
     a, b = (np.array([some[name] for name in names]) for some in (poses, truth))
-    near, far = (some[:, :3, 3] - some[:, :3, 3].mean(axis=0) for some in (a, b))
-    u, d, vt = np.linalg.svd(far.T @ near)
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation, scale = u @ sign @ vt, (d * np.diag(sign)).sum() / (near**2).sum()
-    centers = np.linalg.norm(scale * near @ rotation.T - far, axis=1) / np.linalg.norm(np.ptp(far, axis=0))
-    turns = np.einsum("nij,nik->njk", rotation @ a[:, :3, :3], b[:, :3, :3])
+    near, far = a[:, :3, 3], b[:, :3, 3]
+    fit = fit_similarity(near, far)
+    centers = np.linalg.norm(fit.points(near) - far, axis=1) / np.linalg.norm(np.ptp(far, axis=0))
+    turns = np.einsum("nij,nik->njk", fit.rotation @ a[:, :3, :3], b[:, :3, :3])
     angles = np.degrees(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))
     return {
         "center_median": round(float(np.median(centers)), 5),

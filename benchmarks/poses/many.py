@@ -37,7 +37,17 @@ def main() -> None:
         print(json.dumps(row), flush=True)
         rows = [other for other in rows if _key(other) != _key(row)] + [row]
         rows.sort(key=_key)
-        write_json(options.out, {**provenance(start), "rows": rows})
+        write_json(
+            options.out,
+            {
+                **provenance(
+                    start,
+                    settings=options,
+                    chosen_on="rules of pairs and models: on some of these sets, see docs/poses.md",
+                ),
+                "rows": rows,
+            },
+        )
 
 
 def _measure(count: int, global_images: int) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.query.labelled_garden import labelled_garden
 from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.text import open_text_encoder
@@ -77,7 +77,12 @@ def main() -> None:
     if arguments.large:
         _slow_rows(row, labelled_garden(1_000_000, 20, encoder), 1)
     scene = "made, of garden's statistics" if garden_file() is None else "garden"
-    report = {**provenance(start), "scene": scene, "coverage": QuerySettings().coverage, "rows": rows}
+    report = {
+        **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
+        "scene": scene,
+        "coverage": QuerySettings().coverage,
+        "rows": rows,
+    }
     write_json(arguments.out, report)
 
 

@@ -3,9 +3,10 @@
     python -m benchmarks.query.tabletop DATA --scene ARTEFACT [--out FILE]
 
 DATA is laid out like the tabletop: `transforms.json` with `labels`, `mask_path` and `depth_path`. A label's truth is
-the surface that the images show, every patch of 3 mm once. ARTEFACT is a scene's folder as the service stores it.
-Writes benchmarks/results/objects_NAME.json: by label how many objects there are (every label is one thing), and how far
-the largest one's centroid, box centre and box edges are off, in metres.
+the surface that the images show, every patch of 3 mm once; rules of objects are chosen without the images of the test
+views (the default), `--split test` takes all. ARTEFACT is a scene's folder as the service stores it. Writes
+benchmarks/results/objects_NAME.json: by label how many objects there are (every label is one thing), and how far the
+largest one's centroid, box centre and box edges are off, in metres.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import begin, chosen_on, provenance, write_json
+from benchmarks.splits import Split, add_split, results_file
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
@@ -36,15 +38,18 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, required=True, help="artefact folder")
     parser.add_argument("--background", nargs="*", default=["table", "floor", "wall"], help="labels that are no things")
     parser.add_argument("--out", type=Path)
+    add_split(parser)
     arguments = parser.parse_args()
     start = begin()
-    report = measure(read_scene(arguments.scene), arguments.data, set(arguments.background))
-    report = {**provenance(start), **report}
-    write_json(arguments.out or RESULTS / f"objects_{arguments.data.resolve().name}.json", report)
+    report = measure(read_scene(arguments.scene), arguments.data, set(arguments.background), arguments.split)
+    name = arguments.data.resolve().name
+    about = provenance(start, settings=arguments, chosen_on=chosen_on(name, arguments.split))
+    report = {**about, **report}
+    write_json(arguments.out or results_file(f"objects_{name}", arguments.split), report)
     print(json.dumps(report, indent=1))
 
 
-def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
+def measure(scene: Scene, data: Path, background: set[str], split: Split) -> dict[str, Any]:
     """The report; labels of the scene are looked up by name."""
     start, field = time.process_time(), label_gaussians(scene)
     find_objects(scene, field)  # libraries load
@@ -53,7 +58,7 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
     seconds = time.process_time() - start
     up = vertical_axis(scene.cameras)
     rows: dict[str, Any] = {}
-    for label, points in _surfaces(data).items():
+    for label, points in _surfaces(data, split).items():
         if label in background:
             continue
         label_id = scene.dictionary.id_of(label)
@@ -82,12 +87,15 @@ def measure(scene: Scene, data: Path, background: set[str]) -> dict[str, Any]:
     }
 
 
-def _surfaces(data: Path) -> dict[str, np.ndarray]:
-    """By label float64 [K, 3], the seen surface in world coordinates."""
+def _surfaces(data: Path, split: Split) -> dict[str, np.ndarray]:
+    """By label float64 [K, 3], the surface in world coordinates that all images show, or without the test views."""
     document = json.loads((data / "transforms.json").read_text())
+    unseen = {str(name) for name in document.get("split", {}).get("test", ())} if split == "validation" else set()
     fx, fy, cx, cy = (document[key] for key in ("fl_x", "fl_y", "cx", "cy"))
     parts: dict[int, list[np.ndarray]] = {}
     for frame in document["frames"]:
+        if Path(frame["file_path"]).stem in unseen:
+            continue
         pose = np.array(frame["transform_matrix"], np.float64)
         pose[:3, 1:3] *= -1  # OpenGL's axes to OpenCV's
         ids = np.asarray(Image.open(data / frame["mask_path"]))

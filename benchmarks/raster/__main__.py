@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.raster.garden import garden, garden_file
 from benchmarks.raster.product_step import step_row
 from benchmarks.raster.raster_rows import Row, label_row, raster_row
@@ -75,7 +75,15 @@ def main() -> None:
         for row in json.loads(arguments.peers.read_text()):
             rows.append(row)
             print(_line(row))
-    write_json(arguments.out, {**provenance(start), "scene": source, "threads": threads, "rows": rows})
+    write_json(
+        arguments.out,
+        {
+            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
+            "scene": source,
+            "threads": threads,
+            "rows": rows,
+        },
+    )
 
 
 _COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms label_map_ms".split()

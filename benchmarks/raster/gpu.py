@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.splatting.losses import image_loss
@@ -51,7 +51,14 @@ def main() -> None:
         raise SystemExit(f"{error}; nothing was measured.") from error
     start = begin()
     report = measure(device, arguments.gaussians, arguments.rounds)
-    write_json(arguments.out, {**provenance(start), "gpu": torch.cuda.get_device_name(), **report})
+    write_json(
+        arguments.out,
+        {
+            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
+            "gpu": torch.cuda.get_device_name(),
+            **report,
+        },
+    )
 
 
 def measure(device: torch.device, count: int, rounds: int, sizes: tuple[tuple[int, int], ...] = ()) -> dict[str, Any]:

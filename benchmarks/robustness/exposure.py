@@ -1,12 +1,12 @@
 """Measures what photos of different exposure and white balance cost, and what correcting them brings back.
 
-    python -m benchmarks.robustness.exposure [--steps 800] [--validate] [--set NAME=JSON ...] [--out benchmarks/results]
+    python -m benchmarks.robustness.exposure [--split test] [--steps 800] [--set NAME=JSON ...] [--out FOLDER]
 
 The training photos of tabletop (FASTSPLAT_TEST_DATA) get a gain of the light drawn evenly from ±1.2 EV and gains of
 red, green and blue from ±6 %, by seed; values beyond white are lost, as in a photo. A point's color is what three
-photos drawn for it make of it on the average, as structure from motion would. Test views stay as they are; `psnr_cc` is
-measured after their colors were aligned, as nobody can know the exposure of the scene. With --validate every fifth
-training view is measured in place of the test views, which are not read: settings are to be chosen on those.
+photos drawn for it make of it on the average, as structure from motion would. Measured views stay as they are;
+`psnr_cc` is measured after their colors were aligned, as nobody can know the exposure of the scene. They are views of
+the training split, by which settings are to be chosen, unless `--split test` says otherwise.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from benchmarks.provenance import begin, provenance, write_json
-from benchmarks.trade.bench_captures import HELD_OUT_EVERY, BenchData, load_data
+from benchmarks.provenance import begin, chosen_on, provenance, write_json
+from benchmarks.splits import HELD_OUT, add_split
+from benchmarks.trade.bench_captures import BenchData, load_data
 from fastsplat.service.capture.image_io import load_rgb, save_rgb
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
@@ -37,7 +38,6 @@ from fastsplat.service.splatting.photometric import channel_evs, from_light, to_
 from fastsplat.service.splatting.raster import rasterize
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
-from fastsplat.service.splatting.training_views import split_views
 from fastsplat.service.splatting.types import TrainedSplats
 
 _GAIN_EV, _BALANCE, _PHOTOS_A_POINT = 1.2, 0.06, 3
@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=240)
     parser.add_argument("--gaussians", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0, help="of the drawn gains; the training's stays 0")
-    parser.add_argument("--validate", action="store_true", help="measure views of the training split only")
+    add_split(parser)
     parser.add_argument("--rows", nargs="*", default=["clean off", "clean on", "perturbed off", "perturbed on"])
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
     parser.add_argument("--out", type=Path, help="a folder; without it nothing is written")
@@ -65,13 +65,11 @@ def main() -> None:
             "iterations": options.steps,
             "max_side": options.side,
             "max_gaussians": options.gaussians,
-            "held_out_every": HELD_OUT_EVERY,
+            "held_out_every": HELD_OUT,
             **changes,
         }
     )
-    data, start = load_data(options.data), begin()
-    if options.validate:
-        data = _training_part(data)
+    data, start = load_data(options.data, options.split), begin()
     rows: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         perturbed, drawn = perturb(data, Path(folder), options.seed)
@@ -82,14 +80,14 @@ def main() -> None:
             rows[name] = _measure(replace(data, capture=capture), row_settings, truth)
             print(name, json.dumps(rows[name]), flush=True)
     result = {
-        **provenance(start),
-        "validate": options.validate,
+        **provenance(
+            start, settings=settings.model_dump(mode="json"), chosen_on=chosen_on(options.data, options.split)
+        ),
+        "split": options.split,
         "rows": rows,
-        "settings": settings.model_dump(mode="json"),
     }
     if options.out:
-        what = "validation" if options.validate else "test"
-        write_json(options.out / f"exposure_{options.data}_{what}.json", result)
+        write_json(options.out / f"exposure_{options.data}_{options.split}.json", result)
 
 
 def perturb(data: BenchData, folder: Path, seed: int) -> tuple[Capture, torch.Tensor]:
@@ -117,15 +115,6 @@ def _exposed(stored: torch.Tensor, evs: torch.Tensor) -> NDArray[np.uint8]:
     """By the powers themselves, not by what the training uses in their place."""
     exposed = from_light(to_light(stored) * torch.exp2(evs)).clamp(0, 1)
     return (exposed * 255).round().to(torch.uint8).numpy()
-
-
-def _training_part(data: BenchData) -> BenchData:
-    """The training views alone, every fifth of which takes the place of a test view."""
-    views = tuple(data.capture.views[position] for position in data.train)
-    maps = tuple(data.truth.label_maps[position] for position in data.train)
-    train_part, test = split_views(len(views), HELD_OUT_EVERY)
-    capture, truth = replace(data.capture, views=views), replace(data.truth, label_maps=maps)
-    return replace(data, capture=capture, truth=truth, train=train_part, test=test)
 
 
 def _measure(data: BenchData, settings: TrainingSettings, truth: torch.Tensor) -> dict[str, float]:
@@ -160,7 +149,7 @@ def _depth_figures(trained: TrainedSplats, data: BenchData) -> dict[str, float]:
         errors = depth_errors(z, true_z)
         if errors is not None:
             means.append(errors.abs_rel)
-            medians.append(float(np.median((np.abs(z - true_z) / np.maximum(true_z, 1e-6))[true_z > 0])))
+            medians.append(errors.median_rel)
     return {"depth_error": float(np.mean(means)), "depth_median": float(np.mean(medians))}
 
 

@@ -1,19 +1,21 @@
 """Compares ways to keep labels in a scene, on a data set with exact label maps.
 
-    python -m benchmarks.semantics DATA [--rows NAME ...] [--iterations 5000] [--gaussians 40000] [--keep FOLDER]
+    python -m benchmarks.semantics DATA [--split test] [--rows NAME ...] [--iterations 5000] [--keep FOLDER]
 
-DATA is a folder that `fastsplat evaluate` reads; its test views are never trained on. Rows:
+DATA is a folder that `fastsplat evaluate` reads. Ways are chosen by views of its training split, which are measured by
+default; with `--split test` the test views are. Measured views are never trained on. Rows:
 
     codes3           3 numbers a Gaussian, trained jointly with colour and geometry
     codes            as many numbers as the labels ask for
     evidence         colour and geometry alone, then one look at the label maps
     codes+evidence   that look at the Gaussians of `codes`
     detected         codes on what a detector and a segmenter found, after the views' vote
-    maps             those label maps themselves, made of the test views: what the vote has to beat
+    maps             those label maps themselves, made of the measured views: what the vote has to beat
     half             codes of one kind of thing (`--mask-label`), every second view with its mask
 
 Training is bounded by iterations, so that a busy machine changes seconds only. A scene that lies in `--keep` under the
-row's name is not trained again. Every row replaces itself in benchmarks/results/semantics.json.
+row's name and the split's is not trained again. Every row replaces itself in benchmarks/results/semantics.json, those
+of validation views in semantics_validation.json beside it.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import RESULTS, Start, begin, provenance, write_json
+from benchmarks.provenance import Start, begin, chosen_on, provenance, write_json
+from benchmarks.splits import add_split, results_file
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
@@ -49,7 +52,6 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat.service.splatting.view_evidence import views_evidence
 
-_OUT = RESULTS / "semantics.json"
 _SURFACES = ("table", "floor", "wall")
 _PROMPTS = {  # what the label table of the development machine calls these
     "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
@@ -75,16 +77,19 @@ def main() -> None:
     parser.add_argument("--mask-label", default="")
     parser.add_argument("--tag", default="", help="stored as DATA@TAG, beside the rows of other bounds")
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "fastsplat-semantics")
+    add_split(parser)
     options = parser.parse_args()
     settings = Settings()
     every = 2 if options.mask_label else TEST_EVERY
-    dataset = read_dataset(options.data, settings.capture, test_every=every, mask_label=options.mask_label)
+    dataset = read_dataset(
+        options.data, settings.capture, test_every=every, mask_label=options.mask_label, split=options.split
+    )
     run = _Rows(dataset, settings, options)
     for name in options.rows:
         start = begin()
         figures = run.maps() if name == "maps" else run.scene(name)
         tag = f"@{options.tag}" if options.tag else ""
-        _store(f"{options.data.resolve().name}{tag}/{name}", figures, start)
+        _store(f"{options.data.resolve().name}{tag}/{name}", figures, start, options)
 
 
 class _Rows:
@@ -140,7 +145,7 @@ class _Rows:
         }
 
     def _stored(self, name: str) -> Scene:
-        folder = self.keep / f"{self.dataset.folder.resolve().name}-{name}"
+        folder = self.keep / f"{self.dataset.folder.resolve().name}-{self.dataset.split}-{name}"
         if not folder.exists():
             settings = override_training(self.settings, **_MODES[name])
             with tempfile.TemporaryDirectory() as work:
@@ -223,10 +228,12 @@ def _show(event: ProgressEvent) -> None:
     print(f"\r{event.stage} {event.fraction:.0%} {event.message}", end="", file=sys.stderr, flush=True)
 
 
-def _store(name: str, figures: dict[str, Any], start: Start) -> None:
-    row = {**figures, **provenance(start)}
-    rows = json.loads(_OUT.read_text()) if _OUT.exists() else {}
-    write_json(_OUT, {**rows, name: row})
+def _store(name: str, figures: dict[str, Any], start: Start, options: argparse.Namespace) -> None:
+    out = results_file("semantics", options.split)
+    chosen = chosen_on(options.data.resolve().name, options.split)
+    row = {**figures, **provenance(start, settings=options, chosen_on=chosen)}
+    rows = json.loads(out.read_text()) if out.exists() else {}
+    write_json(out, {**rows, name: row})
     print(json.dumps({key: value for key, value in row.items() if key != "miou_per_class"}, indent=1))
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import grpc
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
@@ -69,7 +69,7 @@ def main() -> None:
         store.close()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    write_json(arguments.out, {**provenance(start), "rows": rows})
+    write_json(arguments.out, {**provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE), "rows": rows})
 
 
 Note = Callable[..., None]

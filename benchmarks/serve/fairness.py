@@ -27,7 +27,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
@@ -68,7 +68,7 @@ def main() -> None:
         shutil.rmtree(folder, ignore_errors=True)
     row = {"training": not options.no_training, "loud_requests": options.loud, **figures}
     print(json.dumps(row, indent=1))
-    write_json(options.out, {**provenance(start), **row})
+    write_json(options.out, {**provenance(start, settings=options, chosen_on=MADE_FAST_HERE), **row})
 
 
 def _measure(api: Api, scene: str, quiet: str, loud: str, seconds: float, count: int) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import RESULTS, begin, peak_megabytes, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, peak_megabytes, provenance, write_json
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
@@ -58,7 +58,11 @@ def _main() -> None:
             command = [sys.executable, "-m", "benchmarks.splat_import"]
             subprocess.run([*command, str(count), "--make", str(upload)], check=True)
             done = subprocess.run([*command, "--measure", work], stdout=subprocess.PIPE, check=True, text=True)
-        row = {"gaussians": count, **json.loads(done.stdout.splitlines()[-1]), **provenance(start)}
+        row = {
+            "gaussians": count,
+            **json.loads(done.stdout.splitlines()[-1]),
+            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
+        }
         rows = json.loads(_OUT.read_text())["rows"] if _OUT.exists() else []
         rows = sorted([*(own for own in rows if own["gaussians"] != count), row], key=lambda own: own["gaussians"])
         write_json(_OUT, {"rows": rows})

@@ -1,13 +1,14 @@
 """Everything in the room is a thing: what discovery without a vocabulary reaches, and what it costs.
 
-    python -m benchmarks.things [NAME ...] [--iterations 2500] [--gaussians 30000] [--keep FOLDER] [--quality-only]
+    python -m benchmarks.things [NAME ...] [--split test] [--iterations 2500] [--keep FOLDER] [--quality-only]
 
 NAME is `sample` (the demo's), or a folder of FASTSPLAT_TEST_DATA: `tabletop`, `skull` (masks of one thing), and
 `kitchen` and `plush`, which have no truth. Of the last three a contact sheet is drawn. Scenes are trained on the
 training views without any label, bounded by iterations, so that a busy machine changes seconds only; a trained scene
 that lies in `--keep` is not trained again. `--quality-only` leaves out all seconds, which a busy machine distorts.
 `looking` is the detector and the segmenter on every view, which a job does while it labels them, `grouping` all that
-follows training. Every row replaces itself in benchmarks/results/things.json.
+follows training. Rules are chosen by views of the training split, which are measured by default; `--split test`
+measures the test views. Every row replaces itself in benchmarks/results/things.json, or things_validation.json.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from typing import Any, TypeVar
 import numpy as np
 from PIL import Image
 
-from benchmarks.provenance import RESULTS, ROOT, Start, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, provenance, write_json
+from benchmarks.splits import Split, add_split, results_file
 from fastsplat.service.capture import load_capture
 from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
@@ -46,7 +48,6 @@ from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.blending import thing_map
 
-_OUT = RESULTS / "things.json"
 _MASK_LABELS = {"skull": "skull"}
 _WITHOUT_TRUTH = ("kitchen", "plush")
 _NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
@@ -65,6 +66,7 @@ def _main() -> None:
     parser.add_argument("--gaussians", type=int, default=30_000)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--quality-only", action="store_true")
+    add_split(parser)
     options = parser.parse_args()
     settings = override_training(
         load_settings(),
@@ -75,14 +77,13 @@ def _main() -> None:
     )
     for name in options.names or _NAMES:
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
-            _measure(
-                name, settings, options.keep or Path(work) / "scenes", Path(work), seconds=not options.quality_only
-            )
+            keep = (options.keep or Path(work) / "scenes") / options.split
+            _measure(name, settings, keep, Path(work), options)
 
 
-def _measure(name: str, settings: Settings, keep: Path, work: Path, *, seconds: bool) -> None:
+def _measure(name: str, settings: Settings, keep: Path, work: Path, options: argparse.Namespace) -> None:
     start = begin()
-    dataset, capture = _data(name, work, keep, settings.capture)
+    dataset, capture = _data(name, work, keep, settings.capture, options.split)
     scene = _trained(keep / name, capture, settings)
     masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
     discovery, grouping = _timed(lambda: discover_things(scene.gaussians, capture.views, masks, settings.discovery))
@@ -97,14 +98,14 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, *, seconds: 
         **{f"grouping_{key}": value for key, value in grouping.items()},
         **(_figures(with_things, dataset, settings) if dataset is not None else {}),
     }
-    if not seconds:
+    if options.quality_only:
         row = {key: value for key, value in row.items() if not key.endswith(("_seconds", "_ms"))}
-    _write(name, row, start)
-    if name in _DRAWN:
+    _write(name, row, start, options)
+    if name in _DRAWN and options.split == "test":
         _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
 
 
-def _data(name: str, work: Path, keep: Path, settings: CaptureSettings) -> tuple[Dataset | None, Capture]:
+def _data(name: str, work: Path, keep: Path, settings: CaptureSettings, split: Split) -> tuple[Dataset | None, Capture]:
     folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
     if name in _WITHOUT_TRUTH:
         stored = keep / f"{name}-capture"
@@ -116,7 +117,7 @@ def _data(name: str, work: Path, keep: Path, settings: CaptureSettings) -> tuple
             keep.mkdir(parents=True, exist_ok=True)
             capture_folder(raw, stored, settings)
         return None, load_capture(stored)
-    dataset = read_dataset(folder, settings, mask_label=_MASK_LABELS.get(name, ""))
+    dataset = read_dataset(folder, settings, mask_label=_MASK_LABELS.get(name, ""), split=split)
     (work / "capture").mkdir()
     return dataset, training_capture(dataset, work / "capture", settings, silent)
 
@@ -162,11 +163,13 @@ def _draw(scene: Scene, capture: Capture, path: Path) -> None:
     Image.fromarray(np.vstack(rows)).save(path, quality=85)
 
 
-def _write(name: str, row: Mapping[str, Any], start: Start) -> None:
-    document = json.loads(_OUT.read_text()) if _OUT.is_file() else {"rows": {}}
+def _write(name: str, row: Mapping[str, Any], start: Start, options: argparse.Namespace) -> None:
+    out = results_file("things", options.split)
+    document = json.loads(out.read_text()) if out.is_file() else {"rows": {}}
     document["rows"] = {key: value for key, value in document["rows"].items() if key in _NAMES}
-    document["rows"][name] = {**row, "provenance": provenance(start)}
-    write_json(_OUT, document)
+    about = provenance(start, settings=options, chosen_on=chosen_on(name, options.split))
+    document["rows"][name] = {**row, "provenance": about}
+    write_json(out, document)
     print(f"{name}: {json.dumps(row)}", flush=True)
 
 

@@ -1,10 +1,11 @@
-"""`python -m benchmarks.trade`: measures what is missing in benchmarks/results/trade.json, prints and draws the table.
+"""`python -m benchmarks.trade`: measures what is missing in its file of results, prints the table and draws it.
 
-    python -m benchmarks.trade [--minutes 45] [--again PATTERN ...] [--only PATTERN ...] [--threads 2]
+    python -m benchmarks.trade [--split test] [--minutes 45] [--again PATTERN ...] [--only PATTERN ...] [--threads 2]
 
 Each row runs in a process of its own, so that its peak memory is its own. Rows that are measured already are kept;
 --again measures those whose key ("tabletop/harmonics/degree 0"; shell patterns) matches anew. A row that fails is named
-and left out; the next run tries it again.
+and left out; the next run tries it again. Presets and the planner are chosen by views of the training split, which are
+measured by default and go to trade_validation.json; only `--split test` fills trade.json and draws.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, provenance, write_json
+from benchmarks.splits import add_split, results_file
 from benchmarks.trade.draw import draw
 from benchmarks.trade.trade_rows import BASE, Row, all_rows
+from fastsplat.service.evaluation.validation_split import Split
 
 _LONGEST_ROW_S = 900
 _COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr", "ssim", "miou", "boundary_iou", "ghost_rate")
@@ -43,8 +46,9 @@ def main() -> None:
     parser.add_argument("--again", nargs="*", default=[], metavar="PATTERN")
     parser.add_argument("--only", nargs="*", default=["*"], metavar="PATTERN")
     parser.add_argument("--threads", type=int, default=2)
+    add_split(parser)
     options = parser.parse_args()
-    out = RESULTS / "trade.json"
+    out = results_file("trade", options.split)
     start = begin()
     measured: dict[str, dict[str, Any]] = {}
     if out.exists():
@@ -59,25 +63,27 @@ def main() -> None:
         if time.monotonic() - begun > 60 * options.minutes:
             print("out of time; run again for the rest")
             break
-        figures = _measured(row, options.threads)
+        figures = _measured(row, options.threads, options.split)
         if figures is not None:
             measured[row.key] = figures
             print(_line(figures), flush=True)
             ordered = [measured[row.key] for row in rows if row.key in measured]
-            write_json(out, {**provenance(start), "note": _NOTE, "base": BASE, "rows": ordered})
+            about = provenance(start, settings=options, chosen_on=chosen_on("tabletop", options.split))
+            write_json(out, {**about, "note": _NOTE, "base": BASE, "rows": ordered})
     for row in rows:
         if row.key in measured:
             print(_line(measured[row.key]))
-    draw(list(measured.values()), RESULTS)
+    if options.split == "test":
+        draw(list(measured.values()), RESULTS)
 
 
-def _measured(row: Row, threads: int) -> dict[str, Any] | None:
+def _measured(row: Row, threads: int, split: Split) -> dict[str, Any] | None:
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "row.json"
         environment = {**os.environ, "FASTSPLAT_RASTER_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
         start = begin()
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.trade.measure_row", str(result)],
+            [sys.executable, "-m", "benchmarks.trade.measure_row", str(result), split],
             input=json.dumps(asdict(row)),
             text=True,
             env=environment,
@@ -90,7 +96,8 @@ def _measured(row: Row, threads: int) -> dict[str, Any] | None:
         figures = json.loads(result.read_text())
     about = {"key": row.key, "data": row.data, "factor": row.factor, "value": row.value}
     changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception", "query")}
-    made = {name: value for name, value in provenance(start).items() if name not in ("command", "machine")}
+    about_run = provenance(start, settings={}, chosen_on=chosen_on(row.data, split))
+    made = {name: value for name, value in about_run.items() if name not in ("command", "machine", "settings")}
     return {**about, **{name: value for name, value in changed.items() if value}, **made, **figures}
 
 

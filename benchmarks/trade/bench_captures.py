@@ -10,18 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.capture import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.training_views import split_views
+from fastsplat.service.splatting.training_views import capture_split, split_views
 
-HELD_OUT_EVERY = 5
 SCRATCH = Path(tempfile.gettempdir()) / "fastsplat-trade"
 """What rows share (a capture with points, trained scenes); may be deleted at any time."""
 
@@ -35,7 +36,7 @@ class BenchData:
     Attributes:
         capture: posed, with points.
         truth: exact label maps of all views.
-        train, test: positions of views; every fifth is a test view.
+        train, test: positions of views; `test` those that are measured, which `capture.test_names` names.
         prompts: the labels that a detector is asked for: things, not surfaces, and of the sample those it can know.
     """
 
@@ -46,8 +47,8 @@ class BenchData:
     prompts: tuple[str, ...]
 
 
-def load_data(name: str) -> BenchData:
-    """ "tabletop" (found through FASTSPLAT_TEST_DATA) or "sample"."""
+def load_data(name: str, split: Split) -> BenchData:
+    """ "tabletop" (found through FASTSPLAT_TEST_DATA) or "sample"; every fifth view of these is a test view."""
     if name == "tabletop":
         capture, truth = load_posed_folder(Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop")
         surfaces: tuple[str, ...] = ("table", "floor", "wall")
@@ -55,7 +56,10 @@ def load_data(name: str) -> BenchData:
         capture = _sample()
         truth = label_capture(capture, PerceptionSettings(), Path(), (), silent)
         surfaces = ("plate", "tulip", "dining table")  # two that COCO has no class for, and the surface
-    train, test = split_views(len(capture.views), HELD_OUT_EVERY)
+        names = [view.posed.name for view in capture.views]
+        capture = replace(capture, test_names=tuple(names[row] for row in split_views(len(names), HELD_OUT)[1]))
+    capture, truth = with_split(capture, truth, capture.test_names, split)
+    train, test = capture_split(capture, HELD_OUT)
     prompts = tuple(entry.label for entry in truth.dictionary.entries if entry.label not in surfaces)
     return BenchData(capture, replace(truth, exact=True), train, test, prompts)
 

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, ROOT, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, ROOT, begin, chosen_on, provenance, write_json
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
@@ -40,7 +40,7 @@ def main() -> None:
             for seconds in options.seconds:
                 rows.append({"data": data, "budget_s": seconds, **_job(_upload(data), seconds, settings)})
                 print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
-    write_json(_OUT, {**provenance(start), "rows": rows})
+    write_json(_OUT, {**provenance(start, settings=options, chosen_on=chosen_on("tabletop", "test")), "rows": rows})
 
 
 def _upload(data: str) -> dict[str, bytes]:

@@ -1,4 +1,4 @@
-"""One row in a process of its own: `python -m benchmarks.trade.measure_row OUT.json < row.json`."""
+"""One row in a process of its own: `python -m benchmarks.trade.measure_row OUT.json validation < row.json`."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from benchmarks.provenance import peak_megabytes
 from benchmarks.trade.bench_captures import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene import Scene, read_scene, write_scene
@@ -39,13 +40,14 @@ T = TypeVar("T")
 def main() -> None:
     """Measure the row on stdin."""
     row = Row(**json.load(sys.stdin))
-    data = load_data(row.data)
-    figures = _query_row(row, data) if row.query is not None else _training_row(row, data)
+    split: Split = "test" if sys.argv[2] == "test" else "validation"
+    data, shared = load_data(row.data, split), SCRATCH / f"{row.data}-{split}-base"
+    figures = _query_row(row, data, shared) if row.query is not None else _training_row(row, data, shared)
     rounded = {name: round(value, 5) if isinstance(value, float) else value for name, value in figures.items()}
     Path(sys.argv[1]).write_text(json.dumps(rounded))
 
 
-def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
+def _training_row(row: Row, data: BenchData, shared: Path) -> dict[str, Any]:
     figures: dict[str, Any] = {}
     settings, labelling = row.settings(models()), data.truth
     if row.perception is not None:
@@ -63,7 +65,6 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
         write_scene(scene, Path(folder) / "scene")
         figures["bytes"] = sum(path.stat().st_size for path in (Path(folder) / "scene").rglob("*") if path.is_file())
         if row.factor == "base":
-            shared = SCRATCH / f"{row.data}-base"
             shutil.rmtree(shared, ignore_errors=True)
             shutil.copytree(Path(folder) / "scene", shared)
     index = SceneIndex(scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query)
@@ -83,11 +84,11 @@ def _training_row(row: Row, data: BenchData) -> dict[str, Any]:
     return figures
 
 
-def _query_row(row: Row, data: BenchData) -> dict[str, Any]:
+def _query_row(row: Row, data: BenchData, shared: Path) -> dict[str, Any]:
     from benchmarks.trade.score import score
 
     assert row.query is not None
-    scene = read_scene(SCRATCH / f"{row.data}-base")
+    scene = read_scene(shared)
     pictures = _drawn(scene, row.query)
     return {
         "gaussians": len(scene.gaussians),

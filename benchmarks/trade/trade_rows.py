@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from benchmarks.trade.bench_captures import HELD_OUT_EVERY
+from benchmarks.splits import HELD_OUT
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
 from fastsplat.service.planning.presets import PRESETS
@@ -21,7 +21,7 @@ BASE: dict[str, Any] = {
     "max_side": 240,
     "max_gaussians": 20_000,
     "max_sh_degree": 1,
-    "held_out_every": HELD_OUT_EVERY,
+    "held_out_every": HELD_OUT,
     "evaluations": 0,
 }
 """Balanced, but shorter, at a quarter of the pixels of the two captures and with half the Gaussians, so that all rows

@@ -1,9 +1,10 @@
 """Trains a data set for a given time; writes PSNR against seconds as JSON and as a picture.
 
-    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--every 5] [--out benchmarks/results]
+    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test] [--out benchmarks/results]
 
 DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
-the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included.
+the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included. Views of
+the training split are measured, as rates are to be chosen by those; with `--split test` the test views.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, begin, peak_megabytes, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, peak_megabytes, provenance, write_json
+from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -27,7 +29,7 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--seconds", type=float, default=240.0)
     parser.add_argument("--gaussians", type=int, default=40_000)
-    parser.add_argument("--every", type=int, default=5, help="one view in so many is held out")
+    add_split(parser)
     parser.add_argument("--evaluations", type=int, default=24)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
     parser.add_argument("--out", type=Path, default=RESULTS)
@@ -36,21 +38,23 @@ def main() -> None:
         {
             "time_budget_s": options.seconds,
             "max_gaussians": options.gaussians,
-            "held_out_every": options.every,
+            "held_out_every": HELD_OUT,
             "evaluations": options.evaluations,
             "iterations": 10**7,
             **{name: json.loads(value) for name, value in (item.split("=", 1) for item in options.set)},
         }
     )
-    result = _measure(options.data, settings)
-    name = f"training_{options.data.resolve().name}_{options.seconds:.0f}s"
+    result = _measure(options.data, settings, options.split)
+    name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
     write_json(options.out / f"{name}.json", result)
-    _draw(result, options.out / f"{name}.png")
+    if options.split == "test":
+        _draw(result, options.out / f"{name}.png")
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 
-def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
+def _measure(folder: Path, settings: TrainingSettings, split: Split) -> dict[str, Any]:
     capture, labelling = load_posed_folder(folder)
+    capture, labelling = with_split(capture, labelling, capture.test_names, split)
     curve: list[dict[str, float]] = []
 
     def listen(event: ProgressEvent) -> None:
@@ -64,7 +68,9 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
 
     start, cpu_before = begin(), time.process_time()
     trained = train(capture, labelling, settings, listen)
-    cpu, about, peak_mb = time.process_time() - cpu_before, provenance(start), peak_megabytes()
+    cpu, peak_mb = time.process_time() - cpu_before, peak_megabytes()
+    chosen = chosen_on(folder.resolve().name, split)
+    about = provenance(start, settings=settings.model_dump(mode="json"), chosen_on=chosen)
     from fastsplat.service.evaluation import evaluate_views  # its libraries are not training's, and not in its peak
 
     report = evaluate_views(
@@ -79,8 +85,8 @@ def _measure(folder: Path, settings: TrainingSettings) -> dict[str, Any]:
         **{key: round(value, 4) for key, value in trained.quality.items()},
         "mean_iou": round(report.mean_iou, 4),
         "iou": {label: round(value, 3) for label, value in report.iou.items()},
+        "split": split,
         "curve": curve,
-        "settings": settings.model_dump(mode="json"),
     }
 
 

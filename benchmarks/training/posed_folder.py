@@ -12,11 +12,17 @@ from plyfile import PlyData
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.splatting.training_views import split_views
 from fastsplat_contract.camera import Camera, PosedCamera
+
+_TEST_EVERY = 5
 
 
 def load_posed_folder(root: Path) -> tuple[Capture, Labelling]:
-    """`transforms.json` (one pinhole camera, OpenGL world-from-camera), `points3d.ply`, and id masks if there are."""
+    """`transforms.json` (one pinhole camera, OpenGL world-from-camera), `points3d.ply`, and id masks if there are.
+
+    `test_names` of the capture are the test views of the document's `split`; without one every fifth view.
+    """
     document = json.loads((root / "transforms.json").read_text())
     camera = Camera(*(document[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")))
     views, maps = [], []
@@ -28,12 +34,19 @@ def load_posed_folder(root: Path) -> tuple[Capture, Labelling]:
         if "mask_path" in frame:
             maps.append(np.asarray(Image.open(root / frame["mask_path"])).astype(np.uint16))
     vertices = PlyData.read(str(root / "points3d.ply"))["vertex"]
+    stated = {Path(str(name)).stem for name in document.get("split", {}).get("test", ())}
+    rows = split_views(len(views), _TEST_EVERY)[1]
     capture = Capture(
         views=tuple(views),
         points=np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float32),
         point_colors=np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1).astype(np.uint8),
         scale="METRIC",
         report=CaptureReport("nerfstudio", len(views)),
+        test_names=tuple(
+            view.posed.name
+            for row, view in enumerate(views)
+            if (view.image_path.stem in stated if stated else row in rows)
+        ),
     )
     labels = sorted(document.get("labels", {}).items(), key=lambda item: item[1])
     dictionary = dictionary_of(name for name, _ in labels) if maps else Dictionary(())

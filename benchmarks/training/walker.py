@@ -1,12 +1,19 @@
 """A walker in 40 % of the training photos of a posed data set with depth maps: what he costs, and what masks save.
 
-    python -m benchmarks.training.walker DATA [--steps 400] [--side 240] [--gaussians 20000] [--out benchmarks/results]
+    python -m benchmarks.training.walker DATA [--split test] [--steps 400] [--side 240] [--out benchmarks/results]
 
 DATA is a folder as `benchmarks.training` takes it, whose frames have `depth_path` (16-bit PNG, 1e-4 m, planar z) and
 whose document has `split`. A drawn figure, upright in the world and turned to the camera, stands at another place in
 each of his photos; what lies in front of it by the depth maps hides it. Every variant has the same steps, so that a
-busy machine changes nothing. `psnr` is of the test photos, which show the empty room; `psnr_behind` of what he hides
-in the photos that he is in, compared with the photos of the empty room: what a ghost of him costs.
+busy machine changes nothing. `psnr` is of photos that are held out (of the training split by default, the test photos
+with `--split test`), which show the empty room; `psnr_behind` of what he hides in the photos that he is in, compared
+with the photos of the empty room: what a ghost of him costs.
+
+`person_seen` is the detector's word (FASTSPLAT_MODELS, the default closed-set detector with the service's settings): in
+how many pictures it sees a person at the score from which people are withheld, and its highest score there; of the
+photos themselves, and of every variant as it is rendered in the test views and in the views that he was in, where a
+ghost of him would stand; `where_he_was` counts the pictures in which a box covers that place. How many of his own
+photos it recognizes him in says what that word is worth.
 """
 
 from __future__ import annotations
@@ -14,6 +21,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,14 +30,22 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, provenance, write_json
+from benchmarks.splits import Split, add_split, results_file, with_split
+from benchmarks.trade.bench_captures import models
 from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.capture.withholding import Withholding
-from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.splatting.gaussians import color_parameters
+from fastsplat.service.perception.capture_detection import detect_closed_set
+from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import ClosedSetDetector, Labelling
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.splatting.gaussians import color_parameters, splats_of
+from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import measure_views
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
@@ -42,6 +58,8 @@ _DRAWS = 40
 _SIZE_M = (0.45, 1.3)
 _FOOT_M = -0.25
 """Height of his feet; the table's top is 0."""
+_HIS_SHARE = 0.1
+"""Of a detector's box: from here on it is of him."""
 
 
 def figure() -> NDArray[np.uint8]:
@@ -70,7 +88,7 @@ def with_walker(
         depth: float32 [H, W], planar z in the world's unit.
         place: float64 [2].
     """
-    camera, camera_from_world = view.posed.camera, np.linalg.inv(view.posed.world_from_camera)
+    camera = view.posed.camera
     center = view.posed.world_from_camera[:3, 3]
     toward = np.append(center[:2] - place, 0.0)
     toward /= np.linalg.norm(toward)
@@ -78,10 +96,7 @@ def with_walker(
     origin = np.array([*place, _FOOT_M])
     height, width = depth.shape
     rows, columns = np.mgrid[0:height, 0:width]
-    rays = np.stack(
-        [(columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy, np.ones((height, width))], -1
-    )
-    directions = rays @ view.posed.world_from_camera[:3, :3].T
+    directions = camera.rays(columns + 0.5, rows + 0.5) @ view.posed.world_from_camera[:3, :3].T
     z = ((origin - center) @ toward) / (directions @ toward)  # along rays of planar depth 1
     hits = center + directions * z[..., None]
     across = ((hits - origin) @ right) / _SIZE_M[0] + 0.5
@@ -91,7 +106,6 @@ def with_walker(
     u = np.where(inside, across * art.shape[1], 0).astype(int)
     v = np.where(inside, (1 - up) * art.shape[0], 0).astype(int).clip(0, art.shape[0] - 1)
     shown = inside & (art[v, u, 3] > 0) & (z < depth)
-    assert camera_from_world.shape == (4, 4)
     return np.where(shown[..., None], art[v, u, :3], pixels), shown
 
 
@@ -144,12 +158,66 @@ def _hidden(empty: Capture, folder: Path, side: int) -> tuple[TrainingView, ...]
     return load_views(capture, Labelling(Dictionary(()), ()), tuple(range(len(views))), side, (1.0,))
 
 
-def loaded(folder: Path) -> tuple[Capture, tuple[str, ...]]:
-    """The capture, its test photos set apart, and the stems of its training photos."""
+def person_seen(
+    detector: ClosedSetDetector,
+    settings: PerceptionSettings,
+    pictures: Iterable[tuple[NDArray[np.uint8], NDArray[np.bool_] | None]],
+) -> dict[str, float]:
+    """How many pictures there are, how many show a person by the detector's word, in how many of these a box covers him
+    rather than something else, and the highest score (0: none).
+
+    Args:
+        detector, settings: of the service.
+        pictures: uint8 [H, W, 3], and bool [H, W] where he stood when the photo was taken, None in views without him.
+    """
+    words = {label_key(word) for word in settings.people_words}
+    count, seen, covered, highest = 0, 0, 0, 0.0
+    for picture, place in pictures:
+        detected = detect_closed_set(detector, picture, settings)
+        people = detected.take([row for row, label in enumerate(detected.labels) if label_key(label) in words])
+        shares = [] if place is None else [_share_inside(box, place) for box in people.boxes]
+        count, seen, covered = count + 1, seen + bool(len(people)), covered + any(x >= _HIS_SHARE for x in shares)
+        highest = max(highest, *map(float, people.scores), 0.0)
+    return {"pictures": count, "with_person": seen, "where_he_was": covered, "highest": round(highest, 3)}
+
+
+def _share_inside(box: NDArray[np.float32], place: NDArray[np.bool_]) -> float:
+    left, top, right, bottom = (round(float(value)) for value in box)
+    inside = place[max(top, 0) : bottom, max(left, 0) : right]
+    return float(inside.mean()) if inside.size else 0.0
+
+
+def _rendered(
+    gaussians: Gaussians, capture: Capture, names: Collection[str], work: Path
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_] | None]]:
+    """The named views of a scene at the size of their photos, and where he stood in them."""
+    parameters = color_parameters(gaussians)
+    splats = splats_of(parameters)
+    indices = tuple(index for index, view in enumerate(capture.views) if view.posed.name in names)
+    for view in load_views(capture, Labelling(Dictionary(()), ()), indices, 1_000_000, (1.0,)):
+        drawn = render_frame(parameters, splats, view, view.frames[-1], degree=gaussians.sh_degree, backend="cpu")
+        yield (drawn.image.clamp(0, 1) * 255).round().byte().numpy(), _place(view.name, work)
+
+
+def _photos(
+    capture: Capture, names: Collection[str], work: Path
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_] | None]]:
+    for view in capture.views:
+        if view.posed.name in names:
+            yield load_rgb(view.image_path), _place(view.posed.name, work)
+
+
+def _place(name: str, work: Path) -> NDArray[np.bool_] | None:
+    path = work / f"{Path(name).stem}_shown.png"
+    return np.asarray(Image.open(path)) > 0 if path.is_file() else None
+
+
+def loaded(folder: Path, split: Split) -> tuple[Capture, tuple[str, ...]]:
+    """The capture, its photos to be measured set apart, and the stems of those to train on."""
     capture, _ = load_posed_folder(folder)
-    split = json.loads((folder / "transforms.json").read_text())["split"]
-    tests = tuple(view.posed.name for view in capture.views if Path(view.posed.name).stem in split["test"])
-    return replace(capture, test_names=tests), tuple(split["train"])
+    capture, _ = with_split(capture, Labelling(Dictionary(()), ()), capture.test_names, split)
+    names = (view.posed.name for view in capture.views)
+    return capture, tuple(Path(name).stem for name in names if name not in capture.test_names)
 
 
 def main() -> None:
@@ -161,6 +229,7 @@ def main() -> None:
     parser.add_argument("--gaussians", type=int, default=20_000)
     parser.add_argument("--only", nargs="*", default=[], help="names of variants")
     parser.add_argument("--out", type=Path, default=RESULTS)
+    add_split(parser)
     options = parser.parse_args()
     settings = TrainingSettings(
         iterations=options.steps,
@@ -170,8 +239,10 @@ def main() -> None:
         evaluations=0,
     )
     start = begin()
+    perception = PerceptionSettings()
+    detector = open_closed_set_detector(perception, models())
     with tempfile.TemporaryDirectory() as work:
-        empty, training = loaded(options.data)
+        empty, training = loaded(options.data, options.split)
         walked, masked, shares = crossed(options.data, empty, training, Path(work))
         hidden = _hidden(empty, Path(work), options.side)
         variants = {
@@ -179,6 +250,11 @@ def main() -> None:
             "walker, untreated": walked,
             "walker, masks known": masked,
         }
+        photos = {
+            name: person_seen(detector, perception, _photos(capture, shares, Path(work)))
+            for name, capture in (("walker's photos", walked), ("the same, empty room", empty))
+        }
+        print("photos", photos, flush=True)
         rows: dict[str, dict[str, Any]] = {}
         for name, capture in variants.items():
             if options.only and name not in options.only:
@@ -187,15 +263,21 @@ def main() -> None:
             rows[name] = {key: round(trained.quality[key], 4) for key in ("psnr", "ssim", "gaussians")}
             behind = measure_views(color_parameters(trained.gaussians), hidden, settings.backend)
             rows[name] |= {f"{key}_behind": round(value, 4) for key, value in behind.items()}
+            rows[name]["person_seen"] = {
+                where: person_seen(detector, perception, _rendered(trained.gaussians, empty, names, Path(work)))
+                for where, names in (("test views", empty.test_names), ("his views", tuple(shares)))
+            }
             print(name, rows[name], flush=True)
     document = {
         "data": options.data.resolve().name,
-        **provenance(start),
+        **provenance(start, settings=options, chosen_on=chosen_on(options.data.resolve().name, options.split)),
         "steps": options.steps,
         "walker_share": shares,
+        "detector": perception.closed_set_detector,
+        "person_seen_in_photos": photos,
         "variants": rows,
     }
-    write_json(options.out / "walker.json", document)
+    write_json(options.out / results_file("walker", options.split).name, document)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import json
 import re
@@ -25,9 +26,14 @@ def test_a_benchmark_loads(name: str) -> None:
     importlib.import_module(name)
 
 
-def test_a_measurement_names_command_machine_commit_date_and_load(tmp_path: Path) -> None:
-    about = provenance(begin())
-    assert set(about) == {"command", "machine", "commit", "date", "load_before", "load_after"}
+def test_a_measurement_names_where_it_comes_from_and_what_its_settings_were_chosen_on(tmp_path: Path) -> None:
+    options = argparse.Namespace(out=tmp_path / "out.json", seconds=[1.5], deep={"folder": tmp_path / "a"}, only=("b",))
+    about = provenance(begin(), settings=options, chosen_on="nothing")
+    assert set(about) == {
+        "command", "settings", "chosen_on", "machine", "commit", "date", "seconds", "load_before", "load_after",
+    }  # fmt: skip
+    assert about["settings"] == {"out": "out.json", "seconds": [1.5], "deep": {"folder": "a"}, "only": ["b"]}
+    assert about["chosen_on"] == "nothing" and about["seconds"] >= 0
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", about["date"])
     assert about["load_before"] >= 0 <= about["load_after"] and "threads" in about["machine"]
     write_json(tmp_path / "deep" / "out.json", about)

@@ -1,0 +1,108 @@
+"""What the product makes of photos and poses alone: default models, no names given, everything measured.
+
+    python -m benchmarks.default_path [NAME ...] [--split test] [--iterations 4000] [--gaussians 40000] [--max-side 640]
+
+NAME is `sample` (the demo's), `tabletop` or `skull` of FASTSPLAT_TEST_DATA; all by default. Each is trained on its
+training views as a job trains it that says nothing but "here are photos" (preset balanced), except that the run is
+bounded by steps, so that a busy machine changes seconds only. The detector names what it knows, in its own words: a
+true label counts where the scene has that very name or alias, so what is named otherwise, or not at all, counts as
+missing. `names_right` says how many true labels the scene has; things are counted without their names. Every row
+replaces itself in benchmarks/results/default_path.json, of validation views (the default) in
+default_path_validation.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.provenance import ROOT, begin, chosen_on, provenance, write_json
+from benchmarks.splits import add_split, results_file
+from fastsplat.service.common.progress import silent
+from fastsplat.service.evaluation.datasets import Dataset, read_dataset
+from fastsplat.service.evaluation.predictions import truth_ids
+from fastsplat.service.evaluation.registry import METRICS
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
+from fastsplat.service.evaluation.train_eval import train_on_split
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.planning.presets import apply_preset, override_training
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.settings import Settings, load_settings
+
+NAMES = ("sample", "tabletop", "skull")
+_MASK_LABELS = {"skull": "skull"}
+_PERCEPTION = ("closed_set_detector", "open_set_detector", "segmenter", "text_encoder")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
+    parser.add_argument("--iterations", type=int, default=4_000)
+    parser.add_argument("--gaussians", type=int, default=40_000)
+    parser.add_argument("--max-side", type=int, default=640)
+    parser.add_argument("--out", type=Path)
+    add_split(parser)
+    options = parser.parse_args()
+    settings = override_training(
+        apply_preset(load_settings(), "balanced"),
+        iterations=options.iterations,
+        max_gaussians=options.gaussians,
+        max_side=options.max_side,
+    )
+    # Of two bounds the earlier one counts, and a preset has one in seconds.
+    unbounded = settings.training.model_copy(update={"time_budget_s": None, "evaluations": 0})
+    settings = settings.model_copy(update={"training": unbounded})
+    out = options.out or results_file("default_path", options.split)
+    for name in options.names or NAMES:
+        folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
+        mask_label = _MASK_LABELS.get(name, "")
+        dataset = read_dataset(folder, settings.capture, mask_label=mask_label, split=options.split)
+        row = measure(dataset, settings, name)
+        rows = json.loads(out.read_text()) if out.is_file() else {}
+        write_json(out, {**rows, name: row})
+        print(f"{name}: {json.dumps(row, ensure_ascii=False)}", flush=True)
+
+
+def measure(dataset: Dataset, settings: Settings, name: str) -> dict[str, Any]:
+    """Every metric of the data set's measured views, the seconds of each stage, and where all of it comes from."""
+    start, cpu = begin(), time.process_time()
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
+        trained = train_on_split(dataset, settings, Path(work), silent, labels="default", preset="balanced")
+    cpu = time.process_time() - cpu
+    index = SceneIndex(
+        trained.scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query
+    )
+    report = evaluate_scene(index, dataset, samples=0)
+    values = {metric.name: report.value(metric.name) for metric in METRICS}
+    named = set(truth_ids(trained.scene.dictionary, dataset.dictionary).tolist()) - {0}
+    return {
+        "figures": {key: None if value is None else round(value, 4) for key, value in values.items()},
+        "labels": [entry.label for entry in trained.scene.dictionary.entries],
+        "names_right": len(named),
+        "names": len(dataset.dictionary),
+        "things": len(index.things.present),
+        "gaussians": report.gaussians,
+        "bytes": report.bytes,
+        "stage_seconds": {stage: round(seconds, 1) for stage, seconds in trained.seconds.items()},
+        "cpu_seconds": round(cpu, 1),
+        "peak_mb": round(trained.peak_mb, 1),
+        "split": dataset.split,
+        **provenance(
+            start,
+            settings={
+                "training": settings.training.model_dump(mode="json"),
+                "perception": {key: getattr(settings.perception, key) for key in _PERCEPTION},
+            },
+            chosen_on=chosen_on(name, dataset.split),
+        ),
+    }
+
+
+if __name__ == "__main__":
+    main()

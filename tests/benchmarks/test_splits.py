@@ -1,0 +1,101 @@
+"""Benchmarks by which settings are chosen measure views of the training split unless `make bench-*` says otherwise."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks.calibration import calibrate
+from benchmarks.calibration.lists import read_scenes
+from benchmarks.provenance import RESULTS, ROOT, chosen_on
+from benchmarks.splits import HELD_OUT, add_split, results_file, with_split
+from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.splatting.training_views import capture_split
+from fastsplat_contract.errors import InvalidInputError
+from tests.evaluation import made_data
+
+_CHOOSING = (
+    "training/__main__.py", "training/geometry.py", "training/walker.py", "trade/__main__.py", "semantics/__main__.py",
+    "things/__main__.py", "robustness/exposure.py", "query/tabletop.py",
+)  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Twelve views, of which two are for testing; label maps by id."""
+    root = made_data.nerfstudio(tmp_path / "made", 12, (1, 4))
+    for path in (root / "masks").iterdir():
+        with Image.open(path) as image:
+            pixels = np.asarray(image)
+        made_data.save(pixels, path)
+    return root
+
+
+def test_test_views_are_held_out_when_they_are_measured_and_gone_when_settings_are_chosen(folder: Path) -> None:
+    capture, labelling = load_posed_folder(folder)
+    assert capture.test_names == ("001.png", "004.png")
+    test, maps = with_split(capture, labelling, capture.test_names, "test")
+    assert test.views == capture.views and maps is labelling
+    assert capture_split(test, HELD_OUT)[1] == (1, 4)
+    chosen, maps = with_split(capture, labelling, capture.test_names, "validation")
+    names = [view.posed.name for view in chosen.views]
+    assert len(names) == 10 and not set(names) & set(capture.test_names)
+    assert 1 <= len(chosen.test_names) < 10 and set(chosen.test_names) < set(names)
+    assert [names[row] for row in capture_split(chosen, HELD_OUT)[1]] == list(chosen.test_names)
+    whole = {view.posed.name: label_map for view, label_map in zip(capture.views, labelling.label_maps, strict=True)}
+    assert all((whole[name] == label_map).all() for name, label_map in zip(names, maps.label_maps, strict=True))
+
+
+def test_without_a_split_of_its_own_every_fifth_view_tests(folder: Path) -> None:
+    document = json.loads((folder / "transforms.json").read_text())
+    document.pop("split")
+    (folder / "transforms.json").write_text(json.dumps(document))
+    assert load_posed_folder(folder)[0].test_names == ("002.png", "007.png")
+
+
+def test_views_that_are_not_there_are_no_split(folder: Path) -> None:
+    capture, labelling = load_posed_folder(folder)
+    for names in ((), ("elsewhere.png",)):
+        with pytest.raises(InvalidInputError, match="test views"):
+            with_split(capture, labelling, names, "validation")
+
+
+def test_validation_is_the_default_and_its_figures_are_not_committed() -> None:
+    parser = argparse.ArgumentParser()
+    add_split(parser)
+    assert parser.parse_args([]).split == "validation" and parser.parse_args(["--split", "test"]).split == "test"
+    assert results_file("trade", "test") == RESULTS / "trade.json"
+    ignored = (ROOT / ".gitignore").read_text().splitlines()
+    assert f"/{results_file('*', 'validation').relative_to(ROOT).as_posix()}" in ignored
+    assert "promise nothing" in chosen_on("tabletop", "validation")
+    assert "test views" in chosen_on("tabletop", "test") and "nothing" in chosen_on("skull", "test")
+
+
+@pytest.mark.parametrize("script", _CHOOSING)
+def test_scripts_that_choose_ask_which_views_to_measure(script: str) -> None:
+    tree = ast.parse((ROOT / "benchmarks" / script).read_text())
+    calls = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    assert {"add_split", "chosen_on"} <= calls
+
+
+def test_only_make_measures_test_views_of_the_benchmarks_that_choose() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    for module in ("training", "semantics", "things", "trade"):
+        assert re.search(rf"^\t.*-m benchmarks\.{module} --split test\b", makefile, re.MULTILINE), module
+
+
+def test_templates_are_chosen_without_the_scenes_that_judge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other judges change what a calibration is said to be worth, and nothing of what templates are chosen by."""
+    encoder, scenes = made_data.WordEncoder(), read_scenes()
+    others = [scenes[0] if number % 4 == 3 else scene for number, scene in enumerate(scenes)]
+    chosen, judged = (calibrate.measure(encoder, ("{}",), ("object",), choosing=choosing) for choosing in (True, False))
+    monkeypatch.setattr(calibrate, "read_scenes", lambda: others)
+    assert calibrate.measure(encoder, ("{}",), ("object",), choosing=True) == chosen
+    assert calibrate.measure(encoder, ("{}",), ("object",)) != judged
