@@ -44,7 +44,7 @@ def make_http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> uvico
             bounded,
             http=Protocol,
             ws="none",
-            lifespan="off",
+            lifespan="on",
             log_config=None,
             access_log=False,
             proxy_headers=bool(settings.trusted_proxies),
@@ -93,7 +93,7 @@ class _TimedProtocol(H11Protocol):
         self._head_timer: asyncio.TimerHandle | None = None
         self._refused = False
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
         super().connection_made(transport)
         self._watch_head()
 

@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
 
-from fastsplat.service.planning.presets import PresetName
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import Lens, Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.operations import SceneOptions
+
+OPTIONS = frozenset(field.name for field in fields(SceneOptions)) - {"labels"}
+"""Names of the options that both faces send as they are."""
 
 
-def scene_options(
-    labels: Sequence[str],
-    time_budget_s: float | None,
-    max_gaussians: int | None,
-    preset: str,
-    priority: int,
-    up: str,
-    movers: str,
-    privacy: str,
-    lens: str,
-    nadir_deg: float | None,
-) -> SceneOptions:
-    """Options as sent; one string may hold several labels, separated by commas."""
+def scene_options(labels: Sequence[str], sent: Mapping[str, Any]) -> SceneOptions:
+    """Options as sent; the service refuses what is none.
+
+    Args:
+        labels: one string may hold several, separated by commas.
+        sent: of `OPTIONS`; None and "" leave one open.
+    """
     names = [part.strip() for text in labels for part in text.split(",")]
-    return SceneOptions(
-        tuple(name for name in names if name),
-        time_budget_s,
-        max_gaussians,
-        cast(PresetName, preset) if preset else None,  # the service refuses what is none
-        priority,
-        cast(UpAxis, up) if up else None,
-        cast(Movers, movers) if movers else None,
-        cast(Privacy, privacy) if privacy else None,
-        cast(Lens, lens) if lens else None,
-        nadir_deg,
-    )
+    options = {name: value for name, value in sent.items() if value not in (None, "")}
+    return SceneOptions(tuple(name for name in names if name), **options)
 
 
 def check_announced(size: int, max_upload_bytes: int) -> None:

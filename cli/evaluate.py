@@ -38,10 +38,10 @@ Preset = Annotated[
     typer.Option(help="How much to spend; 'settings' takes FASTSPLAT_TRAINING__* as they are."),
 ]
 Labels = Annotated[
-    Literal["given", "detected", "discovered"],
+    Literal["given", "detected", "discovered", "default"],
     typer.Option(
-        help="Train on the data set's label maps, on what the models find of its labels, or without any: "
-        "then things are discovered."
+        help="Train on the data set's label maps; on what the models find of its labels; without any, so that things "
+        "are discovered; or as a job does that is given photos and no names."
     ),
 ]
 StoredScene = Annotated[
@@ -56,6 +56,10 @@ Device = Annotated[
     Literal["cpu", "cuda"] | None, typer.Option("--device", "--backend", help="Where to train and render.")
 ]
 TestEvery = Annotated[int, typer.Option(min=2, help="One view in so many tests, if the data set has no split.")]
+Measured = Annotated[
+    Literal["test", "validation"],
+    typer.Option("--split", help="Measure some of the training views in place of the test views, to choose settings."),
+]
 MaskLabel = Annotated[str, typer.Option(help="What binary masks show, for data sets that do not say.")]
 
 
@@ -72,6 +76,7 @@ def evaluate(
     device: Device = None,
     test_every: TestEvery = 8,
     mask_label: MaskLabel = "",
+    split: Measured = "test",
 ) -> None:
     """Train on the training split of a data set and measure on its test split.
 
@@ -89,8 +94,9 @@ def evaluate(
     console = Console()
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, _progress_bars(console) as listen:
         listen(ProgressEvent("data set", 0.0, folder.name))
-        dataset = read_dataset(folder, settings.capture, test_every=test_every, mask_label=mask_label)
-        listen(ProgressEvent("data set", 1.0, f"{len(dataset.train)} training views, {len(dataset.test)} test views"))
+        dataset = read_dataset(folder, settings.capture, test_every=test_every, mask_label=mask_label, split=split)
+        views = f"{len(dataset.train)} training views, {len(dataset.test)} {split} views"
+        listen(ProgressEvent("data set", 1.0, views))
         if stored is not None:
             subject = _read(stored)
         else:
@@ -168,7 +174,7 @@ def _train(
     work: Path,
     listen: Listener,
     *,
-    labels: Literal["given", "detected", "discovered"],
+    labels: Literal["given", "detected", "discovered", "default"],
     preset: PresetName | None,
     keep: Path | None,
 ) -> _Subject:
@@ -191,11 +197,13 @@ def _measure(
     subject: _Subject, dataset: Dataset, settings: Settings, listen: Listener, pictures: Path | None
 ) -> Report:
     from fastsplat.service.evaluation import evaluate_scene
+    from fastsplat.service.perception.lexicon import find_lexicon
     from fastsplat.service.perception.text import open_text_encoder
     from fastsplat.service.query import SceneIndex
 
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
-    index = SceneIndex(subject.scene, encoder, settings.query)
+    lexicon = find_lexicon(settings.perception.lexicon, settings.models)
+    index = SceneIndex(subject.scene, encoder, settings.query, lexicon=lexicon)
 
     def draw(view: ViewPrediction) -> None:
         if pictures is not None and view.rgb is not None:

@@ -7,9 +7,9 @@ from typing import Annotated, get_args
 
 import typer
 
+from fastsplat.cli.local_service import local_service
 from fastsplat.cli.remote import Ca, KeyFile, Server, connect
 from fastsplat.service.common.atomic import atomic_file
-from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
@@ -20,9 +20,9 @@ _FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 def export(
     scene: Annotated[str, typer.Argument(help="The scene's id.")],
     file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
-    format: Annotated[str, typer.Option(help=f"{', '.join(_FORMATS)}. Default: by FILE's ending.")] = "",  # noqa: A002
-    thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],  # noqa: B006
-    cell: Annotated[float, typer.Option(help="Of points or mesh: how fine, scene units.")] = 0.0,
+    format: Annotated[str, typer.Option(help=f"{', '.join(_FORMATS)}. Default: by FILE's ending.")] = "",
+    thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],
+    cell: Annotated[float, typer.Option(help="Of points, mesh, cameras, mcap or map: how fine, scene units.")] = 0.0,
     version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
     project: Annotated[str, typer.Option(help="The project whose scene it is.")] = "",
     server: Server = "",
@@ -40,10 +40,8 @@ def export(
         with connect(server, key_file, ca, project) as client:
             content = client.export(scene, request.format, version=version, things=thing, cell=cell)
     else:
-        from fastsplat.service.application.service import open_service  # loads what answers questions
-
-        with open_service(load_settings()) as service:
-            content = service.in_project(project or DEFAULT_PROJECT).exports.file(request)
+        with local_service(project or DEFAULT_PROJECT) as service:
+            content = service.exports.file(request)
     try:
         with atomic_file(file) as beside:
             beside.write_bytes(content)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from fastsplat.cli import measure_commands  # noqa: F401  adds commands to things_app
+from fastsplat.cli import ask_command, measure_commands  # noqa: F401  add commands to things_app
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.check import check
 from fastsplat.cli.doctor import doctor
@@ -20,24 +19,21 @@ from fastsplat.cli.health import health
 from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
+from fastsplat.cli.local_commands import ask, train, view
 from fastsplat.cli.logs import log_to_stderr
+from fastsplat.cli.mcp import mcp
 from fastsplat.cli.models import models_app
 from fastsplat.cli.scene_commands import scenes_app
+from fastsplat.cli.serve_command import Devices, Workers
+from fastsplat.cli.serve_command import serve as serve_command
 from fastsplat.cli.server_command import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
-from fastsplat.service.common.process import die_with_parent
+from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.process_group import PARENT_VARIABLE
 from fastsplat_contract.errors import FastSplatError
 
 logger = logging.getLogger(__name__)
-
-Devices = Annotated[
-    str,
-    typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: all that CUDA sees.'),
-]
-Workers = Annotated[int, typer.Option(help="Worker processes a device; without a GPU they share the CPUs evenly.")]
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -60,6 +56,11 @@ app.command()(export)
 app.command()(import_splat)
 app.command()(tags)
 app.command()(check)
+app.command()(mcp)
+app.command()(train)
+app.command()(ask)
+app.command()(view)
+app.command()(serve_command)
 
 
 @app.callback()
@@ -71,33 +72,6 @@ def _options(
         ),
     ] = False,
 ) -> None: ...
-
-
-@app.command()
-def serve(
-    no_auth: Annotated[
-        bool,
-        typer.Option("--no-auth", help="Ask for no keys; listens on loopback alone (as FASTSPLAT_AUTH=off)."),
-    ] = False,
-    devices: Devices = "",
-    workers: Workers = 1,
-) -> None:
-    """Run the API and one worker a device on this machine until SIGTERM or SIGINT."""
-    from fastsplat.api.access.exposure import check_exposure
-    from fastsplat.cli.devices import worker_roles
-    from fastsplat.cli.serve import Role
-    from fastsplat.cli.serve import serve as run
-
-    if no_auth:
-        os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
-    settings = load_settings()
-    check_exposure(settings)
-    scheme = "http" if settings.tls_cert is None else "https"
-    entry = f"with the key in {settings.first_key}" if settings.auth == "on" else "without a key, on this machine alone"
-    typer.echo(f"{scheme}://localhost:{settings.http_port}/ opens soon, {entry}")
-    log_to_stderr("serve")
-    roles = {"api": Role([sys.executable, "-m", "fastsplat.cli.main", "api"])}
-    raise typer.Exit(run({**roles, **worker_roles(devices, workers, settings.jobs.threads_per_job)}))
 
 
 @app.command()

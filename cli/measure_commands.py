@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.thing_commands import Project, Scene, Version, thing_service, things_app
+from fastsplat.cli.local_service import local_service
+from fastsplat.cli.thing_commands import Project, Scene, Version, things_app
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
@@ -29,7 +30,7 @@ def measure(
 ) -> None:
     """Print how far two places are from each other, how large a thing is, or where a place is, as JSON."""
     request = MeasureRequest(scene, tuple(_place(text) for text in places), version)
-    with thing_service(project) as service:
+    with local_service(project) as service:
         typer.echo(json.dumps(to_plain(service.answers.measure(request)), indent=2, ensure_ascii=False))
 
 
@@ -66,7 +67,7 @@ def scale_by_size(
 
 
 def _scale(scene: str, edit: Edit, project: str) -> None:
-    with thing_service(project) as service:
+    with local_service(project) as service:
         made = service.versions.edit(scene, [edit])
         scaling = service.get_scene(scene).scaling
     assert scaling is not None

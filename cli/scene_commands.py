@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,9 +13,9 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.cli.local_service import local_service
 from fastsplat.cli.waiting import wait_for
 from fastsplat.service.planning.presets import preset_name
-from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
@@ -28,7 +26,7 @@ from fastsplat_contract.scenes import Edit, SceneUpdate
 from fastsplat_contract.train_more_messages import TrainMoreIn
 
 if TYPE_CHECKING:
-    from fastsplat.service.application.service import SceneService
+    pass
 
 scenes_app = typer.Typer(
     name="scenes", help="Scenes: what became of their photos; rename them, train them.", no_args_is_help=True
@@ -45,7 +43,7 @@ def rename(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Give a scene another name."""
-    with _service(project) as service:
+    with local_service(project) as service:
         renamed = service.update_scene(scene, SceneUpdate(name))
     typer.echo(f"scene {renamed.id} is called {renamed.name!r}", err=True)
 
@@ -58,7 +56,7 @@ def photos(
 ) -> None:
     """Show what became of each photo of a scene, and what to do about it."""
     listed: list[PhotoVerdict] = []
-    with _service(project) as service:
+    with local_service(project) as service:
         page = service.list_photo_verdicts(scene)
         listed += page.photos
         while page.next_page_token:
@@ -90,7 +88,7 @@ def train_more(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Train a scene further, from where it is, with the photos that are kept with it; a running worker does it."""
-    with _service(project) as service:
+    with local_service(project) as service:
         order = TrainMoreIn(seconds, steps, preset_name(preset) if preset else None)
         operation = service.training.order(scene, order)
         typer.echo(f"operation {operation.id} is {operation.state}", err=True)
@@ -104,7 +102,7 @@ def train_more(
 @scenes_app.command("next-photos")
 def next_photos(scene: SceneId, project: Project = DEFAULT_PROJECT) -> None:
     """Say where to stand for the next photos of a scene."""
-    with _service(project) as service:
+    with local_service(project) as service:
         photos = service.photos.next_photos(scene).photos
     for photo in photos:
         typer.echo(photo.advice)
@@ -133,7 +131,7 @@ def align(
         )
     rows = numbers.tolist()
     alignment = Alignment(frame, pairs=tuple(PointPair(Vector3(*row[:3]), Vector3(*row[3:])) for row in rows))
-    with _service(project) as service:
+    with local_service(project) as service:
         made = service.versions.edit(scene, [Edit("align", alignment=alignment)])
         result = service.get_scene(scene).alignment
     assert result is not None and result.rms is not None
@@ -141,11 +139,3 @@ def align(
     for number in result.outliers:
         typer.echo(f"line {number + 1} did not count: it is {result.residuals[number]:.4g} m off", err=True)
     typer.echo(f"version {made.version} is current")
-
-
-@contextmanager
-def _service(project: str) -> Iterator[SceneService]:
-    from fastsplat.service.application.service import open_service  # loads what answers questions
-
-    with open_service(load_settings()) as service:
-        yield service.in_project(project)

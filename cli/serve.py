@@ -11,7 +11,8 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from fastsplat.workers.process_group import PARENT_VARIABLE, process_state
+from fastsplat.service.common.process import PARENT_VARIABLE
+from fastsplat.workers.process_group import process_state
 
 logger = logging.getLogger(__name__)
 _STEADY_S = 30.0

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.local_service import local_service
 from fastsplat.cli.remote import Ca, KeyFile, Server, connect
-from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.json_codec import to_plain
 
@@ -26,8 +26,6 @@ def status(
         with connect(server, key_file, ca, project) as client:
             told = client.server_status()
     else:
-        from fastsplat.service.application.service import open_service  # loads what answers questions
-
-        with open_service(load_settings()) as service:
-            told = service.in_project(project or DEFAULT_PROJECT).status("operator", "")
+        with local_service(project or DEFAULT_PROJECT) as service:
+            told = service.status("operator", "")
     typer.echo(json.dumps(to_plain(told), indent=2, ensure_ascii=False))

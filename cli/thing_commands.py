@@ -1,11 +1,9 @@
-"""`fastsplat things`: list and pick the things of a scene, name, merge, split, add, discard and insert them, and look
-for more names."""
+"""`fastsplat things`: list and pick the things of a scene, say where a robot sees one, name, merge, split, add, discard
+and insert them, and look for more names."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,8 +12,8 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.cli.local_service import local_service
 from fastsplat.cli.waiting import wait_for
-from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
@@ -26,7 +24,7 @@ from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox, Scen
 from fastsplat_contract.thing_prompts import ThingPrompt
 
 if TYPE_CHECKING:
-    from fastsplat.service.application.service import SceneService
+    pass
 
 things_app = typer.Typer(
     name="things",
@@ -68,7 +66,7 @@ def list_things(
 ) -> None:
     """Show every thing of a scene, by id."""
     things: list[SceneThing] = []
-    with thing_service(project) as service:
+    with local_service(project) as service:
         page = service.answers.list_things(scene, version, parts=parts)
         things += page.things
         while page.next_page_token:
@@ -86,6 +84,20 @@ def list_things(
         place = "  " if thing.parent else ""
         table.add_row(f"{place}{thing.id}", Text(thing.name), source, Text(maybe), str(thing.gaussian_count))
     Console().print(table)
+
+
+@things_app.command()
+def goal(
+    scene: Scene,
+    thing: Annotated[int, typer.Argument(help="Id of a thing, from the list.")],
+    radius: Annotated[float, typer.Option(help="Of the robot, meters; 0: 0.2.")] = 0.0,
+    version: Version = "",
+    project: Project = DEFAULT_PROJECT,
+) -> None:
+    """Print where a robot stands to see a thing, as JSON; of scenes in meters with z up."""
+    with local_service(project) as service:
+        place = service.exports.goal(scene, thing, radius, version)
+    typer.echo(json.dumps(to_plain(place), indent=2))
 
 
 @things_app.command()
@@ -109,7 +121,7 @@ def pick(
         point=None if point is None else Vector3(*point),
         version=version,
     )
-    with thing_service(project) as service:
+    with local_service(project) as service:
         typer.echo(json.dumps(to_plain(service.answers.pick(request)), indent=2, ensure_ascii=False))
 
 
@@ -118,7 +130,7 @@ def name(
     scene: Scene,
     name: Annotated[str, typer.Argument(help="What they are.")],
     things: Ids,
-    alias: Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")] = [],  # noqa: B006
+    alias: Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")] = [],
     looked_at: LookedAt = "",
     project: Project = DEFAULT_PROJECT,
 ) -> None:
@@ -152,7 +164,7 @@ def look_again(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Search a scene for more names with the configured open-set detector; a running worker does it."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         operation = service.look_again(scene, LookAgainIn(tuple(texts)))
         typer.echo(f"operation {operation.id} is {operation.state}", err=True)
         operation = wait_for(service, operation) if wait else operation
@@ -193,11 +205,11 @@ def split(
     scene: Scene,
     thing: Annotated[int, typer.Argument(help="Id of the thing, from the list.")],
     view: View = "",
-    pixel: OnThing = [],  # noqa: B006
-    beside: BesideThing = [],  # noqa: B006
+    pixel: OnThing = [],
+    beside: BesideThing = [],
     box: AroundThing = None,
     name: NewName = None,
-    alias: Aliases = [],  # noqa: B006
+    alias: Aliases = [],
     looked_at: LookedAt = "",
     project: Project = DEFAULT_PROJECT,
 ) -> None:
@@ -210,11 +222,11 @@ def split(
 def add(
     scene: Scene,
     view: View = "",
-    pixel: OnThing = [],  # noqa: B006
-    beside: BesideThing = [],  # noqa: B006
+    pixel: OnThing = [],
+    beside: BesideThing = [],
     box: AroundThing = None,
     name: NewName = None,
-    alias: Aliases = [],  # noqa: B006
+    alias: Aliases = [],
     looked_at: LookedAt = "",
     project: Project = DEFAULT_PROJECT,
 ) -> None:
@@ -230,7 +242,7 @@ def undo(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Go back to the version before the current one."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         typer.echo(f"version {service.versions.undo(scene, version).version} is current")
 
 
@@ -241,7 +253,7 @@ def redo(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Go forward to the version that was undone."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         typer.echo(f"version {service.versions.redo(scene, version).version} is current")
 
 
@@ -252,14 +264,14 @@ def restore(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Make any version current; all others stay."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         typer.echo(f"version {service.versions.restore(scene, version).version} is current")
 
 
 @things_app.command()
 def versions(scene: Scene, project: Project = DEFAULT_PROJECT, as_json: Json = False) -> None:
     """Show every version of a scene, oldest first; a star marks the current one."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         rows = service.versions.all(scene)
     if as_json:
         typer.echo(json.dumps([to_plain(row) for row in rows], indent=2, ensure_ascii=False))
@@ -281,7 +293,7 @@ def known(
     project: Project = DEFAULT_PROJECT,
 ) -> None:
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
-    with thing_service(project) as service:
+    with local_service(project) as service:
         if forget:
             service.known_names.forget(forget)
         if forget_all:
@@ -298,7 +310,7 @@ def known(
 
 
 def _edit(scene: str, edit: Edit, looked_at: str, project: str) -> None:
-    with thing_service(project) as service:
+    with local_service(project) as service:
         made = service.versions.edit(scene, [edit], looked_at=looked_at)
     for new in made.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
@@ -328,12 +340,3 @@ def _pixel(text: str, option: str) -> Pixel:
             f"a pixel at {text[:40]!r}", field=option, hint=f"Write --{option} X,Y, as in --{option} 120.5,80."
         ) from error
     return Pixel(x, y)
-
-
-@contextmanager
-def thing_service(project: str) -> Iterator[SceneService]:
-    """The service over the configured data folder, as a project has it."""
-    from fastsplat.service.application.service import open_service  # loads what answers questions
-
-    with open_service(load_settings()) as service:
-        yield service if project == DEFAULT_PROJECT else service.in_project(project)

@@ -7,8 +7,6 @@ import signal
 import socket
 from pathlib import Path
 
-PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
-"""Environment variable that names the parent whose end is a child's end too."""
 _MOST_DESCRIPTORS = 1024
 _START_TIME = 18  # field 22 of /proc/PID/stat, counted from the one after the state
 _CLOCK_SLACK_S = 2.0

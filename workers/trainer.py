@@ -12,8 +12,8 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fastsplat.service.common.process import die_with_parent, yield_to_others
-from fastsplat.workers.process_group import PARENT_VARIABLE, fork_group_guard
+from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, yield_to_others
+from fastsplat.workers.process_group import fork_group_guard
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,9 +13,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from fastsplat.service.common.process import PARENT_VARIABLE
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import Settings
-from fastsplat.workers.process_group import PARENT_VARIABLE
 from fastsplat.workers.protocol import Event, Job, read_event
 
 # The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.

@@ -100,6 +100,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListPhotos": (_SHOW, ("GET /v1/scenes/{scene_id}/photos",)),
     "DownloadPhoto": (_SHOW, ("GET /v1/scenes/{scene_id}/photo.jpg",)),
     "ListNextPhotos": (_SHOW, ("GET /v1/scenes/{scene_id}/next-photos",)),
+    "GetGoal": (_SHOW, ("GET /v1/scenes/{scene_id}/goal",)),
     "ListBestViews": (_SHOW, ("GET /v1/scenes/{scene_id}/views",)),
     "DownloadScenePly": (_FETCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
     "CreateKey": (_ADMIN, ("POST /v1/keys",)),
@@ -130,6 +131,7 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.health.v1.Health/Watch": _OPEN,
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
     "GET /v1/server": _SHOW,
+    "POST /mcp": _FETCH,  # each tool then makes calls of the table above, with the same key
     # tus, by which CreateScene's files may come over HTTP
     "OPTIONS /v1/uploads": _FOLLOW,
     "POST /v1/uploads": _UPLOAD,

@@ -1,58 +1,55 @@
-"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos."""
+"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; and
+where a robot stands."""
 
 from __future__ import annotations
 
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.grpc.guard import Context, guarded
-from fastsplat.api.threads import Threads
-from fastsplat.service.application.service import SceneService
-from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import AlignIn, Edit
+from fastsplat.api.grpc.messages import MessageServicer, as_message
+from fastsplat_contract.proto_codec import from_proto
+from fastsplat_contract.scenes import AlignIn, Edit, SceneVersion
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as pb_grpc
 
 
-class ImprovingServicer(pb_grpc.SceneServiceServicer):
+class ImprovingServicer(MessageServicer):
     """The part of `SceneServicer` that makes scenes better."""
 
-    _service: SceneService
-    _threads: Threads
-
-    async def TrainMore(self, request: pb.TrainMoreRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def TrainMore(self, request: pb.TrainMoreRequest, context: Context) -> pb.Operation:
         """Train a scene further."""
-
-        def ordered() -> pb.Operation:
-            operation = self._service.training.order(request.scene_id, from_proto(TrainMoreIn, request))
-            message: pb.Operation = to_proto(operation)
-            return message
-
         async with guarded(context, "TrainMore"):
-            return await self._threads.call(ordered)
+            return await self._message(
+                pb.Operation, lambda: self._service.training.order(request.scene_id, from_proto(TrainMoreIn, request))
+            )
 
-    async def AlignScene(self, request: pb.AlignSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+    async def AlignScene(self, request: pb.AlignSceneRequest, context: Context) -> pb.SceneVersion:
         """Put a scene into the frame of a map."""
 
-        def aligned() -> pb.SceneVersion:
+        def align() -> SceneVersion:
             body = from_proto(AlignIn, request)
             edits = (Edit("align", alignment=body.alignment),)
-            made = self._service.versions.edit(request.scene_id, edits, body.request_id, "", caller_id())
-            message: pb.SceneVersion = to_proto(made)
-            return message
+            return self._service.versions.edit(request.scene_id, edits, body.request_id, "", caller_id())
 
         async with guarded(context, "AlignScene"):
-            return await self._threads.call(aligned)
+            return await self._message(pb.SceneVersion, align)
 
-    async def ListNextPhotos(  # noqa: N802
-        self, request: pb.ListNextPhotosRequest, context: Context
-    ) -> pb.ListNextPhotosResponse:
+    async def ListNextPhotos(self, request: pb.ListNextPhotosRequest, context: Context) -> pb.ListNextPhotosResponse:
         """Where to stand for the next photos."""
-
-        def listed() -> pb.ListNextPhotosResponse:
-            message: pb.ListNextPhotosResponse = to_proto(
-                self._service.photos.next_photos(request.scene_id, request.version)
-            )
-            return message
-
         async with guarded(context, "ListNextPhotos"):
-            return await self._threads.answer(listed)
+            return await self._threads.answer(
+                lambda: as_message(
+                    pb.ListNextPhotosResponse, self._service.photos.next_photos(request.scene_id, request.version)
+                )
+            )
+
+    async def GetGoal(self, request: pb.GetGoalRequest, context: Context) -> pb.Goal:
+        """Where a robot stands to see a thing."""
+        async with guarded(context, "GetGoal"):
+            return await self._threads.answer(
+                lambda: as_message(
+                    pb.Goal,
+                    self._service.exports.goal(
+                        request.scene_id, request.thing_id, request.robot_radius, request.version
+                    ),
+                )
+            )

@@ -10,10 +10,11 @@ from google.protobuf import empty_pb2
 from grpc import aio
 
 from fastsplat.api.access.caller import caller_id
-from fastsplat.api.grpc.admin_rpcs import AdminServicer, as_message
+from fastsplat.api.grpc.admin_rpcs import AdminServicer
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.improving_rpcs import ImprovingServicer
 from fastsplat.api.grpc.job_rpcs import JobServicer
+from fastsplat.api.grpc.messages import as_message
 from fastsplat.api.grpc.standing import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
@@ -42,7 +43,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
         self._threads = threads
         self._operations = Operations(service, threads)
 
-    async def CreateScene(  # noqa: N802
+    async def CreateScene(
         self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
     ) -> pb.Operation:
         """Upload a capture and queue its training."""
@@ -55,32 +56,32 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             )
             return as_message(pb.Operation, operation)
 
-    async def GetScene(self, request: pb.GetSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
+    async def GetScene(self, request: pb.GetSceneRequest, context: Context) -> pb.Scene:
         """One scene in full."""
         async with guarded(context, "GetScene"):
             return await self._message(pb.Scene, lambda: self._service.get_scene(request.scene_id))
 
-    async def ListScenes(self, request: pb.ListScenesRequest, context: Context) -> pb.ListScenesResponse:  # noqa: N802
+    async def ListScenes(self, request: pb.ListScenesRequest, context: Context) -> pb.ListScenesResponse:
         """Scenes in pages."""
         async with guarded(context, "ListScenes"):
             return await self._message(
                 pb.ListScenesResponse, lambda: self._service.list_scenes(request.page_size, request.page_token)
             )
 
-    async def UpdateScene(self, request: pb.UpdateSceneRequest, context: Context) -> pb.Scene:  # noqa: N802
+    async def UpdateScene(self, request: pb.UpdateSceneRequest, context: Context) -> pb.Scene:
         """Rename a scene."""
         async with guarded(context, "UpdateScene"):
             return await self._message(
                 pb.Scene, lambda: self._service.update_scene(request.scene_id, from_proto(SceneUpdate, request))
             )
 
-    async def DeleteScene(self, request: pb.DeleteSceneRequest, context: Context) -> empty_pb2.Empty:  # noqa: N802
+    async def DeleteScene(self, request: pb.DeleteSceneRequest, context: Context) -> empty_pb2.Empty:
         """Forget a scene."""
         async with guarded(context, "DeleteScene"):
             await self._threads.call(lambda: self._service.delete_scene(request.scene_id))
             return empty_pb2.Empty()
 
-    async def ListLabels(self, request: pb.ListLabelsRequest, context: Context) -> pb.ListLabelsResponse:  # noqa: N802
+    async def ListLabels(self, request: pb.ListLabelsRequest, context: Context) -> pb.ListLabelsResponse:
         """The dictionary in pages."""
         async with guarded(context, "ListLabels"):
             return await self._message(
@@ -88,7 +89,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 lambda: self._service.list_labels(request.scene_id, request.page_size, request.page_token),
             )
 
-    async def ListPhotoVerdicts(  # noqa: N802
+    async def ListPhotoVerdicts(
         self, request: pb.ListPhotoVerdictsRequest, context: Context
     ) -> pb.ListPhotoVerdictsResponse:
         """What became of each photo, in pages."""
@@ -98,9 +99,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 lambda: self._service.list_photo_verdicts(request.scene_id, request.page_size, request.page_token),
             )
 
-    async def ListObjects(  # noqa: N802
-        self, request: pb.ListObjectsRequest, context: Context
-    ) -> pb.ListObjectsResponse:
+    async def ListObjects(self, request: pb.ListObjectsRequest, context: Context) -> pb.ListObjectsResponse:
         """The things of a scene in pages."""
         async with guarded(context, "ListObjects"):
             return await self._message(
@@ -110,7 +109,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 ),
             )
 
-    async def ListThings(self, request: pb.ListThingsRequest, context: Context) -> pb.ListThingsResponse:  # noqa: N802
+    async def ListThings(self, request: pb.ListThingsRequest, context: Context) -> pb.ListThingsResponse:
         """Every thing of a scene in pages."""
         async with guarded(context, "ListThings"):
             return await self._message(
@@ -120,21 +119,21 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 ),
             )
 
-    async def PickThing(self, request: pb.PickThingRequest, context: Context) -> pb.PickedThing:  # noqa: N802
+    async def PickThing(self, request: pb.PickThingRequest, context: Context) -> pb.PickedThing:
         """The thing at a place."""
         async with guarded(context, "PickThing"):
             return await self._threads.answer(
                 lambda: as_message(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
             )
 
-    async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:  # noqa: N802
+    async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:
         """What is between two places."""
         async with guarded(context, "MeasureScene"):
             return await self._threads.answer(
                 lambda: as_message(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
             )
 
-    async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+    async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:
         """Make a new version."""
 
         def edited() -> SceneVersion:
@@ -144,30 +143,28 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
         async with guarded(context, "EditScene"):
             return await self._message(pb.SceneVersion, edited)
 
-    async def LookAgain(self, request: pb.LookAgainRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def LookAgain(self, request: pb.LookAgainRequest, context: Context) -> pb.Operation:
         """Search a scene for more names."""
         async with guarded(context, "LookAgain"):
             return await self._message(
                 pb.Operation, lambda: self._service.look_again(request.scene_id, from_proto(LookAgainIn, request))
             )
 
-    async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+    async def UndoEdit(self, request: pb.UndoEditRequest, context: Context) -> pb.SceneVersion:
         """Go back one version."""
         async with guarded(context, "UndoEdit"):
             return await self._message(
                 pb.SceneVersion, lambda: self._service.versions.undo(request.scene_id, request.version)
             )
 
-    async def RedoEdit(self, request: pb.RedoEditRequest, context: Context) -> pb.SceneVersion:  # noqa: N802
+    async def RedoEdit(self, request: pb.RedoEditRequest, context: Context) -> pb.SceneVersion:
         """Go forward one version."""
         async with guarded(context, "RedoEdit"):
             return await self._message(
                 pb.SceneVersion, lambda: self._service.versions.redo(request.scene_id, request.version)
             )
 
-    async def RestoreVersion(  # noqa: N802
-        self, request: pb.RestoreVersionRequest, context: Context
-    ) -> pb.SceneVersion:
+    async def RestoreVersion(self, request: pb.RestoreVersionRequest, context: Context) -> pb.SceneVersion:
         """Make any version current."""
         async with guarded(context, "RestoreVersion"):
             return await self._message(
@@ -175,23 +172,19 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 lambda: self._service.versions.restore(request.scene_id, request.version, request.expected),
             )
 
-    async def ListVersions(  # noqa: N802
-        self, request: pb.ListVersionsRequest, context: Context
-    ) -> pb.ListVersionsResponse:
+    async def ListVersions(self, request: pb.ListVersionsRequest, context: Context) -> pb.ListVersionsResponse:
         """Every version."""
         async with guarded(context, "ListVersions"):
             return await self._message(
                 pb.ListVersionsResponse, lambda: VersionList(self._service.versions.all(request.scene_id))
             )
 
-    async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def GetOperation(self, request: pb.GetOperationRequest, context: Context) -> pb.Operation:
         """Where a job stands."""
         async with guarded(context, "GetOperation"):
             return as_message(pb.Operation, await self._operations.get(request.operation_id))
 
-    async def ListOperations(  # noqa: N802
-        self, request: pb.ListOperationsRequest, context: Context
-    ) -> pb.ListOperationsResponse:
+    async def ListOperations(self, request: pb.ListOperationsRequest, context: Context) -> pb.ListOperationsResponse:
         """Operations in pages."""
 
         def listed() -> OperationList:
@@ -200,31 +193,29 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
         async with guarded(context, "ListOperations"):
             return await self._message(pb.ListOperationsResponse, listed)
 
-    async def CancelOperation(self, request: pb.CancelOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def CancelOperation(self, request: pb.CancelOperationRequest, context: Context) -> pb.Operation:
         """Ask a job to stop."""
         async with guarded(context, "CancelOperation"):
             return await self._message(pb.Operation, lambda: self._service.cancel_operation(request.operation_id))
 
-    async def RetryOperation(self, request: pb.RetryOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def RetryOperation(self, request: pb.RetryOperationRequest, context: Context) -> pb.Operation:
         """Queue a failed or cancelled job again."""
         async with guarded(context, "RetryOperation"):
             return await self._message(pb.Operation, lambda: self._service.retry_operation(request.operation_id))
 
-    async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:  # noqa: N802
+    async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
         """The operation when it is done, or when the time is up."""
         async with guarded(context, "WaitOperation"):
             return as_message(pb.Operation, await self._operations.wait(request.operation_id, request.timeout_s))
 
-    async def WatchOperation(  # noqa: N802
-        self, request: pb.WatchOperationRequest, context: Context
-    ) -> AsyncIterator[pb.Operation]:
+    async def WatchOperation(self, request: pb.WatchOperationRequest, context: Context) -> AsyncIterator[pb.Operation]:
         """The operation now and on every change, until it is done."""
         async with guarded(context, "WatchOperation"):
             first = await self._operations.current(request.operation_id)
             async for change in self._operations.changes(first):
                 yield as_message(pb.Operation, change.operation)
 
-    async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:  # noqa: N802
+    async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
         """Ranked labels, masks and objects."""
 
         reads_skipped = READS_SKIPPED in [tuple(entry) for entry in context.invocation_metadata() or ()]
@@ -239,7 +230,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             for message in await self._threads.answer(asked):
                 yield message
 
-    async def StreamQuery(  # noqa: N802
+    async def StreamQuery(
         self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
     ) -> AsyncIterator[pb.StreamQueryResponse]:
         """A standing question and pose after pose."""
@@ -247,7 +238,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             async for message in answer_stream(self._service, self._threads, aiter(request_iterator)):
                 yield message
 
-    async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:  # noqa: N802
+    async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """One picture."""
         async with guarded(context, "RenderView"):
             picture = await self._threads.answer(
@@ -256,9 +247,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             for chunk in chunks(picture):
                 yield pb.Chunk(data=chunk)
 
-    async def DownloadCameras(  # noqa: N802
-        self, request: pb.DownloadCamerasRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def DownloadCameras(self, request: pb.DownloadCamerasRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """The scene's own cameras as a file."""
         async with guarded(context, "DownloadCameras"):
             content = await self._threads.call(
@@ -267,9 +256,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
 
-    async def DownloadScenePly(  # noqa: N802
-        self, request: pb.DownloadScenePlyRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def DownloadScenePly(self, request: pb.DownloadScenePlyRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """The whole scene as a 3DGS PLY."""
         async with guarded(context, "DownloadScenePly"):
             if request.offset and not request.version:
@@ -282,9 +269,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             async for chunk in self._file(path, request.offset):
                 yield chunk
 
-    async def DownloadMaskPly(  # noqa: N802
-        self, request: pb.DownloadMaskPlyRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def DownloadMaskPly(self, request: pb.DownloadMaskPlyRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """The Gaussians that answer a text as a 3DGS PLY."""
         async with guarded(context, "DownloadMaskPly"):
             ply = await self._threads.answer(
@@ -293,25 +278,21 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             for chunk in chunks(ply):
                 yield pb.Chunk(data=chunk)
 
-    async def ExportScene(  # noqa: N802
-        self, request: pb.ExportSceneRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def ExportScene(self, request: pb.ExportSceneRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """The scene as a file for other programs."""
         async with guarded(context, "ExportScene"):
             content = await self._threads.answer(lambda: self._service.exports.file(from_proto(ExportRequest, request)))
             for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
 
-    async def DownloadThingIds(  # noqa: N802
-        self, request: pb.DownloadThingIdsRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def DownloadThingIds(self, request: pb.DownloadThingIdsRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """Which thing each Gaussian belongs to."""
         async with guarded(context, "DownloadThingIds"):
             ids = await self._threads.answer(lambda: self._service.answers.thing_ids(request.scene_id, request.version))
             for chunk in chunks(ids):
                 yield pb.Chunk(data=chunk)
 
-    async def ListPhotos(self, request: pb.ListPhotosRequest, context: Context) -> pb.ListPhotosResponse:  # noqa: N802
+    async def ListPhotos(self, request: pb.ListPhotosRequest, context: Context) -> pb.ListPhotosResponse:
         """The photos that are stored with a scene, in pages."""
         async with guarded(context, "ListPhotos"):
             return await self._message(
@@ -321,9 +302,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 ),
             )
 
-    async def DownloadPhoto(  # noqa: N802
-        self, request: pb.DownloadPhotoRequest, context: Context
-    ) -> AsyncIterator[pb.Chunk]:
+    async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """A photo of one of the scene's cameras."""
         async with guarded(context, "DownloadPhoto"):
             path, _ = await self._threads.call(
@@ -332,9 +311,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             async for chunk in self._file(path, 0):
                 yield chunk
 
-    async def ListBestViews(  # noqa: N802
-        self, request: pb.ListBestViewsRequest, context: Context
-    ) -> pb.ListBestViewsResponse:
+    async def ListBestViews(self, request: pb.ListBestViewsRequest, context: Context) -> pb.ListBestViewsResponse:
         """Which cameras show some things best."""
         async with guarded(context, "ListBestViews"):
             return await self._threads.answer(

@@ -17,6 +17,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.pieces import messages_of
+from fastsplat_contract.poses import Pose, quaternion_of, vector3
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
@@ -195,8 +196,17 @@ def _accept(service: SceneService, query: QueryRequest) -> str:
     return answers[0].version
 
 
+def _seen_from(query: QueryRequest, camera: PosedCamera) -> QueryRequest:
+    """The question at one pose; who asks stands there, unless the question says where."""
+    asker = query.asker
+    if asker is None and query.asker_view is None:
+        world = camera.world_from_camera
+        asker = Pose(vector3(world[:3, 3]), quaternion_of(world[:3, :3]))
+    return replace(query, cameras=(camera,), asker=asker)
+
+
 async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> AsyncIterator[pb.StreamQueryResponse]:
-    query = replace(pose.question.query, cameras=(pose.camera,))
+    query = _seen_from(pose.question.query, pose.camera)
     started = time.perf_counter()
 
     def asked() -> list[pb.QueryResponse]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fastsplat.api.uploads import scene_options
+from fastsplat.api.uploads import OPTIONS, scene_options
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploads import UploadFile, UploadSession
 from fastsplat_contract.errors import InvalidInputError
@@ -72,18 +72,8 @@ class StreamSink:
         if message.WhichOneof("part") != "header":
             raise _no_header()
         header = message.header
-        self._options = scene_options(
-            header.labels,
-            header.time_budget_s if header.HasField("time_budget_s") else None,
-            header.max_gaussians if header.HasField("max_gaussians") else None,
-            header.preset,
-            header.priority,
-            header.up,
-            header.movers,
-            header.privacy,
-            header.lens,
-            header.nadir_deg if header.HasField("nadir_deg") else None,
-        )
+        sent = {field.name: value for field, value in header.ListFields() if field.name in OPTIONS}
+        self._options = scene_options(header.labels, sent)
         self._header = header
 
     def _end_file(self) -> None:

@@ -21,6 +21,7 @@ from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
+from fastsplat.api.rest.assistant import Assistant
 from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.export_routes import export_routes
 from fastsplat.api.rest.health import health_routes
@@ -103,6 +104,7 @@ def create_app(
     """
     service = in_callers_project(service)
     threads = threads or Threads()
+    assistant = Assistant()
     app = _App(
         title="FAST-Splat scene service",
         version="v1",
@@ -114,6 +116,7 @@ def create_app(
         servers=[{"url": settings.root_path or "/"}],
         openapi_tags=[dict(tag) for tag in _TAGS],
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        lifespan=assistant.lifespan,
         redirect_slashes=False,  # a redirect would tell those without a key which paths there are
     )
     app.add_middleware(AccessLayer, routed=app, gate=gate or build_gate(settings, None))
@@ -172,6 +175,7 @@ def create_app(
         page.headers["Content-Security-Policy"] = _DOCS_POLICY
         return page
 
+    app.router.routes.append(assistant.route())
     app.mount("/docs-files", ReleaseFiles(_SWAGGER), name="docs-files")
     add_page(app)
     return app

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
@@ -46,6 +47,8 @@ NEXT_PHOTOS = NextPhotoList(
     ),
     "1",
 )
+
+GOAL = Goal(Pose(Vector3(1.025, 0.475, 0.01), Quaternion(0.0, 0.0, 1.0, 0.0)), 3.141592653589793, 0.42, 0.31, 1, "1")
 
 CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     "MeasureIn": {

@@ -21,6 +21,7 @@ PAGE_TOKEN = write_page_token(1767225600.0, IDS["scene_id"])
 
 PARAMETERS: Mapping[str, Any] = {
     **IDS,
+    "asker_view": "front.png",
     "cell": 0.0,
     "coverage": 0.9,
     "depth_scale": 0.001,
@@ -38,11 +39,13 @@ PARAMETERS: Mapping[str, Any] = {
     "page_token": PAGE_TOKEN,
     "parts": True,
     "query text": ["mug", "ball"],
+    "robot_radius": 0.2,
     "scene": IDS["scene_id"],
     "state": "RUNNING",
     "templates": ["a photo of a {}"],
     "text": "mug",
     "thing": [2],
+    "thing_id": 1,
     "things": [1],
     "timeout_s": 20.0,
     "view": "front.png",

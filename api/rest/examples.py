@@ -12,7 +12,7 @@ import numpy as np
 
 from fastsplat.api.errors import refusal_of
 from fastsplat.api.rest.admin_examples import ADMIN_BODIES, admin_answers
-from fastsplat.api.rest.change_examples import CHANGE_BODIES, MEASUREMENT, NEXT_PHOTOS, SCALE
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, GOAL, MEASUREMENT, NEXT_PHOTOS, SCALE
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
@@ -25,6 +25,7 @@ from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
+from fastsplat_contract.phrase_messages import PhraseAnswer, Witness
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
 from fastsplat_contract.scenes import (
@@ -145,9 +146,9 @@ _VERSION = SceneVersion(
 )
 _ANSWER = Answer(
     scene_id=IDS["scene_id"],
-    text="cup",
+    text="cup left of the ball",
     verdict="exact",
-    explanation="This scene knows 'cup' as 'mug'.",
+    explanation='"cup", left of the ball: thing 1 (direction to thing 2: 12.5°).',
     probability=0.97,
     label_set=(1,),
     coverage=0.9,
@@ -163,6 +164,15 @@ _ANSWER = Answer(
     masks=(_VIEW_MASK,),
     objects=(_OBJECT,),
     presence=0.99,
+    phrase=PhraseAnswer(
+        asks="things",
+        head="cup",
+        conditions=("left of the ball",),
+        not_understood="",
+        things=(1,),
+        undecided=(),
+        witnesses=(Witness("left of the ball", 1, (2,), "direction", 12.5, "deg", 5.2),),
+    ),
 )
 ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
@@ -188,6 +198,7 @@ ANSWERS: Mapping[str, Any] = {
         BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1"),
         MEASUREMENT,
         NEXT_PHOTOS,
+        GOAL,
         _VERSION,
         VersionList((_VERSION,)),
         *admin_answers(IDS, PAGE_TOKEN),
@@ -205,6 +216,10 @@ BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "viewpoint": (
             "masks seen from a robot's camera",
             QueryIn(("mug",), cameras=(_VIEWPOINT,), outputs=frozenset({"mask2d"}), mask2d_encoding="png"),
+        ),
+        "relation": (
+            "the thing left of another, as seen from one of the scene's own views",
+            QueryIn(("the mug left of the ball",), outputs=frozenset({"objects"}), asker_view="front.png"),
         ),
         "gaussians": (
             "which Gaussians answer",

@@ -64,7 +64,7 @@ def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def list_best_views(
         request: Request,
         scene_id: str,
-        things: Annotated[list[int], Query(description="ids of things or parts, seen together")] = [],  # noqa: B006
+        things: Annotated[list[int], Query(description="ids of things or parts, seen together")] = [],
         text: Annotated[str, Query(description="instead of things: those that answer it")] = "",
         max_views: Annotated[int, Query(description="at most so many; 0: three", json_schema_extra=_VIEW_BOUNDS)] = 0,
         version: Version = "",

@@ -67,9 +67,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         version: Version = "",
         outputs: Annotated[
             list[Literal["mask3d", "objects"]], Query(description="what to compute beside the ranking")
-        ] = [],  # noqa: B006
-        negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],  # noqa: B006
-        templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],  # noqa: B006
+        ] = [],
+        negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],
+        templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],
         coverage: Annotated[
             float | None,
             Query(
@@ -83,6 +83,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         mask3d_encoding: Annotated[
             Mask3dEncoding, Query(description=description_of(QueryIn, "mask3d_encoding"))
         ] = "bits",
+        asker_view: Annotated[
+            str | None, Query(description="name of one of the scene's cameras where you stand")
+        ] = None,
     ) -> Response:
         """Ranked labels for a text, in one scene or in all of the project."""
         question = QueryRequest(
@@ -95,6 +98,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             coverage=coverage,
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
+            asker_view=asker_view,
         )
         return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
 

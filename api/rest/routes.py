@@ -72,13 +72,15 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     """Scenes: post, look, list, edit, delete."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
+    def accepted(operation: Operation) -> Response:
+        where = {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
+        return json_response(to_json(operation), 202, where)
+
     @router.post("/scenes", status_code=202, response_model=Operation, openapi_extra=BODY_SCHEMA)
     async def create_scene(request: Request) -> Response:
         """Upload a capture and queue its training; the operation is durable once it is returned."""
         operation = await receive_scene(request, service, settings, threads)
-        return json_response(
-            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
-        )
+        return accepted(operation)
 
     @router.get("/scenes", response_model=SceneList)
     async def list_scenes(request: Request, page_size: PageSize = 0, page_token: PageToken = "") -> Response:
@@ -165,7 +167,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def cameras(
         request: Request,
         scene_id: str,
-        format: Annotated[  # noqa: A002
+        format: Annotated[
             CameraFormat,
             Query(description=description_of(CameraFileRequest, "format")),
         ] = "json",
@@ -190,17 +192,13 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
     async def look_again(request: Request, scene_id: str, body: LookAgainIn) -> Response:
         """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
         operation = await run_cancellable(request, threads.call, lambda: service.look_again(scene_id, body))
-        return json_response(
-            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
-        )
+        return accepted(operation)
 
     @router.post("/scenes/{scene_id}:trainMore", status_code=202, response_model=Operation)
     async def train_more(request: Request, scene_id: str, body: TrainMoreIn) -> Response:
         """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
         operation = await run_cancellable(request, threads.call, lambda: service.training.order(scene_id, body))
-        return json_response(
-            to_json(operation), 202, {"Location": f"{settings.root_path}/v1/operations/{operation.id}"}
-        )
+        return accepted(operation)
 
     @router.post("/scenes/{scene_id}:align", response_model=SceneVersion)
     async def align_scene(request: Request, scene_id: str, body: AlignIn) -> Response:

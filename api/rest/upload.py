@@ -13,7 +13,7 @@ from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.multipart import FormParser
 from fastsplat.api.rest.responses import while_connected
 from fastsplat.api.threads import Threads
-from fastsplat.api.uploads import check_announced, scene_options
+from fastsplat.api.uploads import OPTIONS, check_announced, scene_options
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploads import UploadFile, UploadSession
 from fastsplat.service.settings import Settings
@@ -171,18 +171,7 @@ class _FormSink:
         form = _form(self._texts)
         for upload_id in form.uploads:
             session.adopt(*self._service.resumable.complete(self._project, upload_id))
-        options = scene_options(
-            form.labels,
-            form.time_budget_s,
-            form.max_gaussians,
-            form.preset,
-            form.priority,
-            form.up,
-            form.movers,
-            form.privacy,
-            form.lens,
-            form.nadir_deg,
-        )
+        options = scene_options(form.labels, form.model_dump(include=set(OPTIONS)))
         return self._service.create_scene(session, form.name, form.request_id, options)
 
     def close(self) -> None:

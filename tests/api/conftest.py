@@ -1,4 +1,5 @@
-"""One service with one made scene behind both faces, for all tests of this room that do not change it."""
+"""One service with one made scene behind both faces, for all tests of this room that do not change it; a scene of its
+own for each test that does."""
 
 from __future__ import annotations
 
@@ -12,6 +13,8 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
+from fastsplat_client import Client
+from tests.api.clients import client_of
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
 from tests.api.served import Faces, served
@@ -59,6 +62,21 @@ def faces(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
     """REST and gRPC over the same service."""
     with served(service, api_settings) as running:
         yield running
+
+
+@pytest.fixture
+def client(faces: Faces) -> Iterator[Client]:
+    """The typed client of both."""
+    with client_of(faces) as opened:
+        yield opened
+
+
+@pytest.fixture
+def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """A made scene that the test may change."""
+    made = add_scene(service, api_settings, "to change")
+    yield made
+    service.delete_scene(made)
 
 
 @pytest.fixture(scope="session")

@@ -24,6 +24,12 @@ ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")
 KINDRED = {"mug": ("cup", "beaker"), "ball": ("sphere", "balloon"), "story book": ("novel", "paperback")}
 STRANGERS = ("elephant", "submarine", "volcano", "violin", "carrot", "moon")
+PHRASES = tuple(
+    "thing left of the ball/mug left of the ball/second thing from the right/second thing/red mug/blue mug/things/"
+    "thing/left/mug on the piano/piano/how many things are red/"
+    "how many submarines are/submarines".split("/")
+)
+"""Questions that say more than a name, as they are embedded, and what they are made of."""
 PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
 """Of the photos of its three cameras, which are each of one color."""
 _PER_BLOB = 60
@@ -34,7 +40,7 @@ def write_words(models: Path, *more: str) -> None:
     """A text encoder's folder: kindred words close together, strangers (and `more` of them) far from all."""
     rng = np.random.default_rng(7)
     vectors: dict[str, np.ndarray] = {}
-    for word in (*LABELS, *STRANGERS, *QuerySettings().negatives, *more):
+    for word in (*LABELS, *STRANGERS, *QuerySettings().negatives, *more, *PHRASES):
         vectors[word] = rng.normal(size=64)
         for kin in KINDRED.get(word, ()):
             vectors[kin] = vectors[word] + 0.4 * rng.normal(size=64)

@@ -43,7 +43,7 @@ def proxied(port: int, prefix: str) -> Iterator[str]:
             self.wfile.write(content)
             upstream.close()
 
-        do_GET = do_POST = do_PATCH = do_DELETE = do_HEAD = do_OPTIONS = _forward  # noqa: N815
+        do_GET = do_POST = do_PATCH = do_DELETE = do_HEAD = do_OPTIONS = _forward  # noqa: N815 - http.server's names
 
         def log_message(self, *arguments: object) -> None:
             """Say nothing."""

@@ -6,10 +6,8 @@ import asyncio
 import json
 import re
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import grpc
 import httpx
@@ -28,6 +26,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, served
+from tests.waiting import wait_for, with_growing_limit
 
 _ROUTES = [
     (context, method)
@@ -152,19 +151,16 @@ def test_a_new_key_opens_at_once_and_a_revoked_or_expired_one_soon_no_more(
 ) -> None:
     held = locked_service.admin.keys
     record, key = held.create("short", "reader")
-    _wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(key)).status_code == 200)
+    wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(key)).status_code == 200)
     held.revoke(record.id)
-    _wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(key)).status_code == 401)
-    _, expiring = held.create("expiring", "reader", lifetime_s=3.0)
-    _wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(expiring)).status_code == 200)
-    _wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(expiring)).status_code == 401)
+    wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(key)).status_code == 401)
 
+    def opens(lifetime_s: float) -> str | None:
+        _, key = held.create("expiring", "reader", lifetime_s=lifetime_s)
+        return key if locked.rest.get("/v1/scenes", headers=_header(key)).status_code == 200 else None
 
-def _wait_for(what: Any) -> None:
-    deadline = time.monotonic() + 30
-    while not what():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.05)
+    expiring = with_growing_limit(opens, 1.0)
+    wait_for(lambda: locked.rest.get("/v1/scenes", headers=_header(expiring)).status_code == 401)
 
 
 def test_keys_are_never_logged(locked: Faces, keys: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
@@ -175,7 +171,7 @@ def test_keys_are_never_logged(locked: Faces, keys: dict[str, str], caplog: pyte
     locked.rpc.ListScenes(pb.ListScenesRequest(), metadata=(("authorization", f"Bearer {keys['write']}"),))
     with pytest.raises(grpc.RpcError):
         locked.rpc.GetScene(pb.GetSceneRequest(scene_id=keys["read"]), metadata=(("x-api-key", keys["read"]),))
-    _wait_for(lambda: len([record for record in caplog.records if hasattr(record, "request_id")]) >= 5)
+    wait_for(lambda: len([record for record in caplog.records if hasattr(record, "request_id")]) >= 5)
     lines = [JsonLines("api").format(record) for record in caplog.records]
     ours = [json.loads(line) for line in lines if '"request_id"' in line]
     assert any(line["key_id"] and line["milliseconds"] >= 0 for line in ours)

@@ -301,7 +301,7 @@ def test_a_caller_has_a_smaller_share_while_another_calls() -> None:
         assert release.wait(60)
 
     def begin(count: int) -> int:
-        return sum(begun.acquire(timeout=5.0 if number < count else 0.2) for number in range(count + 1))
+        return sum(begun.acquire(timeout=60.0 if number < count else 0.2) for number in range(count + 1))
 
     pool.submit("quiet", lambda: None).result(60)
     for _ in range(16):

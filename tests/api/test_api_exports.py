@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import io
+import shutil
+import sys
+import zipfile
 from pathlib import Path
 
 import grpc
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from fastsplat.service.application.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.spz import read_spz
 from fastsplat.service.scene import read_ply
-from fastsplat_contract.errors import NotFoundError
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import NotFoundError, SceneFileError
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
+from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.upright_scene import add_upright_scene
+
+
+@pytest.fixture(scope="module")
+def upright_id(service: SceneService, api_settings: Settings) -> str:
+    return add_upright_scene(service, api_settings)
 
 
 def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -> bytes:
@@ -27,7 +42,7 @@ def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
 
 
-@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras"])
+@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras", "sog", "mcap"])
 @pytest.mark.parametrize("things", [(), (1,), (1, 2)])
 def test_exports_are_the_same_bytes(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat, things: tuple[int, ...]
@@ -75,7 +90,7 @@ def test_one_thing_alone_has_the_rows_that_are_its(
 
 
 def test_an_unknown_thing_is_refused_alike(faces: Faces, service: SceneService, scene_id: str) -> None:
-    for name in ("ply", "spz"):
+    for name in ("ply", "spz", "sog"):
         rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing": 4_000}))
         with pytest.raises(grpc.RpcError) as caught:
             _rpc(faces, scene_id, name, (4_000,))
@@ -83,6 +98,30 @@ def test_an_unknown_thing_is_refused_alike(faces: Faces, service: SceneService, 
     with pytest.raises(NotFoundError):
         service.exports.file(ExportRequest(scene_id, "spz", things=(4_000,)))
     assert faces.rest.get(f"/v1/scenes/{scene_id}/scene.exe").status_code == 400
+
+
+def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: SceneService, upright_id: str) -> None:
+    truth = service.exports.file(ExportRequest(upright_id, "map", cell=0.1))
+    request = pb.ExportSceneRequest(scene_id=upright_id, format=pb.EXPORT_FORMAT_MAP, cell=0.1)
+    assert b"".join(chunk.data for chunk in faces.rpc.ExportScene(request)) == truth
+    response = faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"cell": 0.1})
+    assert response.content == truth and response.headers["content-type"] == "application/zip"
+    assert response.headers["content-disposition"] == 'attachment; filename="scene.map.zip"'
+    with client_of(faces) as client:
+        assert client.export(upright_id, "map", cell=0.1) == truth
+    with zipfile.ZipFile(io.BytesIO(truth)) as archive:
+        shades = set(archive.read("map.pgm").split(b"255\n", 1)[1])
+    assert shades == {0, 205, 254}
+    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"thing": 1}))
+    assert (refusal.code, refusal.details["field"]) == (400, "things")
+
+
+def test_a_scene_whose_z_is_not_up_has_no_map(faces: Faces, scene_id: str) -> None:
+    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.map"))
+    with pytest.raises(grpc.RpcError) as caught:
+        _rpc(faces, scene_id, "map")
+    assert (refusal.code, refusal.details["field"]) == (400, "scene_id")
+    assert refusal.details == rpc_refusal(caught.value).details
 
 
 def test_the_cell_of_points_goes_every_way(faces: Faces, service: SceneService, scene_id: str) -> None:
@@ -101,3 +140,58 @@ def test_the_cell_of_points_goes_every_way(faces: Faces, service: SceneService, 
         with pytest.raises(grpc.RpcError) as caught:
             list(faces.rpc.ExportScene(asked))
         assert caught.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+
+
+def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
+    service: SceneService, scene_id: str
+) -> None:
+    reader = make_reader(
+        io.BytesIO(service.exports.file(ExportRequest(scene_id, "mcap"))), decoder_factories=[DecoderFactory()]
+    )
+    images = [
+        (message.log_time, decoded.data) for _, _, message, decoded in reader.iter_decoded_messages("/camera/image")
+    ]
+    names = [photo.view for photo in service.photos.all(scene_id).photos]
+    assert [data for _, data in images] == [service.photos.path(scene_id, name)[0].read_bytes() for name in names]
+    (version,) = service.versions.all(scene_id)
+    assert len(images) == 3 and images[0][0] == pytest.approx(version.created_at.timestamp() * 1e9, abs=1e6)
+    about = next(record.metadata for record in reader.iter_metadata() if record.name == "scene")
+    assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")
+
+
+def test_foxglove_files_without_its_package_are_refused_alike(
+    faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fastsplat.service.application import foxglove_file
+
+    monkeypatch.delitem(sys.modules, foxglove_file.__name__)
+    monkeypatch.delattr("fastsplat.service.application.foxglove_file")
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.mcap"))
+    with pytest.raises(grpc.RpcError) as caught:
+        _rpc(faces, scene_id, "mcap")
+    assert rest.details == rpc_refusal(caught.value).details and rest.details["field"] == "format"
+    assert "foxglove-sdk" in rest.detail and "fastsplat[foxglove]" in rest.details["hint"]
+
+
+def test_photos_that_are_damaged_or_gone_refuse_the_foxglove_file(
+    service: SceneService, api_settings: Settings
+) -> None:
+    scene_id = add_scene(service, api_settings, "with photos")
+    edited = service.versions.edit(scene_id, [Edit("remove", label="ball")])
+    content = service.exports.file(ExportRequest(scene_id, "mcap"))
+    summary = make_reader(io.BytesIO(content)).get_summary()
+    assert summary is not None and summary.statistics is not None
+    made_at = edited.created_at.timestamp() * 1e9
+    assert summary.statistics.message_start_time == pytest.approx(made_at, abs=1e6)
+    photo, _ = service.photos.path(scene_id, "front.png")
+    damaged = photo.read_bytes()[:-1] + b"x"
+    photo.unlink()
+    photo.write_bytes(damaged)
+    with pytest.raises(SceneFileError, match=photo.name):
+        service.exports.file(ExportRequest(scene_id, "mcap"))
+    assert len(service.exports.file(ExportRequest(scene_id, "points"))) > 0
+    shutil.rmtree(photo.parent.parent)
+    with pytest.raises(NotFoundError, match="deleted meanwhile"):
+        service.exports._photo_contents(scene_id, edited.version, [0])
+    service.delete_scene(scene_id)

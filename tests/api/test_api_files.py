@@ -23,14 +23,8 @@ from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import PictureRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import client_of
 from tests.api.made_scene import LABELS, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-
-
-@pytest.fixture
-def client(faces: Faces) -> Client:
-    return client_of(faces)
 
 
 def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService, scene_id: str) -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import grpc
 import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.next_photo_messages import NextPhotoList
@@ -20,23 +17,8 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import AlignIn, Scene, SceneVersion
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
+from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may change."""
-    scene_id = add_scene(service, api_settings, "improved")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def test_every_face_orders_the_same_training(faces: Faces, client: Client, service: SceneService, own: str) -> None:

@@ -21,16 +21,9 @@ from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import client_of
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.api.training_job import add_training_job, picture, show_training
 from tests.scenes import queued_job
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.scene import read_scene
-from fastsplat.service.settings import Settings
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_client import Client
 from fastsplat_contract.errors import FastSplatError
@@ -19,24 +16,9 @@ from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
+from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.scenes import write_version
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may change."""
-    scene_id = add_scene(service, api_settings, "looked at")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def test_every_face_queues_the_same_operation(faces: Faces, client: Client, service: SceneService, own: str) -> None:

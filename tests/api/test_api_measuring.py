@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import grpc
@@ -10,33 +9,17 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client, KnownLength, Place, Vector3
 from fastsplat_contract.measure_messages import MeasureIn, Measurement, MeasureRequest
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, Scene
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
+from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _FRONT = Place(view="front.png", pixel=Pixel(24.0, 18.0))
 _FROM, _TO = Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may edit."""
-    scene_id = add_scene(service, api_settings, "measured")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 @pytest.mark.parametrize("places", [(Place(thing=1),), (_FRONT,), (_FRONT, Place(thing=1)), (_FROM, _TO)])

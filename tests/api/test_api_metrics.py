@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import httpx
-import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from fastsplat.service.application.service import SceneService, open_service
@@ -16,6 +15,7 @@ from fastsplat.service.store.records import NewJob
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, served
+from tests.waiting import wait_for
 
 
 def _figures(faces: Faces) -> dict[tuple[str, str], float]:
@@ -45,7 +45,7 @@ def test_waiting_and_computing_are_told_apart() -> None:
         for thread in asking:
             thread.start()
         assert running.acquire(timeout=30)
-        _wait_for(lambda: _figures(faces)["fastsplat_queued_calls", ""] == 2)
+        wait_for(lambda: _figures(faces)["fastsplat_queued_calls", ""] == 2)
         busy = _figures(faces)
         assert busy["fastsplat_running_calls", ""] == 1
         assert busy["fastsplat_in_flight", "GET /v1/scenes/{scene_id}"] == 3
@@ -54,7 +54,7 @@ def test_waiting_and_computing_are_told_apart() -> None:
         for thread in asking:
             thread.join()
         route = "GET /v1/scenes/{scene_id}"
-        _wait_for(lambda: _figures(faces)["fastsplat_in_flight", route] == 0)
+        wait_for(lambda: _figures(faces)["fastsplat_in_flight", route] == 0)
         idle = _figures(faces)
         assert idle["fastsplat_queued_calls", ""] == idle["fastsplat_running_calls", ""] == 0
         assert idle["fastsplat_queue_seconds_count", route] == idle["fastsplat_compute_seconds_count", route] == 3
@@ -103,12 +103,3 @@ def _watch_jobs(service: SceneService, settings: Settings) -> None:
         assert after["fastsplat_job_stage_seconds_sum", "TRAIN"] == 12.5
         assert after["fastsplat_job_stage_seconds_count", "TRAIN"] == 1
         assert ("fastsplat_open_scenes", "") in after
-
-
-def _wait_for(what: object) -> None:
-    assert callable(what)
-    deadline = time.monotonic() + 30
-    while not what():
-        if time.monotonic() > deadline:
-            pytest.fail("waited in vain")
-        time.sleep(0.05)

@@ -27,12 +27,6 @@ from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 
 
 @pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
-
-
-@pytest.fixture
 def queued(service: SceneService) -> Iterator[str]:
     """A job that no worker takes."""
     job = NewJob(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+from functools import partial
 
 import numpy as np
 import pytest
@@ -96,10 +97,10 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     refused: set[str] = set()
     with client_of(faces) as client:
         for request in _questions(scene_id, 200):
-            truth = outcome(lambda: service.answers.query(request))  # noqa: B023
+            truth = outcome(partial(service.answers.query, request))
             if request.scene_id or "mask2d" not in request.outputs:  # GET /query knows no cameras
-                assert_same(outcome(lambda: client.ask(request)), truth)  # noqa: B023
-            assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)  # noqa: B023
+                assert_same(outcome(partial(client.ask, request)), truth)
+            assert_same(outcome(partial(client.ask, request, protocol="gRPC")), truth)
             if isinstance(truth[0], Answer):
                 answered += truth
             else:

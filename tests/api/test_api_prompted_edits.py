@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -27,8 +26,7 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, EditIn, SceneVersion
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import client_of
-from tests.api.made_scene import add_scene, turned
+from tests.api.made_scene import turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _MUG, _BALL, _NOTHING = (15.5, 18.5), (24.5, 18.5), (2.5, 2.5)
@@ -42,20 +40,6 @@ def _prompt(*pixels: tuple[float, float], **others: Any) -> ThingPrompt:
 _MERGE = Edit("merge", things=(1, 2))
 _SPLIT = Edit("split", things=(1,), prompt=_prompt(_BALL))
 _ADD = Edit("add", prompt=_prompt(_BALL))
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may edit."""
-    scene_id = add_scene(service, api_settings, "prompted")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def _owner(service: SceneService, scene_id: str) -> np.ndarray:

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
+from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may edit."""
-    scene_id = add_scene(service, api_settings, "redone")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def _named(client: Client, scene_id: str, name: str) -> SceneVersion:

@@ -24,26 +24,12 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, EditIn, InsertSource
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same, client_of
+from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.scenes import finish_job, queued_job, store_scene
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may edit."""
-    scene_id = add_scene(service, api_settings, "named")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:

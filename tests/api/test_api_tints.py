@@ -18,15 +18,9 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import PictureRequest, Tint
 from fastsplat_contract.scenes import Color
-from tests.api.clients import client_of
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _RED, _BLUE = Color(1.0, 0.0, 0.0), Color(0.0, 0.0, 1.0)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Client:
-    return client_of(faces)
 
 
 def _pixels(content: bytes) -> NDArray[np.float64]:

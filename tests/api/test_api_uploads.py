@@ -23,6 +23,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
+from tests.waiting import wait_for
 
 _Files = list[tuple[str, bytes]]
 
@@ -103,12 +104,7 @@ def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> It
 
     before = state()
     yield
-    deadline = threading.Event()
-    for _ in range(100):  # a connection that was cut is noticed a moment later
-        if state() == before:
-            break
-        deadline.wait(0.1)
-    assert state() == before
+    wait_for(lambda: state() == before)  # a connection that was cut is noticed a moment later
 
 
 def _same_bytes(service: SceneService, operation_id: str, files: _Files) -> bool:
@@ -349,24 +345,27 @@ def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
         with socket.create_connection(("127.0.0.1", faces.ports.http)) as connection:
             connection.sendall(head + b"Content-Length: %d\r\n\r\n" % (len(data) + 7) + data[:cut])
 
-    waiting = threading.Event()
+    sent, over = threading.Event(), threading.Event()
 
     def messages() -> Iterator[pb.CreateSceneRequest]:
         yield from _messages(_photos(3))
-        waiting.set()
-        threading.Event().wait(0.3)
+        sent.set()
+        over.wait(60)
 
     call = faces.rpc.CreateScene.future(messages())
-    assert waiting.wait(10)
+    assert sent.wait(60)
     call.cancel()
+    over.set()
 
 
 @pytest.mark.usefixtures("untouched")
 def test_a_deadline_in_mid_upload_leaves_nothing(faces: Faces) -> None:
     def messages() -> Iterator[pb.CreateSceneRequest]:
         yield from _messages(_photos(2))
-        threading.Event().wait(1.5)
+        over.wait(60)
 
+    over = threading.Event()
     with pytest.raises(grpc.RpcError) as caught:
         faces.rpc.CreateScene(messages(), timeout=0.5)
+    over.set()
     assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED

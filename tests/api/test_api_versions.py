@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -27,26 +26,11 @@ from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Color, Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _REMOVE = Edit("remove", label="mug")
 _UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-
-
-@pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
-    """A scene that the test may edit."""
-    scene_id = add_scene(service, api_settings, "edited")
-    yield scene_id
-    service.delete_scene(scene_id)
-
-
-@pytest.fixture
-def client(faces: Faces) -> Iterator[Client]:
-    with client_of(faces) as opened:
-        yield opened
 
 
 def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Client, own: str) -> None:

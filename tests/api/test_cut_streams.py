@@ -36,7 +36,7 @@ def test_a_cut_stream_is_not_a_whole_one() -> None:
     async def read(messages: AsyncIterator[bytes], context: Any) -> None:
         count = 0
         try:
-            async for _ in _whole(messages, _WithoutNews(context)):  # type: ignore[type-var, arg-type]
+            async for _ in _whole(messages, _WithoutNews(context)):
                 count += 1
         except CancelledError:
             outcomes.append("cut")

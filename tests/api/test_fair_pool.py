@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from fastsplat.api.fair_pool import FairPool
+from tests.waiting import wait_for
 
 
 @pytest.fixture
@@ -61,13 +62,18 @@ def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
 def test_an_error_is_the_calls_own_and_closing_cancels_what_waits(pool: FairPool) -> None:
     with pytest.raises(ZeroDivisionError):
         pool.submit("a", lambda: 1 / 0).result(30)
-    release = threading.Event()
-    held = [pool.submit("a", lambda: release.wait(30)) for _ in range(2)]
+    begun, release = threading.Barrier(3), threading.Event()
+
+    def hold() -> bool:
+        begun.wait(60)
+        return release.wait(60)
+
+    held = [pool.submit("a", hold) for _ in range(2)]
+    begun.wait(60)  # what has not begun is cancelled, too
     waiting = pool.submit("a", lambda: None)
     closing = threading.Thread(target=pool.close)
     closing.start()
-    while not waiting.done():
-        pass
+    wait_for(waiting.done)
     assert waiting.cancelled()
     release.set()
     closing.join(30)
@@ -89,8 +95,10 @@ def test_costly_calls_leave_a_thread_to_the_callers_other_calls() -> None:
 def test_who_is_over_its_share_while_others_call_goes_to_the_background() -> None:
     now = [0.0]
     pool = FairPool(4, "share", clock=lambda: now[0])
-    name = lambda: threading.current_thread().name.rpartition("_")[0]  # noqa: E731
     release, begun = threading.Event(), threading.Event()
+
+    def name() -> str:
+        return threading.current_thread().name.rpartition("_")[0]
 
     def work() -> None:
         begun.set()

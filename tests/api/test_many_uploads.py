@@ -6,8 +6,7 @@ import base64
 import resource
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from fastsplat.service.settings import LimitSettings, Settings
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, served
 from tests.api.test_api_uploads import _messages, _photos, _post
+from tests.waiting import wait_for
 
 _FORMS, _PIECES = 450, 50
 _MOST_THREADS = 40
@@ -35,13 +35,6 @@ def files() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8_192), hard))
     yield
     resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-
-
-def _wait_for(what: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120
-    while not what():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.05)
 
 
 def _create_resumable(faces: Faces) -> str:
@@ -71,8 +64,8 @@ def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) ->
                 "Content-Type: application/offset+octet-stream\r\nContent-Length: 1000\r\n\r\nab".encode()
             )
         root = settings.data_dir / "uploads"
-        _wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == _FORMS)
-        _wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 2 * _PIECES)
+        wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == _FORMS)
+        wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 2 * _PIECES)
 
         assert threading.active_count() - before < _MOST_THREADS
         answer = faces.rest.post(f"/v1/scenes/{scene_id}:query", json={"texts": ["mug"]})
@@ -82,11 +75,11 @@ def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) ->
 
         for connection in slow:
             connection.sendall(b"cd")  # all of them are still being received
-        _wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 4 * _PIECES)
+        wait_for(lambda: sum(path.stat().st_size for path in root.glob("*/data")) == 4 * _PIECES)
         for connection in slow:
             connection.close()
-        _wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == 0)  # what was cut leaves nothing
-        _wait_for(lambda: {_offset(faces, path) for path in paths} == {"4"})  # and what came of a piece stays
+        wait_for(lambda: len(list(root.glob("*/raw/a.jpg"))) == 0)  # what was cut leaves nothing
+        wait_for(lambda: {_offset(faces, path) for path in paths} == {"4"})  # and what came of a piece stays
 
 
 def _offset(faces: Faces, path: str) -> str:

@@ -21,6 +21,7 @@ from fastsplat.service.settings import Settings
 from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_training_job
+from tests.api.upright_scene import add_upright_scene
 
 _DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
 _OPERATIONS = {
@@ -126,6 +127,9 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
             place.service.versions.undo(ids["scene_id"])
         if name == "train_more":  # other examples have changed what is seen
             place.service.versions.restore(ids["scene_id"], "1")
+        if name == "get_goal":  # of a scene whose z is up
+            upright = add_upright_scene(place.service, place._settings)
+            ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}
         response = _sent(place, name, body, ids)
         assert response.is_success, (body, response.text)
         described = operation["responses"][str(response.status_code)].get("content", {})

@@ -10,8 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import pytest
 
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc
+from tests.waiting import wait_for
 
 _SERVE = """
 import logging, sys
@@ -60,18 +60,11 @@ def _server(data_dir: Path) -> Iterator[_Server]:
             ports.extend(re.finditer(r"HTTP on http://127\.0\.0\.1:(\d+), gRPC on 127\.0\.0\.1:(\d+)", log.read_text()))
             return bool(ports)
 
-        _wait_for(listens)
+        wait_for(listens)
         yield _Server(process, ports[0][1], ports[0][2])
     finally:
         process.kill()
         process.wait()
-
-
-def _wait_for(what: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while not what():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
 
 
 def _answer(connection: socket.socket) -> bytes:
@@ -120,7 +113,7 @@ def test_a_signal_in_mid_upload(tmp_path: Path, number: signal.Signals) -> None:
             piece.sendall(head.encode() + data[acknowledged : acknowledged + 70_000])
             scene.sendall(form.encode() + data[:70_000])
             over_grpc = fastsplat_pb2_grpc.SceneServiceStub(channel).CreateScene.future(messages())
-            _wait_for(lambda: stored.stat().st_size > acknowledged and len(list(root.glob("*/raw/*.jpg"))) == 2)
+            wait_for(lambda: stored.stat().st_size > acknowledged and len(list(root.glob("*/raw/*.jpg"))) == 2)
             server.process.send_signal(number)
             answers = [_answer(piece), _answer(scene)]
             assert over_grpc.exception(60).code() in (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)

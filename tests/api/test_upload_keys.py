@@ -214,14 +214,14 @@ def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -
 
 def test_the_status_is_the_same_over_each_face(place: _Place) -> None:
     for role in ("reader", "editor", "admin", "operator"):
-        key = place.service.admin.keys.create(role, role)  # type: ignore[arg-type]
+        key = place.service.admin.keys.create(role, role)
         with place.client(key[1]) as client:
             over_rest = client.server_status()
         over_rpc = place.faces.rpc.GetServerStatus(
             pb.google_dot_protobuf_dot_empty__pb2.Empty(), metadata=(("authorization", f"Bearer {key[1]}"),)
         )
         assert_same(from_proto(ServerStatus, over_rpc), over_rest)
-        assert_same(over_rest, place.service.status(role, key[0].id))  # type: ignore[arg-type]
+        assert_same(over_rest, place.service.status(role, key[0].id))
         assert over_rest.role == role and over_rest.addresses == ()  # it listens on loopback
         states = {model.role: (model.state, model.calibrated) for model in over_rest.models}
         assert states["text_encoder"] == ("ready", False) and states["tagger"] == ("unset", None)

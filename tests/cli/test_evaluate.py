@@ -113,6 +113,28 @@ def test_detected_labels_leave_the_data_sets_own_maps_alone(run, tmp_path: Path)
     assert written["miou"] == 0 and written["miou_per_class"] == {"cup": 0, "spoon": 0, "bed": 0}  # balls are no cups
 
 
+def test_photos_alone_become_a_scene_that_is_validated_without_the_test_views(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The names of the data set, which the default detector does not know, are not asked for."""
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__MAX_VIEWS", "1")
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__PROPOSAL_VIEWS", "0")
+    folder = made_data.nerfstudio(tmp_path / "made", 6, (1,))
+    keep, json_file = tmp_path / "scene", tmp_path / "figures.json"
+    words = ("--split", "validation", "--max-gaussians", 200, "--json", json_file)
+    result = run(folder, "--labels", "default", "--keep", keep, *words)
+    assert result.exit_code == 0, result.output
+    written, scene = json.loads(json_file.read_text()), read_scene(keep)
+    assert written["dataset"]["split"] == "validation" and written["dataset"]["test_views"] == 1
+    assert written["dataset"]["train_views"] == len(scene.cameras) == 4
+    measured = {view["name"] for view in written["views"]}
+    assert (
+        not (measured | {"images/001.png"}) & {camera.name for camera in scene.cameras}
+        and "images/001.png" not in measured
+    )
+    assert not {entry.label for entry in scene.dictionary.entries} & set(made_data.LABELS)
+
+
 def test_things_are_discovered_without_any_label(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTSPLAT_DISCOVERY__MIN_WEIGHT_PX", "4")
     monkeypatch.setenv("FASTSPLAT_PERCEPTION__MIN_PIXELS", "8")

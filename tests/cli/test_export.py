@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.json_codec import to_plain
 from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.upright_scene import add_upright_scene
 
 
 @pytest.fixture
@@ -32,15 +35,28 @@ def test_a_scene_is_written_as_its_ending_says(service: SceneService, tmp_path: 
     scene_id = add_scene(service, load_settings())
     for name, more, request in (
         ("a.spz", [], ExportRequest(scene_id, "spz")),
+        ("a.sog", ["--thing", "2"], ExportRequest(scene_id, "sog", things=(2,))),
         ("a.PLY", [], ExportRequest(scene_id, "ply")),
         ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", things=(2,))),
         ("c.bin", ["--format", "spz"], ExportRequest(scene_id, "spz")),
         ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
         ("D.glb", [], ExportRequest(scene_id, "glb")),
+        ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", things=(2,))),
     ):
         result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / name), *more])
         assert result.exit_code == 0, result.output
         assert (tmp_path / name).read_bytes() == service.exports.file(request)
+
+
+def test_a_map_is_written_and_a_goal_printed(service: SceneService, tmp_path: Path) -> None:
+    scene_id = add_upright_scene(service, load_settings())
+    result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / "floor.map.zip"), "--cell", "0.1"])
+    assert result.exit_code == 0, result.output
+    truth = service.exports.file(ExportRequest(scene_id, "map", cell=0.1))
+    assert (tmp_path / "floor.map.zip").read_bytes() == truth
+    result = CliRunner().invoke(app, ["things", "goal", scene_id, "1", "--radius", "0.15"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout) == to_plain(service.exports.goal(scene_id, 1, 0.15))
 
 
 def test_a_file_of_no_format_is_refused(service: SceneService, tmp_path: Path) -> None:

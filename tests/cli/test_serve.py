@@ -6,11 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).parent.parent.parent
 _SERVE = """
@@ -25,8 +26,7 @@ sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) 
 """
 _STEADY = """
 import os, pathlib, signal, sys, time
-from fastsplat.service.common.process import die_with_parent
-from fastsplat.workers.process_group import PARENT_VARIABLE
+from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
 here = pathlib.Path(sys.argv[1]) / pathlib.Path(__file__).stem
 def leave(*_):
     here.with_suffix(".stopped").touch()
@@ -37,13 +37,6 @@ with here.with_suffix(".pids").open("a") as file:
     file.write(f"{os.getpid()}\\n")
 time.sleep(600)
 """
-
-
-def wait_for(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 30
-    while not what():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
 
 
 def alive(pid: int) -> bool:

@@ -135,3 +135,14 @@ def test_a_thing_is_split_and_a_missing_one_is_added(things: Callable[..., Resul
     assert done.exit_code == 0 and listed() == {1: "mug", 3: "story book", 5: ""}
     assert isinstance(things("add", scene_id, "--view", "front.png", "--pixel", "24").exception, InvalidInputError)
     assert isinstance(things("split", scene_id, "1", "--pixel", "2,2").exception, InvalidInputError)
+
+
+def test_a_question_is_asked_from_where_one_stands(things: Callable[..., Result], scene_id: str) -> None:
+    said = things("ask", scene_id, "the thing left of the ball", "--from", "front.png")
+    assert said.exit_code == 0 and "thing 1" in said.stdout
+    behind = json.loads(
+        things("ask", scene_id, "the thing left of the ball", "--pose", "0,0,8,0,1,0,0", "--json").stdout
+    )
+    assert behind["things"] == [3] and behind["phrase"]["witnesses"]
+    assert "depends on where you stand" in things("ask", scene_id, "the thing left of the ball").stdout
+    assert isinstance(things("ask", scene_id, "mug", "--pose", "1,2").exception, InvalidInputError)
