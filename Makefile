@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence page-picture sample docker-check clean
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant page-picture sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -44,8 +44,9 @@ look: setup  ## the page with the trained sample of `make demo`, without keys, o
 	@echo "The page is at http://localhost:8000/ as soon as the service runs; Ctrl-C ends it"
 	FASTSPLAT_DATA_DIR=demo-output/service $(BIN)/fastsplat serve --no-auth
 
+# A file's tests stay in one process, as they share its fixtures. Four processes at most: each may start a server, workers and a browser.
 test: setup  ## every check: lint, types, architecture, laws
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 lint: setup  ## format and lint in place
 	@if test -d $(WEB)/node_modules; then cd $(WEB) && npm run --silent format; fi
@@ -74,7 +75,7 @@ bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-
 	$(BIN)/python -m benchmarks.raster.gpu
 
 bench-training: setup  ## PSNR against seconds; FASTSPLAT_TEST_DATA must name the data folder
-	$(BIN)/python -m benchmarks.training "$(FASTSPLAT_TEST_DATA)/tabletop"
+	$(BIN)/python -m benchmarks.training --split test "$(FASTSPLAT_TEST_DATA)/tabletop"
 
 bench-serve: setup  ## the API under load, writes benchmarks/results/serve.json
 	$(BIN)/python -m benchmarks.serve
@@ -83,10 +84,10 @@ docker-check: setup  ## build and run the images in a clean Debian, without Dock
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
 
 bench-semantics: setup  ## ways to hold labels side by side on FASTSPLAT_TEST_DATA's tabletop: benchmarks/results/semantics.json
-	$(BIN)/python -m benchmarks.semantics $(FASTSPLAT_TEST_DATA)/tabletop
+	$(BIN)/python -m benchmarks.semantics --split test $(FASTSPLAT_TEST_DATA)/tabletop
 
 bench-things: setup  ## things without a vocabulary on the sample and FASTSPLAT_TEST_DATA: benchmarks/results/things.json
-	$(BIN)/python -m benchmarks.things
+	$(BIN)/python -m benchmarks.things --split test
 
 bench-import: setup  ## seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene: benchmarks/results/splat_import.json
 	$(BIN)/python -m benchmarks.splat_import
@@ -97,11 +98,23 @@ bench-page: setup  ## the web page: load time, bytes, frames a second, from Ente
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture
 
+bench-relations: setup  ## drawn questions about places, sizes and colors in rooms whose layout is known: benchmarks/results/relations.json
+	$(BIN)/python -m benchmarks.relations
+
+bench-assistant: setup  ## 200 questions with a known truth, asked through an assistant's tools: benchmarks/results/assistant.json
+	$(BIN)/python -m benchmarks.assistant --models "$(FASTSPLAT_MODELS)"
+
 bench-absence: setup  ## answers to questions that nothing was fitted to, by FASTSPLAT_MODELS: benchmarks/results/absence.json
 	$(BIN)/python -m benchmarks.absence --models "$(FASTSPLAT_MODELS)"
 
+bench-default: setup  ## photos and poses alone, default models, no names, on the sample, tabletop and skull: benchmarks/results/default_path.json
+	$(BIN)/python -m benchmarks.default_path --split test
+
+bench-methods: setup  ## our labels beside lifted and distilled language features and majority votes: benchmarks/results/methods.json
+	$(BIN)/python -m benchmarks.methods --split test
+
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
-	$(BIN)/python -m benchmarks.trade
+	$(BIN)/python -m benchmarks.trade --split test
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output $(WEB)/dist $(WEB)/node_modules

@@ -26,7 +26,7 @@ from images import ROOT, Builder, Image
 from fastsplat_client import Client, SceneOptions
 from tests.postgres import PostgresServer
 
-_PATIENCE_S = 240.0
+_PATIENCE_S = 1200.0
 _UID = 10001
 
 

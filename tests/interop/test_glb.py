@@ -1,4 +1,4 @@
-"""GLB files of Gaussians, read by programs that are not ours."""
+"""GLB files, read by programs that are not ours."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fastsplat.service.application.geometry_files import mesh_file
 from fastsplat.service.scene import Gaussians, write_ply
 from fastsplat.service.scene.glb import GlbBuilder, linear, upright
 from fastsplat.service.scene.splat_glb import EXTENSION, GlbScene, NamedRows, splat_glb
 from fastsplat_contract.camera import Camera, PosedCamera
+from tests.query.wall import wall_index
 
 _DTYPES = {5126: "<f4", 5123: "<u2", 5121: "u1", 5125: "<u4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -27,7 +30,10 @@ _SHAPES = {"ROTATION": "VEC4", "SCALE": "VEC3", "OPACITY": "SCALAR"}
 def gaussians(degree: int = 3, count: int = 40) -> Gaussians:
     """Drawn ones of every shape, color and opacity."""
     rng = np.random.default_rng(5)
-    draw = lambda *shape: rng.normal(size=shape).astype(np.float32)  # noqa: E731
+
+    def draw(*shape: int) -> NDArray[np.float32]:
+        return rng.normal(size=shape).astype(np.float32)
+
     return Gaussians(
         means=2 * draw(count, 3),
         quats=3 * draw(count, 4),
@@ -187,3 +193,10 @@ def test_colors_are_linear_and_short_rows_padded() -> None:
     _, arrays = glb_parts(builder.file())
     np.testing.assert_array_equal(arrays[0], values)
     np.testing.assert_array_equal(arrays[1], [0, 1, 2])
+
+
+def test_the_khronos_validator_finds_nothing_in_a_mesh(gltf_report: Callable[[Path], Any], tmp_path: Path) -> None:
+    (tmp_path / "a.glb").write_bytes(mesh_file(wall_index(), "wall", (), 0.04))
+    report = gltf_report(tmp_path / "a.glb")
+    assert not [message for message in report["messages"] if message["severity"] < 2]
+    assert report["info"]["totalTriangleCount"] > 300 and report["info"]["extensionsUsed"] == ["KHR_materials_unlit"]

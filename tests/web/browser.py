@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 _ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000
@@ -79,6 +80,13 @@ class Visit:
     def requests(self) -> list[str]:
         """Addresses that the page asked for."""
         return list(self._requests)
+
+    def scene_shown(self) -> Locator:
+        """The 3D view, once it shows the scene and the list of its things is there."""
+        canvas = self.page.locator("canvas[role=application]")
+        expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+        expect(self.page.locator("#things-title")).to_be_visible()
+        return canvas
 
     def check(self, origin: str) -> None:
         """Nothing in the console but what the test expects, no report of the security policy, no other host."""

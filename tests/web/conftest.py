@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,9 +46,10 @@ class Place:
         return add_table(self.service, self.settings, name)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """The browser, for all tests of the page."""
+    """The browser, for the tests of a file: while it runs, Playwright holds the thread's event loop, and tests of other
+    rooms that follow in the same process want one of their own."""
     if not (BUILT_PAGE / "index.html").is_file():
         pytest.skip("the page is not built: make page")
     with chromium() as running:
@@ -71,9 +73,23 @@ def page_settings(folder: Path, **more: object) -> Settings:
     return settings.model_copy(update=more)
 
 
+@contextmanager
+def place_with(settings: Settings) -> Iterator[Place]:
+    """A server of these settings, without keys, and a scene."""
+    with open_service(settings) as service, serving(service, settings) as ports:
+        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, add_table(service, settings))
+
+
 @pytest.fixture(scope="module")
 def place(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     """A server without keys and a scene."""
-    settings = page_settings(tmp_path_factory.mktemp("web"))
-    with open_service(settings) as service, serving(service, settings) as ports:
-        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, add_table(service, settings))
+    with place_with(page_settings(tmp_path_factory.mktemp("web"))) as running:
+        yield running
+
+
+@pytest.fixture
+def own(place: Place) -> Iterator[str]:
+    """A scene of one test."""
+    scene_id = place.new_scene("own")
+    yield scene_id
+    place.service.delete_scene(scene_id)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from typing import Literal
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from tests.web.conftest import Place
 from tests.web.glow import page_view
 
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"  # of the tests' own: position and target
+_OTHER_SIDE = "-0.9_2.6_1.9_0_0_0.2"
 
 
 def _wait_for(visit: Visit, what: str) -> None:
@@ -39,6 +41,20 @@ def test_a_text_is_answered_as_typing_stops(place: Place, browser: Browser) -> N
         expect(visit.page.get_by_text("Not here")).to_be_visible()
         _wait_for(visit, "plain$")
         visit.check_accessible()
+
+
+def test_left_is_as_the_page_shows_it(place: Place, browser: Browser) -> None:
+    """By the sentence, which the server made, and from the other side the other thing."""
+    question = "the thing left of the ball"
+    said = []
+    for view in (_VIEW, _OTHER_SIDE):
+        with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q={quote(question)}&view={view}") as visit:
+            sentence = visit.page.locator(".verdict")
+            expect(sentence).to_contain_text("left of the ball: thing")
+            said.append(re.findall(r"thing (\d+) \(", sentence.inner_text())[0])
+            _wait_for(visit, "answer$")
+            visit.check_accessible()
+    assert len(said) == len(set(said)) == 2
 
 
 def test_an_address_with_a_question_can_be_sent(place: Place, browser: Browser) -> None:

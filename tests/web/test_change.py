@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -17,21 +16,6 @@ from tests.web.browser import Visit, visiting
 from tests.web.conftest import Place
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
-
-
-@pytest.fixture
-def own(place: Place) -> Iterator[str]:
-    """A scene of one test."""
-    scene_id = place.new_scene("own")
-    yield scene_id
-    place.service.delete_scene(scene_id)
-
-
-def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
-    return canvas
 
 
 def _picture(page: Page) -> NDArray[np.float64]:
@@ -59,7 +43,7 @@ def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
 ) -> None:
     before = _gaussians(place, own)
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         page.wait_for_timeout(500)
         menu.get_by_role("button", name="Move or turn").click()
@@ -101,7 +85,7 @@ def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
 
 def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         menu = _menu(visit, "mug")
         menu.get_by_role("button", name="Move or turn").click()
         visit.page.locator(".move").get_by_label("y", exact=True).first.fill("-0.8")
@@ -118,7 +102,7 @@ def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -
 def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, browser: Browser, own: str) -> None:
     count = len(_gaussians(place, own))
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         menu.get_by_label("New color").fill("#ff00ff")
         menu.get_by_role("button", name="Recolor").click()
@@ -139,7 +123,7 @@ def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, brow
 
 def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         here = _picture(page)
         menu.get_by_role("button", name="Hide").click()
@@ -157,7 +141,7 @@ def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, browser: Brow
 def test_changing_on_a_phone(place: Place, browser: Browser, own: str) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}", **phone) as visit:
-        _ready(visit)
+        visit.scene_shown()
         menu = _menu(visit)
         menu.get_by_role("button", name="Move or turn").click()
         expect(visit.page.get_by_role("button", name="Shift along x")).to_be_visible()

@@ -26,8 +26,7 @@ _PLACES = {1: (-0.7, 0.0, 0.3), 2: (0.0, 0.3, 0.3), 3: (0.7, -0.1, 0.3)}
 
 
 def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas[role=application]")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+    canvas = visit.scene_shown()
     expect(canvas).to_have_attribute("data-colors", re.compile("."))
     return canvas
 
@@ -147,7 +146,7 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         # The address has the view: the camera's own place.
         expect(visit.page).to_have_url(re.compile(f"at%3A{posed.name}"))
         address = unquote(visit.page.url)
-        view = [float(number) for number in re.search(r"view=([^&]+)", address)[1].split("_")]  # type: ignore[index]
+        view = [float(number) for number in re.search(r"view=([^&]+)", address)[1].split("_")]
         assert np.allclose(view[:3], posed.world_from_camera[:3, 3], atol=1e-3)
 
 

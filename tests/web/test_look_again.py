@@ -7,24 +7,20 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from tests.api.made_scene import ENCODER
-from tests.api.served import serving
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import MARKUP, page_settings
-from tests.web.table import add_table
+from tests.web.conftest import MARKUP, Place, page_settings, place_with
 
 
 @pytest.fixture(params=["grounding_dino_tiny", ""])
 def served_with(
     request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[str, str, SceneService, str]]:
+) -> Iterator[tuple[str, Place]]:
     """The configured open-set detector, a server with it, and a scene."""
     perception = PerceptionSettings(text_encoder=ENCODER, open_set_detector=request.param)
-    settings = page_settings(tmp_path_factory.mktemp("look"), perception=perception)
-    with open_service(settings) as service, serving(service, settings) as ports:
-        yield request.param, f"http://127.0.0.1:{ports.http}", service, add_table(service, settings)
+    with place_with(page_settings(tmp_path_factory.mktemp("look"), perception=perception)) as place:
+        yield request.param, place
 
 
 def _look(visit: Visit, names: str) -> None:
@@ -33,11 +29,9 @@ def _look(visit: Visit, names: str) -> None:
     visit.page.get_by_role("button", name="Look again").click()
 
 
-def test_names_are_looked_for_where_the_server_can(
-    served_with: tuple[str, str, SceneService, str], browser: Browser
-) -> None:
-    detector, url, service, scene_id = served_with
-    with visiting(browser, url, f"#/scenes/{scene_id}", viewport={"width": 390, "height": 844}) as visit:
+def test_names_are_looked_for_where_the_server_can(served_with: tuple[str, Place], browser: Browser) -> None:
+    detector, place = served_with
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
         if not detector:
             visit.expected.append("409")
             _look(visit, "trophy")
@@ -46,12 +40,12 @@ def test_names_are_looked_for_where_the_server_can(
             visit.check_accessible()
             return
         _look(visit, f"trophy, {MARKUP}")
-        note = visit.page.locator(".look-again [role=status]")
+        note = visit.page.locator(".improve [role=status]")
         expect(note).to_contain_text("Waiting for a worker.")
         visit.check_accessible()
         assert visit.fits()
-        (job,) = [each for each in service.list_operations().operations if each.kind == "look_again"]
-        record = service._store.scenes.operation(job.id).look_again
+        (job,) = [each for each in place.service.list_operations().operations if each.kind == "look_again"]
+        record = place.service._store.scenes.operation(job.id).look_again
         assert record is not None and list(record["texts"]) == ["trophy", MARKUP]
-        service.cancel_operation(job.id)
+        place.service.cancel_operation(job.id)
         expect(note).to_contain_text("It was cancelled.")

@@ -22,14 +22,14 @@ from tests.web.test_ask import _VIEW, _wait_for
 
 
 @contextmanager
-def _opened(browser: Browser, file: Path, hash: str = "", **options: Any) -> Iterator[Visit]:  # noqa: A002
+def _opened(browser: Browser, file: Path, fragment: str = "", **options: Any) -> Iterator[Visit]:
     """The file in a browser of its own that is offline; it may ask for nothing but itself."""
     context = browser.new_context(**{"viewport": {"width": 1000, "height": 700}, "reduced_motion": "reduce", **options})
     context.set_offline(True)
     try:
         visit = Visit(context.new_page())
         visit.watch()
-        visit.page.goto(f"{file.as_uri()}{hash}")
+        visit.page.goto(f"{file.as_uri()}{fragment}")
         yield visit
         visit.check(file.parent.as_uri())
         asked = {url.partition("#")[0] for url in visit.requests if not url.startswith(("blob:", "data:"))}

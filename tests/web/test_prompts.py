@@ -8,18 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator, expect
+from playwright.sync_api import Browser, expect
 
-from fastsplat.service.application.service import open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit
 from tests.api.made_scene import ENCODER
-from tests.api.served import serving
 from tests.color_segmenter import ADAPTER, write_color_segmenter
-from tests.web.browser import PATIENCE_MS, Visit, visiting
-from tests.web.conftest import Place, page_settings
-from tests.web.table import add_table
+from tests.web.browser import PATIENCE_MS, visiting
+from tests.web.conftest import Place, page_settings, place_with
 
 _MADE = re.compile(r"Thing 4 has \d+ Gaussians")
 _VIEW = "0_-3.2_1.6_0_0_0.2"
@@ -31,16 +28,8 @@ def place(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     folder: Path = tmp_path_factory.mktemp("prompts")
     write_color_segmenter(folder / "models")
     perception = PerceptionSettings(text_encoder=ENCODER, segmenter=ADAPTER, open_set_detector="any")
-    settings = page_settings(folder, perception=perception)
-    with open_service(settings) as service, serving(service, settings) as ports:
-        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, add_table(service, settings))
-
-
-def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
-    return canvas
+    with place_with(page_settings(folder, perception=perception)) as running:
+        yield running
 
 
 def _owner(place: Place, scene_id: str) -> np.ndarray:
@@ -52,7 +41,7 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
     truth = _owner(place, own)
     merged = place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        canvas, page = _ready(visit), visit.page
+        canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
         assert box is not None
         ball = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
@@ -86,7 +75,7 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
     own = place.new_scene("own")
     place.service.versions.edit(own, [Edit("discard", things=(2,))])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page = visit.page
         page.locator(".change-menu summary").focus()
         page.keyboard.press("Enter")
@@ -111,7 +100,7 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
         copy = Edit("duplicate", things=(1,), transform=Pose(Vector3(0.0, 0.0, height), upright))
         place.service.versions.edit(own, [copy])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        canvas, page = _ready(visit), visit.page
+        canvas, page = visit.scene_shown(), visit.page
         page.locator(".thing-list").get_by_role("button", name="Thing 1").click()
         page.locator(".thing-card").get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()

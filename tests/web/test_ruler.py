@@ -26,13 +26,6 @@ def own(place: Place) -> Iterator[str]:
     place.service.delete_scene(scene_id)
 
 
-def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
-    return canvas
-
-
 def _ruler(visit: Visit) -> Locator:
     visit.page.locator(".change-menu summary").click()
     visit.page.get_by_role("button", name="Measure").click()
@@ -43,7 +36,7 @@ def _ruler(visit: Visit) -> Locator:
 
 def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        canvas, page = _ready(visit), visit.page
+        canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
         assert box is not None
         note = _ruler(visit)
@@ -78,7 +71,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(place: Pla
 def test_measuring_by_keyboard_alone(place: Place, browser: Browser, own: str) -> None:
     phone = {"viewport": {"width": 390, "height": 844}}
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}", **phone) as visit:
-        _ready(visit)
+        visit.scene_shown()
         note = _ruler(visit)
         note.get_by_role("button", name="Take what is in the middle").focus()
         visit.page.keyboard.press("Enter")

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import pytest
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.scenes import SceneUpdate
 from tests.scenes import queued_job
 from tests.web.browser import Visit, visiting
 from tests.web.conftest import MARKUP, Place
-
-
-@pytest.fixture
-def own(place: Place) -> Iterator[str]:
-    """A scene of one test."""
-    scene_id = place.new_scene("own")
-    yield scene_id
-    place.service.delete_scene(scene_id)
 
 
 def _rename(visit: Visit, name: str) -> None:

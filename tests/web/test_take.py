@@ -62,6 +62,8 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         visit.page.locator("summary", has_text="Take away").click()
         assert _saved(visit, "PLY, exact") == ("a _b_table_b.ply", file(ExportRequest(scene_id, "ply")))
         assert _saved(visit, "SPZ, compressed") == ("a _b_table_b.spz", file(ExportRequest(scene_id, "spz")))
+        assert _saved(visit, "SOG, smallest") == ("a _b_table_b.sog", file(ExportRequest(scene_id, "sog")))
+        assert _saved(visit, "For Foxglove, MCAP") == ("a _b_table_b.mcap", file(ExportRequest(scene_id, "mcap")))
         name, content = _saved(visit, "One HTML file")
         assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
         name, content = _saved(visit, "Its Gaussians as PLY")

@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
-import pytest
 from playwright.sync_api import Browser, Locator, expect
 
 from fastsplat_contract.scenes import Edit
-from tests.web.browser import Visit, visiting
+from tests.web.browser import visiting
 from tests.web.conftest import MARKUP, Place
 from tests.web.table import add_table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
-
-
-@pytest.fixture
-def own(place: Place) -> Iterator[str]:
-    """A scene of one test."""
-    scene_id = place.new_scene("own")
-    yield scene_id
-    place.service.delete_scene(scene_id)
-
-
-def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
-    return canvas
 
 
 def _middle(canvas: Locator) -> dict[str, float]:
@@ -40,7 +23,7 @@ def _middle(canvas: Locator) -> dict[str, float]:
 
 def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
-        canvas, page = _ready(visit), visit.page
+        canvas, page = visit.scene_shown(), visit.page
         canvas.click(position=_middle(canvas))
         card = page.locator(".thing-card")
         expect(card.get_by_role("heading", name="ball")).to_be_visible()
@@ -70,7 +53,7 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, br
 
 def test_hovering_lights_a_thing_up(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
-        canvas = _ready(visit)
+        canvas = visit.scene_shown()
         canvas.hover(position=_middle(canvas))
         expect(canvas).to_have_attribute("data-hovered", "2")
         visit.page.mouse.move(5, 5)
@@ -79,7 +62,7 @@ def test_hovering_lights_a_thing_up(place: Place, browser: Browser) -> None:
 
 def test_two_things_are_merged_and_one_discarded(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page, rows = visit.page, visit.page.locator(".thing-list li")
         page.get_by_role("checkbox", name="Select mug").check()
         page.get_by_role("checkbox", name="Select ball").check()
@@ -100,7 +83,7 @@ def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, brow
     ids = [thing.id for thing in place.service.answers.list_things(own).things]
     place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         page = visit.page
         expect(page.get_by_text("3 things without a name")).to_be_visible()
         page.get_by_role("button", name="Name the next one").focus()
@@ -118,7 +101,7 @@ def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, brow
 def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
     scene_id = add_table(place.service, place.settings, labels=(MARKUP, "ball", "story book"))
     with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
-        canvas = _ready(visit)
+        canvas = visit.scene_shown()
         expect(visit.page.locator(".ask")).to_contain_text(MARKUP)
         visit.page.locator(".thing-list").get_by_role("button", name=MARKUP).click()
         expect(visit.page.locator(".thing-card h2")).to_have_text(MARKUP)
@@ -128,7 +111,7 @@ def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> No
 
 def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
         expect(visit.page.locator(".thing-list")).to_contain_text("volcano")
         expect(visit.page.get_by_text("The scene has changed.")).to_be_visible()
@@ -136,7 +119,7 @@ def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: 
 
 def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        _ready(visit)
+        visit.scene_shown()
         visit.expected.append("40")
         visit.page.route("**/versions", lambda route: route.abort())  # the page does not notice
         visit.expected.append("ERR_FAILED")

@@ -3,30 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import numpy as np
-import pytest
-from playwright.sync_api import Browser, Locator, expect
+from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.scenes import Color, Edit
-from tests.web.browser import Visit, visiting
+from tests.web.browser import visiting
 from tests.web.conftest import MARKUP, Place
-
-
-@pytest.fixture
-def own(place: Place) -> Iterator[str]:
-    """A scene of one test."""
-    scene_id = place.new_scene("own")
-    yield scene_id
-    place.service.delete_scene(scene_id)
-
-
-def _ready(visit: Visit) -> Locator:
-    canvas = visit.page.locator("canvas")
-    expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-    expect(visit.page.get_by_role("heading", name="Things")).to_be_visible()
-    return canvas
 
 
 def _names(place: Place, scene_id: str) -> list[str]:
@@ -37,7 +20,7 @@ def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> 
     place.service.versions.edit(own, [Edit("name", things=(1,), name="violin")])
     place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        canvas, rows = _ready(visit), visit.page.locator(".thing-list li")
+        canvas, rows = visit.scene_shown(), visit.page.locator(".thing-list li")
         expect(rows).to_have_count(2)
         canvas.focus()
         for key, count, name in (
@@ -61,7 +44,7 @@ def test_versions_are_listed_compared_and_restored(place: Place, browser: Browse
     place.service.versions.edit(own, [Edit("recolor", things=(1,), color=Color(0.0, 0.0, 1.0))])
     named = place.service.versions.edit(own, [Edit("name", things=(1,), name=MARKUP)])
     with visiting(browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
-        canvas, page = _ready(visit), visit.page
+        canvas, page = visit.scene_shown(), visit.page
         page.locator(".versions summary").click()
         rows = page.locator(".versions li")
         expect(rows).to_have_count(3)
@@ -96,7 +79,7 @@ def test_versions_on_a_phone_in_the_dark(place: Place, browser: Browser, own: st
     place.service.versions.edit(own, [Edit("name", things=(1,), name="violin")])
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
     with visiting(browser, place.url, f"#/scenes/{own}", **phone) as visit:
-        _ready(visit)
+        visit.scene_shown()
         visit.page.locator(".versions summary").click()
         expect(visit.page.locator(".versions li")).to_have_count(2)
         assert visit.fits()

@@ -34,8 +34,7 @@ _PATIENCE_S = 120.0
 _WORKER = """
 import os
 import fastsplat.workers.heartbeat
-from fastsplat.service.common.process import die_with_parent
-from fastsplat.workers.process_group import PARENT_VARIABLE
+from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from fastsplat.cli.logs import log_to_stderr

@@ -101,7 +101,10 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
             pictures = list(settings.data_dir.rglob("*.jpg"))
             assert len(pictures) == _VIEWS
             for path in [*pictures, *settings.data_dir.rglob("*.png")]:
-                pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+                try:
+                    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+                except FileNotFoundError:  # of the job's own folder, which its worker removes meanwhile
+                    continue
                 assert not ((pixels[..., 0] > 200) & (pixels[..., 1] < 80) & (pixels[..., 2] > 200)).any()
             stored = np.asarray(Image.open(sorted(pictures)[_WALKING[0]])).astype(int)
             assert np.abs(stored[_figure(_WALKING[0])] - BLANK).mean() < 8

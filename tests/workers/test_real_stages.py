@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -21,8 +20,8 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.queries import PictureRequest, QueryRequest
+from tests.small_tabletop import small_tabletop
 
-_SIZE = (120, 90)
 _VIEWS = 8
 _ITERATIONS = 150
 _ROOT = Path(__file__).parent.parent.parent
@@ -31,24 +30,7 @@ _ROOT = Path(__file__).parent.parent.parent
 @pytest.fixture
 def tabletop(test_data: Path, tmp_path: Path) -> Path:
     """A small copy of the table-top benchmark, with its label maps as the user's own."""
-    source, target = test_data / "tabletop", tmp_path / "tabletop"
-    document = json.loads((source / "transforms.json").read_text())
-    document["frames"] = document["frames"][:: len(document["frames"]) // _VIEWS][:_VIEWS]
-    document.pop("split")
-    for key in ("w", "fl_x", "cx", "h", "fl_y", "cy"):
-        document[key] = document[key] * _SIZE[0] / 480
-    document["w"], document["h"] = _SIZE
-    for folder in ("images", "masks"):
-        (target / folder).mkdir(parents=True)
-    for frame in document["frames"]:
-        frame.pop("depth_path")
-        for key, how in (("file_path", Image.Resampling.BOX), ("mask_path", Image.Resampling.NEAREST)):
-            Image.open(source / frame[key]).resize(_SIZE, how).save((target / frame[key]).with_suffix(".png"))
-            frame[key] = str(Path(frame[key]).with_suffix(".png"))
-    document["ply_file_path"] = "points3d.ply"
-    (target / "points3d.ply").write_bytes((source / "points3d.ply").read_bytes())
-    (target / "transforms.json").write_text(json.dumps(document))
-    return target
+    return small_tabletop(test_data, tmp_path / "tabletop", _VIEWS)
 
 
 @pytest.fixture

@@ -1,0 +1,223 @@
+"""MCAP files for Foxglove, as the format's own reader and protobuf decoder read them."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf.message import Message
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from PIL import Image
+from plyfile import PlyData
+from scipy.spatial.transform import Rotation
+
+from fastsplat.service.application.foxglove_file import STEP_NS, SceneRecording, bounded_photos, foxglove_file
+from fastsplat.service.application.geometry_files import points_file
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.aligning import align_scene
+from fastsplat.service.query.edits import Edit
+from fastsplat.service.scene import Scene
+from fastsplat.service.scene.alignment import frame_of
+from fastsplat.service.scene.scaling import ScaledLength, combined, scaled
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.places import Alignment
+from fastsplat_contract.poses import Pose, Vector3, quaternion_of
+from tests.query.wall import wall_index
+
+_START = 1_700_000_000_250_000_000
+_NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}
+_HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
+
+
+def _index() -> SceneIndex:
+    """The wall, seen by three cameras that differ in pose and lens."""
+    cameras = []
+    for number, angle in enumerate((-0.1, 0.0, 0.15)):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix()
+        pose[:3, 3] = 2 * angle, -angle, 0.1
+        cameras.append(PosedCamera(Camera(64, 48 + number, 60.0 + number, 61.0, 31.0, 25.0), pose, f"{number}.png"))
+    return wall_index(cameras=cameras)
+
+
+def _photo(color: tuple[int, int, int]) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGB", (32, 24), color).save(file, "JPEG")
+    return file.getvalue()
+
+
+_PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}
+
+
+def _written(index: SceneIndex, things: Sequence[int] = (), name: str = "wall") -> bytes:
+    points = points_file(index, name, things, 0.05)
+    return foxglove_file(index, SceneRecording("an-id", "v7", name, _START, points, _PHOTOS, 1), things)
+
+
+def _messages(content: bytes) -> dict[str, list[tuple[int, Any]]]:
+    """Time and message of each, by topic."""
+    read: dict[str, list[tuple[int, Any]]] = {}
+    reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[DecoderFactory()])
+    for schema, channel, message, decoded in reader.iter_decoded_messages():
+        assert schema is not None and schema.name == f"foxglove.{decoded.DESCRIPTOR.name}"
+        assert message.log_time == message.publish_time
+        read.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return read
+
+
+def _metadata(content: bytes) -> dict[str, Mapping[str, str]]:
+    return {record.name: record.metadata for record in make_reader(io.BytesIO(content)).iter_metadata()}
+
+
+def _numbers(message: Message) -> list[float]:
+    return [getattr(message, name) for name in ("x", "y", "z", "w") if hasattr(message, name)]
+
+
+def _matrix(translation: Message, rotation: Message) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(_numbers(rotation)).as_matrix()
+    matrix[:3, 3] = _numbers(translation)
+    return matrix
+
+
+def test_each_thing_is_a_box_with_its_name() -> None:
+    index = _index()
+    ((at, update),) = _messages(_written(index))["/things"]
+    assert at == _START and len(update.entities) == len(index.things.listed) == 2
+    for entity, thing in zip(update.entities, index.things.listed, strict=True):
+        assert (entity.id, entity.frame_id, thing.box is None) == (str(thing.id), "scene", False)
+        (cube,), (text,) = entity.cubes, entity.texts
+        assert thing.box is not None
+        assert _numbers(cube.pose.position) == list(thing.box.center.position)
+        assert _numbers(cube.pose.orientation) == list(thing.box.center.orientation)
+        assert _numbers(cube.size) == list(thing.box.size)
+        assert 0 < cube.color.a < text.color.a == 1
+        assert text.text == thing.name
+        facts = {pair.key: pair.value for pair in entity.metadata}
+        assert (facts["name"], float(facts["probability"])) == (thing.name, thing.probability)
+        assert int(facts["gaussians"]) == thing.gaussian_count
+    (_, only), *_ = _messages(_written(index, (2,)))["/things"]
+    assert [entity.id for entity in only.entities] == ["2"]
+
+
+@pytest.mark.parametrize("things", [(), (2,)])
+def test_the_cloud_is_that_of_the_points_file(things: tuple[int, ...]) -> None:
+    index = _index()
+    ((_, cloud),) = _messages(_written(index, things))["/points"]
+    fields = {field.name: (_NUMPY[field.type], field.offset) for field in cloud.fields}
+    rows = np.frombuffer(
+        cloud.data,
+        np.dtype(
+            {
+                "names": list(fields),
+                "formats": [kind for kind, _ in fields.values()],
+                "offsets": [offset for _, offset in fields.values()],
+                "itemsize": cloud.point_stride,
+            }
+        ),
+    )
+    vertices = PlyData.read(io.BytesIO(points_file(index, "wall", things, 0.05)))["vertex"]
+    assert len(rows) == vertices.count > 100
+    for one in vertices.properties:
+        np.testing.assert_array_equal(rows[one.name], vertices[one.name])
+    assert (rows["alpha"] == 255).all() and {"label", "thing"} <= set(fields)
+    assert set(rows["thing"].tolist()) == set(things or (1, 2))
+
+
+def test_cameras_follow_one_another_with_their_photos() -> None:
+    index = _index()
+    read = _messages(_written(index))
+    assert [at for at, _ in read["/camera/calibration"]] == [_START + number * STEP_NS for number in range(3)]
+    for number, posed in enumerate(index.scene.cameras):
+        at, transform = read["/tf"][number]
+        later, lens = read["/camera/calibration"][number]
+        assert at == later == transform.timestamp.ToNanoseconds()
+        assert (transform.parent_frame_id, transform.child_frame_id) == ("scene", lens.frame_id)
+        np.testing.assert_allclose(
+            _matrix(transform.translation, transform.rotation), posed.world_from_camera, atol=1e-12
+        )
+        point = posed.world_from_camera @ [0.2, -0.1, 2.0, 1.0]  # as the reader projects it, and as the scene does
+        seen = np.linalg.inv(_matrix(transform.translation, transform.rotation)) @ point
+        u, v, w = np.array(lens.P).reshape(3, 4) @ seen
+        camera = posed.camera.scaled_to(lens.width, lens.height)
+        pixel = camera.fx * 0.1 + camera.cx, camera.fy * -0.05 + camera.cy
+        assert (u / w + 0.5, v / w + 0.5) == pytest.approx(pixel)  # there the middle of the first pixel is 0, here 0.5
+        assert (lens.width, lens.height) == ((32, 24) if number in _PHOTOS else (64, 48 + number))
+    assert [(at, image.data) for at, image in read["/camera/image"]] == [
+        (_START + number * STEP_NS, photo) for number, photo in _PHOTOS.items()
+    ]
+    ((_, poses),) = read["/cameras"]
+    for pose, posed in zip(poses.poses, index.scene.cameras, strict=True):
+        np.testing.assert_allclose(_matrix(pose.position, pose.orientation), posed.world_from_camera, atol=1e-12)
+
+
+def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
+    index = _index()
+    length = ScaledLength(units=2.0, deviation=0.01, meters=1.0, meters_deviation=0.002)
+    trained = dataclasses.replace(index.scene, scale="ARBITRARY")
+    metric = index.after(scaled(trained, combined([length])))
+    turn = quaternion_of(Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix())
+    aligned = align_scene(metric, Edit("align", alignment=Alignment("hall 3", Pose(Vector3(4.0, -2.0, 1.5), turn))))
+    moved = index.after(aligned)
+    content = _written(moved)
+    read = _messages(content)
+    transform = next(one for _, one in read["/tf"] if one.child_frame_id == "hall 3/trained")
+    assert transform.parent_frame_id == "hall 3"
+    up = np.pad(0.5 * trained.gaussians.means, ((0, 0), (0, 1)), constant_values=1)  # units of this version
+    there = (up @ _matrix(transform.translation, transform.rotation).T)[:, :3]
+    np.testing.assert_allclose(there, aligned.gaussians.means, atol=1e-5)
+    np.testing.assert_allclose(there, frame_of(aligned).points(trained.gaussians.means), atol=1e-6)
+    names = {one.frame_id for one in read["/things"][0][1].entities} | {read["/points"][0][1].frame_id}
+    assert names == {"hall 3"} == {one.parent_frame_id for _, one in read["/tf"]}
+    about = _metadata(content)["scene"]
+    low, high = json.loads(about["meters_per_unit_95"])
+    assert low < float(about["meters_per_unit"]) == 0.5 < high and about["unit"] == "metre" and "warning" not in about
+
+
+def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_metres() -> None:
+    index = _index()
+    content = _written(index.after(dataclasses.replace(index.scene, scale="ARBITRARY")))
+    read = _metadata(content)
+    about = read["scene"]
+    assert (about["scene_id"], about["version"], about["name"]) == ("an-id", "v7", "wall")
+    assert (about["scale"], about["unit"]) == ("ARBITRARY", "arbitrary") and "not metres" in about["warning"]
+    assert not any(key.startswith("meters") for key in about)
+    assert (about["photos"], about["photos_left_out"], about["cameras"], about["things"]) == ("2", "1", "3", "2")
+    assert read["labels"] == {"1": "red half", "2": "grün\nhalf"} == read["things"]
+    assert _metadata(_written(index, (2,)))["things"] == {"2": "grün\nhalf"}
+
+
+def _renamed(index: SceneIndex, name: str) -> Scene:
+    """The scene with its first label, and so its first thing, called otherwise."""
+    scene = index.scene
+    first, *others = scene.dictionary.entries
+    entries = (dataclasses.replace(first, label=name), *others)
+    return dataclasses.replace(scene, dictionary=dataclasses.replace(scene.dictionary, entries=entries))
+
+
+def test_names_are_text_whatever_they_hold() -> None:
+    index = _index()
+    named = index.after(_renamed(index, _HOSTILE))
+    content = _written(named, name=_HOSTILE)
+    entity = _messages(content)["/things"][0][1].entities[0]
+    assert entity.texts[0].text == _HOSTILE == _metadata(content)["scene"]["name"]
+    assert _metadata(content)["things"]["1"] == _HOSTILE and entity.id == "1"
+
+
+def test_the_same_version_is_the_same_bytes() -> None:
+    index = _index()
+    assert _written(index) == _written(_index()) == _written(index)
+    assert _written(index) != _written(index, (1,))
+
+
+def test_photos_are_bounded_evenly() -> None:
+    sizes = dict.fromkeys(range(10), 10)
+    assert bounded_photos(sizes, 100) == list(range(10))
+    assert bounded_photos(sizes, 99) == [0, 2, 4, 6, 8]
+    assert bounded_photos({3: 10, 7: 90}, 50) == [3] and bounded_photos({3: 60}, 50) == [] == bounded_photos({})
